@@ -27,13 +27,13 @@ NAME: Final = "host_controller"
 
 @dataclass(slots=True)
 class ForeignControllers:
-    """The controllers of another controller manager, connected by two topics."""
+    """Controllers of another controller manager, which is connected by two topics."""
 
     topics: HostTopics
     record: Path | None = None
     """File of the recording, if any."""
     controllers: list[HostController] = field(default_factory=list)
-    """The controller that follows the commands, once it is loaded."""
+    """Controller that follows the commands, or None before it is loaded."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load the controller that follows the commands. Raises DriverError if the arm has no position commands."""

@@ -43,7 +43,7 @@ class NewDescription:
 
     @property
     def arm(self) -> tuple[UrdfJoint, ...]:
-        """Joints of the arm without the hand, or all joints if all of them have names of a hand."""
+        """Joints of the arm without the hand, or all joints if every joint has the name of a hand joint."""
         return tuple(joint for joint in self.joints if not _is_hand(joint)) or self.joints
 
 
@@ -82,7 +82,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
 
 
 def metres_per_radian(joint: UrdfJoint) -> float | None:
-    """Return the transmission with which a prismatic joint travels its range in ``HAND_TRAVEL_RAD``, or None."""
+    """Return the transmission with which ``HAND_TRAVEL_RAD`` moves a prismatic joint over its range, or None."""
     return round((joint.upper - joint.lower) / HAND_TRAVEL_RAD, 6) if joint.kind == "prismatic" else None
 
 
@@ -91,7 +91,7 @@ def _is_hand(joint: UrdfJoint) -> bool:
 
 
 def _require_sound(text: str, urdf: Path) -> None:
-    """Check a URDF without a <ros2_control> block as if it had such a block. Raises DescriptionError."""
+    """Check a URDF that has no <ros2_control> block, as if it had such a block. Raises DescriptionError."""
     end = text.rfind("</robot>")
     block = f'<ros2_control name="new" type="system"><hardware><plugin>{PLUGIN}</plugin></hardware></ros2_control>'
     try:

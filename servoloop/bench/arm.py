@@ -102,14 +102,14 @@ def bench_arm(
     """Measure an arm whose torque is off.
 
     The arm moves slowly to its ready pose, then joint by joint, then back. At the end it is in its initial pose and its
-    torque is off, also after an error.
+    torque is off, even after an error.
 
     Args:
         arm: The arm.
         devices: Serial device of each bus, by bus name.
         clock: Clock for the measurements.
-        signals: Function that returns the number of signals received. The first ends the measurement; a second skips
-            the way back.
+        signals: Function that returns the number of signals received. The first signal ends the measurement; a second
+            signal skips the way back.
         say: Function that prints a line of progress.
         virtual: Virtual buses in this process, used instead of the devices.
 

@@ -29,8 +29,8 @@ LOG = logging.getLogger("servoloop")
 BUDGET_S: Final = 0.04
 """Time limit of a cycle per servo, in seconds, in addition to twice the time on the wire and including retries.
 
-It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one, so that a slow adapter is
-measured as slow and not as silent.
+It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one. A slow adapter is thus
+measured as slow instead of silent.
 """
 LARGEST_ID: Final = 253
 

@@ -51,7 +51,7 @@ class JointMotion:
     largest: float
     rms_moving: float
     at_rest: float
-    """Largest error from half a second after a motion."""
+    """Largest error at rest, starting half a second after a motion."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ REST_S: Final = 0.5
 STEP: Final = 0.1
 """Distance between two goals, in rad or m. It is limited to a tenth of the joint's range.
 
-A twentieth of the distance, three counts of an STS servo, counts as motion.
+A twentieth of this distance, which is three counts of an STS servo, counts as motion.
 """
 
 

@@ -1,4 +1,4 @@
-"""The arm in 3D: a solid measured arm, a ghost at the commanded positions, the goal's path and surrounding objects."""
+"""Draw the arm in 3D: the measured arm, a ghost at the commanded positions, the goal's path and surrounding objects."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -52,7 +52,7 @@ GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
 REACH_M: Final = 0.75
-"""Reach of the arm for which the camera position below is made, in meters."""
+"""Reach of the arm for which the camera position below is designed, in meters."""
 CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
 TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 
@@ -103,7 +103,7 @@ class ArmScene:
             _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
-        """Move the arm to the measured and its ghost to the commanded joint positions (n,), in rad or m.
+        """Move the arm to the measured joint positions (n,) and its ghost to the commanded ones, in rad or m.
 
         Joints of the ghost without a command are shown at their measured positions.
         """

@@ -72,7 +72,7 @@ class StripChart(Static):
         self.strip = strip
 
     def show(self, minute: Minute, place: int) -> None:
-        """Plot the joint with the index ``place``."""
+        """Plot the joint with index ``place``."""
         times, *columns = strip_data(minute, self.strip.columns, place)
         width, height = self.size.width - AXIS, self.size.height - 1
         lines = [self._title(columns)]

@@ -15,9 +15,9 @@ from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
+"""Clearance between the padded arm and the objects on which it stands or lies or at which it works, in m."""
 REST_MARGIN_M: Final = 0.03
-"""Maximum distance between the actual and the computed pose of rest of an arm, in m."""
+"""Maximum distance between the actual and the computed rest pose of an arm, in m."""
 REACH_M: Final = 0.7
 """Half the side length of the table, in m."""
 TABLE_M: Final = 0.04
@@ -70,8 +70,8 @@ BASE: Final = "base_link"
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
     """Return the fixed objects of a scene, by name.
 
-    The table has pits below the foot and where the padded arm would touch it in the poses of rest ``lying``. The stand,
-    at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
+    The table has pits below the foot, and at places where the padded arm would touch it in the rest poses ``lying``.
+    The stand, at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
     """
     model = scene_model(scene)
     data = mujoco.MjData(model)
@@ -133,7 +133,7 @@ def _rounded(values: FloatArray) -> Numbers:
 
 
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
-    """Return the pits of the table below the foot of the arm and at its poses of rest."""
+    """Return the pits of the table below the foot of the arm and at its rest poses."""
     arm = LinkModel(scene)
     foot = arm.model.body(BASE).id
     moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]

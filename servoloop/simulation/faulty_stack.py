@@ -61,7 +61,7 @@ class FaultyStack(SimulatedStack):
         return self
 
     def _client_dies(self) -> None:
-        """Remove the client, so that nothing reacts to the stack until another client connects."""
+        """Remove the client. No client then reacts to the stack until another client connects."""
         self.after_cycle = lambda: None
         if self.clients is not None:
             self.clients.die()

@@ -1,4 +1,4 @@
-"""Run the whole stack in simulated time, with jobs or for a time, and return statistics and a digest of the run."""
+"""Run the whole stack in simulated time, with jobs or for a given time, and return statistics and a digest."""
 
 import hashlib
 from collections import Counter
@@ -80,7 +80,7 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
 
 
 SETTLED_S = 2.5
-"""Time for a limp arm to sink and rise again after its activation, in seconds."""
+"""Time for a limp arm to sink and to rise again after its activation, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)

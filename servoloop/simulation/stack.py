@@ -54,7 +54,7 @@ class SimulatedStack:
 
         Args:
             files: Files of the robot. None: the default arm.
-            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
+            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until it is driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
             compensation: Function that creates the gravity compensation.
@@ -74,7 +74,7 @@ class SimulatedStack:
             for name, line in self.lines.items()
         }
         self.tap: Callable[[Port], Port] = lambda port: port
-        """Wraps each port when its bus is opened."""
+        """Function that wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
         """Components with servos."""
         made = [self._made(one, wire) for one in self.files.description.components]
@@ -88,14 +88,17 @@ class SimulatedStack:
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
-        """Indices of the arm joints, without the hand, in the world's positions. They are used every millisecond."""
+        """Indices of the arm joints, without the hand, in the position array of the world.
+
+        They are used every millisecond.
+        """
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
-        """Called with the joint state of each cycle."""
+        """Function called with the joint state of each cycle."""
         self.on_step: Callable[[float], None] = lambda time_s: None
-        """Called after each step of the physics."""
+        """Function called after each step of the physics."""
 
     def add_controller(self, controller: Controller) -> None:
         """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""

@@ -33,7 +33,7 @@ GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tol
 def inventory_of(files: ServoFiles) -> Inventory:
     """Return the servos and the controllers of an arm.
 
-    Buses and controllers are sorted by name, so that a seed gives the same faults whatever the order in the files.
+    Buses and controllers are sorted by name, so that a seed gives the same faults regardless of the order in the files.
     """
     robot = files.robot
     servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
