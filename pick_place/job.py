@@ -143,7 +143,10 @@ class PickPlaceJob:
         self._cancel_reason: str | None = None
 
     def cancel(self, reason: str = "canceled") -> None:
-        """End the job soon, with arm and fingers at their current positions. Only the first reason is kept."""
+        """End the job soon, with arm and fingers at their current positions.
+
+        Only the reason of the first call is kept.
+        """
         if self._cancel_reason is None:
             self._cancel_reason = reason
             self._motions.stop()

@@ -67,8 +67,8 @@ class PoseMotions:
     def steps(self, grade: str) -> Sequence[JobMove | JobHand]:
         """Return all steps of a job for a known grade.
 
-        The object is an obstacle until the tool is above it. It is then removed from the scene, so that the fingers can
-        close around it. It stays attached to the tool until the fingers open again.
+        The object is an obstacle until the tool is above it. Then the object is removed from the scene, so that the
+        fingers can close around it. It is then attached to the tool until the fingers open again.
         """
         settings, planner = self._settings, self._planner
         pick, bin_pose = settings.pick, settings.bins[grade]

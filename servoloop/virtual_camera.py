@@ -1,4 +1,7 @@
-"""Virtual camera as a camera source. It draws the world of an emulator in the process that reads the pictures."""
+"""Virtual camera as a camera source.
+
+The camera draws the world of an emulator in the process that reads the pictures.
+"""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -52,7 +55,7 @@ class VirtualCamera:
     """Camera of an emulator's scene; implementation of ``perception.frames.CameraSource``."""
 
     def __init__(self, link: Path, scene: Path, clock: Clock, light: Light | None = None, seed: int = 0) -> None:
-        """Prepare the camera. It needs no emulator before ``open``.
+        """Prepare the camera. The emulator need not run before ``open``.
 
         Args:
             link: Path of the emulator's bus.
@@ -148,7 +151,7 @@ class VirtualCamera:
         return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return the newest unread publication. If there is none, wait for one."""
+        """Return the newest unread publication. If there is none, wait for a publication."""
         while True:
             if self._client is None:
                 raise CameraLost(f"{self.name} is not open: open it first")

@@ -108,8 +108,9 @@ class Arm:
     def connect(cls, arm: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
-        The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
-        time moves the arm: this one from its first motion until ``close``. All durations are in real time.
+        The arm keeps running after ``close``; motions of this program then end within their limits. Only one program at
+        a time moves the arm. This program moves it from its first motion until ``close``. All durations are in real
+        time.
 
         Args:
             arm: Name, folder or process ID of the running arm. None: the only running arm.
@@ -185,7 +186,7 @@ class Arm:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Move to a target, and wait until it is reached. A motion under way blends into the new one.
+        """Move to a target, and wait until it is reached. A motion under way blends into the new motion.
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
@@ -398,7 +399,7 @@ class Arm:
     def on_state(self, callback: Observer) -> Callable[[], None]:
         """Call a function with the newest state after each cycle.
 
-        One thread of the arm makes all calls; on simulated time, the waiting thread makes them. A function that is
+        One thread of the arm makes all calls. On simulated time, the waiting thread makes the calls. A function that is
         slower than a cycle misses states.
 
         Args:

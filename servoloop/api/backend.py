@@ -2,9 +2,9 @@
 
 ``ArmBackend`` defines every call that ``servoloop.Arm`` needs. Two classes implement it:
 
-- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. It has no thread: a
-  script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend`` for the
-  clients of its socket. A server translates each message into one call of this class.
+- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. This class has no
+  thread: a script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend``
+  for the clients of its socket. A server translates each message into one call of this class.
 - A client of the socket sends each call as a message and keeps the newest state that it has received.
 
 All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
@@ -130,7 +130,7 @@ class ArmBackend(Protocol):
         ...
 
     def start(self, goal: JointGoal) -> MotionProgress:
-        """Start a motion. It takes effect in the next cycle and replaces a running motion of the same joints.
+        """Start a motion. The motion begins in the next cycle and replaces a running motion of the same joints.
 
         Raises:
             ArmInputError: The goal is invalid.
@@ -140,7 +140,10 @@ class ArmBackend(Protocol):
         ...
 
     def cancel(self, progress: MotionProgress) -> None:
-        """Cancel a motion. Its joints slow down within their limits and hold. A finished motion is not affected."""
+        """Cancel a motion. The moving joints slow down within their limits and hold.
+
+        A finished motion is not affected.
+        """
         ...
 
     def stop(self) -> None:
@@ -173,7 +176,7 @@ class ArmBackend(Protocol):
     def end_stream(self) -> None:
         """End the stream. The joints slow down within their limits and hold.
 
-        This has no effect if no stream is open.
+        Without an open stream, nothing happens.
         """
         ...
 
@@ -197,8 +200,8 @@ class ArmBackend(Protocol):
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until a condition holds, for at most ``timeout_s`` seconds of the loop's clock.
 
-        On simulated time this runs the cycles. Otherwise the calling thread sleeps and the condition is checked after
-        each cycle.
+        On simulated time this runs the cycles. In real time, the calling thread sleeps and the condition is checked
+        after each cycle.
 
         Returns:
             Whether the condition holds.

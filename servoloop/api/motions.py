@@ -55,7 +55,10 @@ class MotionPart(Protocol):
         ...
 
     def cancel(self, replaced: bool = False) -> None:
-        """End the part. Its joints slow down and hold. ``replaced``: whether another motion follows at once."""
+        """End the part. The moving joints slow down and hold.
+
+        ``replaced``: whether another motion follows immediately.
+        """
         ...
 
 

@@ -32,11 +32,11 @@ class LoopPace(Protocol):
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait as ``ArmBackend.wait`` does."""
+        """Wait for a condition, as ``ArmBackend.wait`` does."""
         ...
 
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait as ``ArmBackend.wait_async`` does."""
+        """Wait for a condition, as ``ArmBackend.wait_async`` does."""
         ...
 
     def close(self) -> None:
@@ -45,7 +45,10 @@ class LoopPace(Protocol):
 
 
 class Observers:
-    """Functions that are called after a cycle. An error of a function is logged once and does not stop the others."""
+    """Functions that are called after a cycle.
+
+    An error of a function is logged once and does not stop the other functions.
+    """
 
     def __init__(self) -> None:
         self._observers: tuple[Callable[[], None], ...] = ()

@@ -231,7 +231,10 @@ class StackBackend:
         return start_forward(cast(ForwardCommandController, controller), goal, held, access)
 
     def _brake(self, name: str) -> None:
-        """Restart a controller, so that its joints first slow down within their limits. Returns at once."""
+        """Restart a controller, so that its joints first slow down within their limits.
+
+        The call returns immediately.
+        """
         loop = self.stack.loop
         request = SwitchRequest(activate=(name,), deactivate=(name,))
         loop.requests.ask(lambda: loop.manager.switch(request, loop.within_limits))

@@ -144,7 +144,7 @@ def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
 
 
 def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
-    """Return the <ros2_control> block. It limits the commands of joints with a wider range than the servo."""
+    """Return the <ros2_control> block. The block limits the commands of joints with a wider range than the servo."""
     block = Element("ros2_control", {"name": name, "type": "system"})
     hardware = ElementTree.SubElement(block, "hardware")
     ElementTree.SubElement(hardware, "plugin").text = PLUGIN

@@ -101,8 +101,8 @@ def bench_arm(
 ) -> Measured:
     """Measure an arm whose torque is off.
 
-    The arm moves slowly to its ready pose, then joint by joint, then back. At the end it is in its initial pose and its
-    torque is off, even after an error.
+    The arm moves slowly to its ready pose, then joint by joint, then back. At the end the arm is in its initial pose
+    with its torque off, even after an error.
 
     Args:
         arm: The arm.

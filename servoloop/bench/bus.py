@@ -144,7 +144,10 @@ def bench_bus(
 def standing_still(
     bus: Bus, servo_ids: Sequence[int], model: ServoModel, *, hold: bool
 ) -> Iterator[dict[int, ServoGoal]]:
-    """Yield goals that can be sent repeatedly without a motion. At the end, torque is as it was before."""
+    """Yield goals that can be sent repeatedly without a motion.
+
+    At the end, the torque of each servo is in its initial state.
+    """
     found = present_goals(bus, servo_ids, model)
     limp = sorted(found.limp)
     if limp and not hold:

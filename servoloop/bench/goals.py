@@ -56,8 +56,8 @@ class PresentGoals:
 def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
     """Find the current goal of each servo without writing anything.
 
-    The goal register of one model may be a setting of another. Therefore a servo gets no goal if its control table or
-    operating mode differs, if its position is outside the goal range, or if it does not answer in time.
+    The goal register of one model may be a setting of another. Therefore a servo is sent no goal if its control table
+    or operating mode differs, its position is outside the goal range, or it answers too late.
 
     Raises:
         DriverError: No servo answers.
@@ -157,8 +157,8 @@ def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: Se
 def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
     """Return whether a servo with another model number is likely to have the same control table.
 
-    A simulated servo may have the model number 0 or any other number. Then --model is trusted, unless the content of
-    the control table contradicts it.
+    A simulated servo may have the model number 0 or any other number. In this case --model is trusted, unless the
+    content of the control table contradicts it.
     """
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True

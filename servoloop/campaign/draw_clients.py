@@ -25,7 +25,7 @@ from servoloop.simulation.acts import (
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
 ANYWHERE: Final = 0.3
-"""Share of goals anywhere within the limits. Many of them press the arm against the table or itself."""
+"""Share of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
 AT_LIMIT: Final = 0.3
 """Share of the positions in such goals that are exactly at a limit."""
 NEAR: Final = 0.3

@@ -63,7 +63,7 @@ def recorded(schedule: Schedule) -> tuple[RunReport, CycleRecording]:
 
 
 def violates(schedule: Schedule, invariant: str) -> bool:
-    """Run a schedule and return whether it violates the invariant. An impossible schedule does not."""
+    """Run a schedule and return whether it violates the invariant. An impossible schedule violates no invariant."""
     return invariant in violated(schedule)
 
 

@@ -40,7 +40,7 @@ class RunReport:
     succeeded: int
     """Number of jobs that put their cube into its bin."""
     ended: str
-    """Reason why the program ended early; empty if it did not."""
+    """Reason why the program ended early; empty if it ended normally."""
     simulated_s: float
     largest_following_rad: float | None
     """Largest following error of any joint of the arm; None if the arm was never commanded to move."""

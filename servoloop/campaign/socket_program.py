@@ -1,4 +1,7 @@
-"""Program that is connected to the command socket of a simulated stack. It has neither a thread nor a socket."""
+"""Program that is connected to the command socket of a simulated stack.
+
+The program has neither a thread nor a socket.
+"""
 
 import json
 import math

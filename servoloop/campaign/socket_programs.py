@@ -14,7 +14,7 @@ class ConnectedPrograms:
     """Programs that are connected to the command server of one stack, by the numbers of their connections."""
 
     def __init__(self, stack: FaultyStack) -> None:
-        """Serve an active stack. Its loop must not run yet."""
+        """Serve an active stack. The loop of the stack must not run yet."""
         time, control, recording = BetweenCycles(stack.loop), stack.control_stack, StackRecording(None)
         arm = StackBackend(control, describe(control), time, lambda: None, recording)
         self.served = ServedPrograms(stack, StackRequests(control, arm, recording, time))

@@ -29,7 +29,10 @@ MARGIN_S: Final = 120.0
 STANDS_S: Final = 120.0
 """Real time for which the simulated time of a run may stand still, in seconds."""
 BEGINS_S: Final = 600.0
-"""The same limit before the first cycle, when code may have to be compiled, in seconds."""
+"""Real time for which the simulated time may stand still before the first cycle, in seconds.
+
+Code may have to be compiled in this time.
+"""
 POLL_S: Final = 5.0
 """Interval at which the simulated time is polled, in seconds.
 
@@ -92,7 +95,7 @@ def _limit_s(time_s: float) -> float:
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
     """Raise Hang in the body when the simulated time stands still.
 
-    This works only in the main thread, which receives the signals, and not in an endless loop in C: only another
+    This works only in the main thread, which receives the signals. It does not end an endless loop in C: only another
     process can end such a loop.
     """
     if threading.current_thread() is not threading.main_thread():

@@ -47,9 +47,10 @@ def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[
 
 
 def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
-    """Run a seed. If its process ends, run the seed once more, because another program may have killed the process.
+    """Run a seed.
 
-    A run that hangs is not repeated.
+    If the process of the seed ends, run the seed once more, because another program may have killed the process. A run
+    that hangs is not repeated.
     """
     result = supervisor.run(run, seed)
     if isinstance(result, Loss) and not result.hung:

@@ -81,7 +81,7 @@ class Motions:
             return self._add(client, started)
 
     def grip(self, client: object, name: str, goal: GripperGoal) -> int:
-        """Start a goal of a gripper controller, and return its number. Raises CommandError as ``goal`` does."""
+        """Start a goal of a gripper controller, and return its number. Raises the same errors as ``goal``."""
         with self._lock:
             controller: GripperActionController = cast(Any, self._entry(name, GRIPPER).controller)
             if reason := controller.check(goal):

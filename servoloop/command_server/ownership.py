@@ -56,7 +56,7 @@ class Ownership:
             self._owner = client
 
     def release(self, client: Owner) -> None:
-        """End the motions of a client. If it has control of the arm, release this control."""
+        """End the motions of a client, and release its control of the arm."""
         with self._lock:
             self._halt(client)
             if self._owner is client:

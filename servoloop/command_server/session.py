@@ -23,7 +23,7 @@ MAX_UNREAD_BYTES: Final = 1_000_000
 MESSAGES_PER_S: Final = 2_000.0
 """Maximum rate of messages that are carried out for one client. Further messages wait."""
 BURST: Final = 200
-"""Number of messages that a client may send at once."""
+"""Number of messages that a client may send in one burst."""
 COSTS: Final[Mapping[type, float]] = {
     messages.SendGoal: 20.0,
     messages.SendGrip: 20.0,
@@ -87,7 +87,7 @@ class Session:
         return bool(self._unsent)
 
     def receive(self, data: bytes) -> None:
-        """Add bytes from the client. They may end in the middle of a message.
+        """Add bytes from the client. The bytes may end in the middle of a message.
 
         ``serve`` carries out the complete messages.
         """
@@ -126,7 +126,10 @@ class Session:
             self._send()
 
     def notify(self, state: Callable[[], dict[str, Any]]) -> None:
-        """Send results and the state after a cycle. A client that has not read the last state skips this one."""
+        """Send results and the state after a cycle.
+
+        A client that has not read the last state does not receive the new state.
+        """
         for result in self._requests.ended(self):
             self.post(result)
         if self._unsent:

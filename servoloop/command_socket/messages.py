@@ -74,7 +74,7 @@ class Release(Message):
 
 
 class MotionMessage(Message):
-    """Message that moves joints. It is refused if it is too old."""
+    """Message that moves joints. The stack refuses the message if it is too old."""
 
     sent_s: ClockTime
     """Time at which the message was sent: CLOCK_MONOTONIC of this machine, in seconds."""
@@ -118,7 +118,7 @@ class SendSetPoint(MotionMessage):
     op: Literal["set_point"]
     controller: Text
     values: Annotated[list[AnyVelocity], Field(min_length=1)]
-    """One value for each joint of the controller, in its order."""
+    """One value for each joint of the controller, in the order of its joints."""
     time_s: Duration = 0.3
     """Time until a trajectory controller rests at the set point, in seconds. Forward controllers ignore it."""
 

@@ -81,9 +81,9 @@ def arm(
 ) -> None:
     """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    The command writes a report page. It asks for confirmation because the arm moves: slowly to its ready pose, then
-    joint by joint, then back. At the end its torque is switched off, even after Ctrl-C or an error. A second Ctrl-C
-    skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
+    The command writes a report page. The command asks for confirmation, because the arm moves: slowly to its ready
+    pose, then joint by joint, then back. At the end its torque is switched off, even after Ctrl-C or an error. A second
+    Ctrl-C skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console

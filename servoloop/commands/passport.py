@@ -84,8 +84,8 @@ def save(
 ) -> None:
     """Save the EEPROM of all servos to a file.
 
-    The command reads the servos of the robot file, or without one all STS servos that answer. It writes nothing to
-    them. An existing file is kept as a backup. Example: `servoloop passport save my_arm.passport.yaml`
+    The command reads the servos of the robot file, or without one all STS servos that answer. The command writes
+    nothing to the servos. An existing file is kept as a backup. Example: `servoloop passport save my_arm.passport.yaml`
     """
     path, robot_file = place.path(), place.robot_file()
     joints = robot_file.joints_on(bus_of(robot_file, place.bus)) if robot_file else {}

@@ -68,9 +68,10 @@ class SimulatedRun:
 def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption = False) -> None:
     """Run pick-and-place jobs on a virtual arm in simulated time, without ROS.
 
-    The command runs the whole stack from the controllers to the simulated physics, faster than real time. It prints
-    following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give the same
-    digest. Without --job and --seconds, it picks all grades of the arm once. The exit status is 1 if a job failed.
+    The command runs the whole stack from the controllers to the simulated physics, faster than real time. The command
+    prints following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give
+    the same digest. Without --job and --seconds, it picks all grades of the arm once. The exit status is 1 if a job
+    failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
     from rich.console import Console

@@ -75,9 +75,9 @@ def tune(
 ) -> None:
     """Measure how a joint follows steps and a sine, and propose gains for its servo.
 
-    The command asks before the arm moves. It reports overshoot, settling time, delay, sag, following error and
-    oscillation. Gains are only written with --write or --apply; then it measures again and shows both results side by
-    side. Stop the stack first, because the command opens the port itself.
+    The command asks before the arm moves. The command reports overshoot, settling time, delay, sag, following error and
+    oscillation. Gains are only written with --write or --apply. Then the command measures again and shows both results
+    side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
     from rich.console import Console

@@ -215,7 +215,10 @@ class Page:
             self._planned.show(newest, snapshot.position, now_s)
 
     def show_numbers(self, watched: ObservedRobot) -> None:
-        """Update the tables, colors and plots. This is expensive; call it a few times per second."""
+        """Update the tables, colors and plots.
+
+        The update takes much processor time; call it only a few times per second.
+        """
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
             return

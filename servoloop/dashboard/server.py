@@ -1,4 +1,7 @@
-"""Web server of the page. It serves only this machine, or other machines that have a token, and rejects other sites."""
+"""Web server of the page.
+
+The server serves only this machine, or other machines that have a token, and rejects requests from other sites.
+"""
 
 import contextlib
 import functools
@@ -148,7 +151,10 @@ def _guarded(guard: Guard) -> Iterator[list[bool]]:
 
 
 def _name(host: str) -> str:
-    """Return the name of the cookie. It contains the port, because browsers send cookies to all ports of a machine."""
+    """Return the name of the cookie.
+
+    The name contains the port, because browsers send cookies to all ports of a machine.
+    """
     return f"servoloop_view_{urlsplit(f'//{host}').port or 80}"
 
 

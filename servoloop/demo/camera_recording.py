@@ -40,7 +40,7 @@ class CameraRecording:
         removed.
 
         Raises:
-            RecordingError: The recording cannot be read or written. Both files remain in that case.
+            RecordingError: The recording cannot be read or written. Both files are kept in that case.
         """
         self._file.close()
         if self._recording.exists():

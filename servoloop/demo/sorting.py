@@ -20,7 +20,7 @@ APPLES: Final = 12
 APPLE_S: Final = 60.0
 """Maximum time for an apple to arrive at the stand and for its job to start, in seconds."""
 JOB_S: Final = 120.0
-"""Maximum duration of a job, in seconds. The node limits each of its motions itself."""
+"""Maximum duration of a job, in seconds. The node itself limits the duration of each motion."""
 FALL_S: Final = 3.0
 """Maximum time for a released apple to come to rest, in seconds."""
 FRAME_S: Final = 0.4
@@ -33,7 +33,7 @@ MOVED: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class SortedApple:
-    """One apple: the truth, what the camera saw, and where the arm put it."""
+    """One apple: its true values, the values that the camera measured, and the bin into which the arm put it."""
 
     number: int
     truth: AppleTruth

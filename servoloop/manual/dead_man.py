@@ -9,7 +9,7 @@ QUIT: Final = "q"
 
 
 class Permission(Protocol):
-    """Permission to move. It reports whether the arm may move, and whether the command must end."""
+    """Permission to move. The permission reports whether the arm may move, and whether the command must end."""
 
     def allowed(self, now_s: float) -> bool: ...
     def ended(self) -> bool: ...

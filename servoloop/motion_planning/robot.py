@@ -32,10 +32,10 @@ SEED: Final = 1
 def planning_robot(files: Files) -> PlanningRobot:
     """Read the files of an arm for planning.
 
-    Groups, end effectors, named states and pairs that may touch come from an SRDF if there is one: the only ``*.srdf``
-    in the folder of the arm, or the one in ``config/moveit`` with the name of the arm. Otherwise the group ``arm`` has
-    the joints of the first trajectory controller, and the group ``hand`` has the other joints. Their states are the
-    poses of the pick-place job, of the robot file and of ``servoloop pose``.
+    Groups, end effectors, named states and pairs that may touch come from the SRDF of the arm, if it has one. The SRDF
+    is the only ``*.srdf`` in the folder of the arm, or the file in ``config/moveit`` with the name of the arm.
+    Otherwise the group ``arm`` has the joints of the first trajectory controller, and the group ``hand`` has the other
+    joints. The named states are then the poses of the pick-place job, of the robot file and of ``servoloop pose``.
 
     Raises:
         HalError: The files of the arm have mistakes, or it has no trajectory controller.

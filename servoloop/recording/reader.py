@@ -1,4 +1,4 @@
-"""Read a recording into arrays. It also reads incomplete recordings of killed programs."""
+"""Read a recording into arrays. Incomplete recordings of killed programs can be read too."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence

@@ -38,7 +38,7 @@ class Sink(Protocol):
 
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
-        """Process the samples written so far. It is called when no more samples are available at the moment."""
+        """Process the samples written so far. The recorder calls this when no more samples are available."""
         ...
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:

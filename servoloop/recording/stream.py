@@ -66,7 +66,7 @@ def make_live_folder() -> Path:
 
 
 def socket_path(arm: str, pid: int) -> Path:
-    """Return the path of a stack's socket. Its folder may not exist yet."""
+    """Return the path of a stack's socket. The folder of the socket may not exist yet."""
     return live_folder() / f"{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
 
 

@@ -1,6 +1,6 @@
 """Run the job of the pick-and-place node on a simulated stack without ROS.
 
-Its steps, poses and messages are identical.
+The steps, poses and messages are those of the node.
 """
 
 from collections.abc import Collection, Generator, Sequence

@@ -38,7 +38,10 @@ MOVE_S = 2.0
 
 
 class SimulatedStack:
-    """Stack in simulated time. It is inactive until ``up`` is called. Clients react to cycles in ``after_cycle``."""
+    """Stack in simulated time. The stack is inactive until ``up`` is called.
+
+    Clients react to cycles in ``after_cycle``.
+    """
 
     def __init__(
         self,
@@ -101,7 +104,7 @@ class SimulatedStack:
         """Function called after each step of the physics."""
 
     def add_controller(self, controller: Controller) -> None:
-        """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""
+        """Load a controller. The controller stays inactive until ``up`` is called or the controller is switched."""
         self.manager.registry.add(self.wrapped(controller))
 
     def wrapped(self, controller: Controller) -> Controller:

@@ -159,8 +159,8 @@ def read_arm_servos(
 ) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
-    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given too. The poses are
-    then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
+    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given as well. The poses
+    are then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
     read_servo_files.
     """
     own = None if urdf else arm.robot

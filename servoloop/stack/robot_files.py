@@ -49,7 +49,7 @@ class ServoFiles:
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
     """Arguments of the URDF by name, if it is written in xacro."""
     robot_paths: dict[str, Path]
-    """Robot file of each component that needs one."""
+    """Robot file of each component that needs a robot file."""
     scene: Path = SCENE
     """Scene of the simulated world."""
     arm: str = "robot_arm"
@@ -61,7 +61,7 @@ class ServoFiles:
 
     @property
     def robot_path(self) -> Path:
-        """Robot file of the first component that has one."""
+        """Robot file of the first component that has a robot file."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
     @property

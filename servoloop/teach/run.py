@@ -1,4 +1,7 @@
-"""Run a recording or a playback from start to end. The loop has its own thread; the user interface runs in this one."""
+"""Run a recording or a playback from start to end.
+
+The loop has its own thread; the user interface runs in the calling thread.
+"""
 
 import time
 from collections.abc import Callable, Sequence

@@ -21,8 +21,8 @@ AHEAD_S: Final = 1.0
 class RunningPlay:
     """Playback of one motion on a running arm, used in the thread of the user interface.
 
-    When the key is released, the joints slow down within their limits and hold. When it is held again, the arm moves
-    slowly to the next point of the path and continues.
+    When the key is released, the joints slow down within their limits and hold. When the key is held again, the arm
+    moves slowly to the next point of the path and continues.
     """
 
     def __init__(self, arm: Arm, motion: RecordedMotion, speed: float, permission: Permission) -> None:

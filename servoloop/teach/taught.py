@@ -36,7 +36,7 @@ DIGITS: Final = 5
 
 
 class PointFile(BaseModel):
-    """One point, in the order of the file's joints, in rad or m and per second.
+    """Point of a motion, in the order of the file's joints, in rad or m and per second.
 
     Only points of a path have ``at_s`` and velocities.
     """
@@ -49,7 +49,7 @@ class PointFile(BaseModel):
 
 
 class MotionFile(BaseModel):
-    """Contents of a motion file. They do not depend on the order of a mapping's keys."""
+    """Contents of a motion file. The contents do not depend on the order of a mapping's keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -148,7 +148,8 @@ def build_teleop(
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
     """Make the leader limp.
 
-    If its servos hold torque, ask ``confirm`` first, as the ports of leader and follower may be swapped.
+    If the servos of the leader hold torque, ask ``confirm`` first, because the ports of leader and follower may be
+    swapped.
 
     Args:
         both: Leader and follower.

@@ -1,4 +1,4 @@
-"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in this one."""
+"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in the calling thread."""
 
 import time
 from dataclasses import replace

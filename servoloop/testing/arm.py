@@ -173,7 +173,7 @@ class VirtualArm:
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
-        """Plan faults before ``up``. Their times count from ``up``, the start or the end of the program."""
+        """Plan faults before ``up``. The times of the faults count from ``up``, the start or the end of the program."""
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:

@@ -1,6 +1,7 @@
 """Pytest plugin with the fixtures ``virtual_arm``, ``virtual_bus`` and ``ros_stack`` and the markers for them.
 
-Pytest loads this plugin in every environment with servoloop. Therefore it imports nothing until a fixture is used.
+Pytest loads this plugin in every environment with servoloop. Therefore the plugin imports nothing until a fixture is
+used.
 """
 
 from collections.abc import Iterator

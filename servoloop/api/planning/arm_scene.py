@@ -73,7 +73,7 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a cylinder along z, or replace the object of this name. Its position is its center."""
+        """Add a cylinder along z, or replace the object of this name. The position of a cylinder is its center."""
         self._add(name, Cylinder(height_m, radius_m), position_m, quaternion_xyzw)
 
     def add_sphere(self, name: str, radius_m: float, position_m: Sequence[float]) -> None:

@@ -70,7 +70,7 @@ class MotionPlanner:
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
+        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes an object."""
 
     @property
     def tool(self) -> str:

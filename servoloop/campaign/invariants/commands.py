@@ -31,10 +31,10 @@ On a bad bus, the torque of such servos is read less often.
 class SafeWire(Invariant):
     """No goal is outside the limits or jumps, and torque is enabled only with the goal at the measured position.
 
-    The invariant examines the bytes on the bus, not the commands of the layers above. As soon as the stack can know
-    that a servo has lost its torque, the servo may get only goals at its own position, because any goal enables the
-    torque of an STS servo. Two servos with the same ID are skipped, because it is unknown which of them reports its
-    torque. Servos that report false positions are skipped too.
+    The invariant examines the bytes on the bus, not the commands of the layers above. Any goal enables the torque of an
+    STS servo. As soon as the stack can know that a servo has lost its torque, it may send the servo only goals at its
+    own position. Two servos with the same ID are skipped, because it is unknown which of them reports its torque.
+    Servos that report false positions are skipped too.
     """
 
     name = "safe wire"

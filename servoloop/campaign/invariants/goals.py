@@ -46,9 +46,10 @@ The goal ends only once its joints are at rest and relieved.
 class GoalsEnd(Invariant):
     """Every goal ends in time.
 
-    The time of a goal on its path is the time of its points (longer if the joint limits require it), the goal time
-    tolerance, and the time to come to rest. Before and after its path a goal may wait for other controllers and stop.
-    Cycles in which a joint is not measured do not count, but the goal ends after the fault timeout.
+    The time of a goal on its path is the sum of the time of its points, the goal time tolerance and the time to come to
+    rest. Joint limits may extend the time of the points. Before and after its path a goal may wait for other
+    controllers and stop. Cycles in which a joint is not measured do not count, but the goal ends after the fault
+    timeout.
 
     A stream of targets over the command socket ends soon after its newest target.
     """

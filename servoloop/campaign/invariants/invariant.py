@@ -73,7 +73,10 @@ class Invariant:
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
 
     def true_positions(self) -> dict[str, float]:
-        """Return the joint positions of the simulated world, in rad or m, by name. They do not come from servos."""
+        """Return the joint positions of the simulated world, in rad or m, by name.
+
+        The positions do not come from servos.
+        """
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
     def deceived(self, joint: str) -> bool:

@@ -1,6 +1,6 @@
 """Read the files of an arm independently of the stack, so that invariants do not compare the stack with itself.
 
-The files are read as plain YAML and XML. They are not validated, because the reader of the stack has done that.
+The files are read as plain YAML and XML. The files are not validated, because the stack has already validated them.
 """
 
 import math

@@ -30,7 +30,7 @@ UPSET_S: Final = 3.0
 class SmoothReference(Invariant):
     """The reference of a jerk-limited trajectory controller keeps the acceleration and jerk limits of its joints.
 
-    This applies to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
+    The limits apply to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
     periods.
     """
 
@@ -98,7 +98,7 @@ class SmoothEnd(Invariant):
 
     If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
     joints without torque are not examined either, because they follow joints that fall. A command leads its reference
-    by the servo lag, so it stays at a limit of the joint while the reference still brakes before it, and is not
+    by the servo lag. It stays at a limit of the joint while the reference still brakes before the limit, and is not
     examined there.
     """
 

@@ -69,8 +69,8 @@ class ReportedTruly(Invariant):
 class GoalsMeanCommands(Invariant):
     """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
-    It may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a limited
-    speed, so a goal outside of this range may approach it.
+    The goal may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a
+    limited speed, so a goal outside of this range may approach it.
     """
 
     name = "goals mean commands"

@@ -24,7 +24,7 @@ NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was n
 
 
 class Terminal:
-    """Dialog with the person who calibrates. It uses stderr, so that stdout has only the result."""
+    """Dialog with the person who calibrates. The dialog uses stderr, so that stdout contains only the result."""
 
     def __init__(self, signals: Signals, yes: bool) -> None:
         """Start the dialog; with ``yes``, confirmations are not asked for."""

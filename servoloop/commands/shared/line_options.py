@@ -41,7 +41,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo
 def interruptible() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is released.
 
-    Raises Interrupted after a signal. Its message describes what could not be restored.
+    Raises Interrupted after a signal. The message of the error describes what could not be restored.
     """
     former = {number: signal.signal(number, _interrupt) for number in end_signals() if number != signal.SIGINT}
     try:
