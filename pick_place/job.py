@@ -32,7 +32,7 @@ class JobEnding(Enum):
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A published state of a job. If ``feedback`` is True, it is also sent to the action client."""
+    """A published state of a job. If ``feedback`` is True, the state is also sent to the action client."""
 
     request_id: int
     grade: str
@@ -102,7 +102,7 @@ class JobHand:
 
 
 class JobMotions(Protocol):
-    """Motions of a job: to joint positions, or planned to poses of the tool."""
+    """Motions of a job, either to joint positions or planned to poses of the tool."""
 
     @property
     def grades(self) -> Collection[str]:

@@ -68,7 +68,7 @@ class PoseMotions:
         """Return all steps of a job for a known grade.
 
         The object is an obstacle until the tool is above it. Then the object is removed from the scene, so that the
-        fingers can close around it. It is then attached to the tool until the fingers open again.
+        fingers can close around it. The object is then attached to the tool until the fingers open again.
         """
         settings, planner = self._settings, self._planner
         pick, bin_pose = settings.pick, settings.bins[grade]

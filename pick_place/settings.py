@@ -10,7 +10,7 @@ Pose = tuple[float, ...]
 
 SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
            "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
-"""Names of the settings in seconds."""
+"""Names of the settings that are in seconds."""
 
 
 def _bins() -> dict[str, Pose]:

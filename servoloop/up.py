@@ -145,7 +145,7 @@ class _Up:
         return 1 if thread.failed else 0
 
     def _has_ros(self) -> bool:
-        """Return whether to serve clients over ROS. Log once if the stack runs without it.
+        """Return whether to serve clients over ROS. Log once if the stack runs without ROS.
 
         Raises:
             RosError: ROS is installed, but cannot be used.

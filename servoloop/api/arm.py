@@ -31,9 +31,9 @@ BACKLASH_DEG = 1.0
 class Arm:
     """An arm whose control loop runs in its own thread of this program.
 
-    The arm is active when the constructor returns: its torque is on and it holds its position. Use it as a context
-    manager or call ``close``: the arm then stops within its limits, and holds or parks as its robot file requires.
-    Signals that end the program have the same effect. All methods may be called from any thread.
+    The arm is active when the constructor returns: its torque is on and it holds its position. Use ``Arm`` as a context
+    manager, or call ``close``. The arm then stops within its limits, and holds or parks as its robot file requires.
+    Signals that end the program shut the arm down in the same way. All methods may be called from any thread.
     """
 
     def __init__(
@@ -109,8 +109,8 @@ class Arm:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
         The arm keeps running after ``close``; motions of this program then end within their limits. Only one program at
-        a time moves the arm. This program moves it from its first motion until ``close``. All durations are in real
-        time.
+        a time moves the arm. This program moves the arm from its first motion until ``close``. All durations are in
+        real time.
 
         Args:
             arm: Name, folder or process ID of the running arm. None: the only running arm.
@@ -264,7 +264,7 @@ class Arm:
         self.scene.attach(name, link, touch_links)
 
     def detach(self, name: str) -> None:
-        """Detach an object and leave it where it is now. Raises PlanFailedError if it is not attached."""
+        """Detach an object and leave it where it is now. Raises PlanFailedError if the object is not attached."""
         self.scene.detach(name)
 
     def follow(

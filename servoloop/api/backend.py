@@ -151,7 +151,7 @@ class ArmBackend(Protocol):
         ...
 
     def begin_stream(self, max_age_s: float) -> None:
-        """Accept targets from now on.
+        """Open a stream, which accepts targets until it ends.
 
         If no target arrives for ``max_age_s`` seconds, the stream ends: the joints slow down within their limits and
         hold, and the next ``send`` raises StreamEndedError. The age of the first target counts from this call.

@@ -24,7 +24,7 @@ CYCLES_AFTER: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class ControllerAccess:
-    """Access to the loop of a controller that has no goals of its own."""
+    """Access to the control loop, for a controller that has no goals."""
 
     period_s: float
     """Period of the loop, in seconds."""
@@ -67,7 +67,7 @@ class ForwardPart:
     times_s: FloatArray
     """Times (k,) of the points since the start, beginning with 0."""
     positions: FloatArray
-    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the present command."""
+    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the current command."""
     access: ControllerAccess
     sent_last: bool = False
     """Whether the last point has been sent."""

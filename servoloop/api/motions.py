@@ -38,7 +38,7 @@ class MotionPart(Protocol):
 
     @property
     def failure(self) -> MotionFailedError | None:
-        """Why the part has failed, if it has."""
+        """Error of the part if it has failed; otherwise None."""
         ...
 
     @property

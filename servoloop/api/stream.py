@@ -10,7 +10,7 @@ Convert = Callable[[Positions], Mapping[str, float]]
 
 
 class TargetStream:
-    """Open stream. Use it as a context manager, so that it is closed even after an error."""
+    """Open stream. Use the stream as a context manager, so that it is closed even after an error."""
 
     def __init__(self, backend: ArmBackend, convert: Convert, max_age_s: float) -> None:
         self._backend, self._convert = backend, convert

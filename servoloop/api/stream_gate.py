@@ -13,7 +13,7 @@ from servoloop.stack.control_stack import ControlStack
 
 LOG = logging.getLogger("servoloop")
 InLoop = Callable[[Callable[[], None]], None]
-"""Function that runs an action in the thread of the loop between two cycles, and returns after it."""
+"""Function that runs an action in the thread of the loop between two cycles, and returns after the action."""
 
 
 class Takeover:

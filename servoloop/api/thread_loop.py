@@ -114,8 +114,8 @@ class ThreadLoop(OwnLoop):
 def exit_on_signals() -> Iterator[None]:
     """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
 
-    The handling of signals that the program handles or ignores does not change. Outside the main thread, it changes no
-    signal.
+    The handling of signals that the program handles or ignores does not change. Outside the main thread, no handling
+    changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -78,7 +78,10 @@ def solid(shape: DrawnShape, pose: Pose) -> Solid:
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (3,) that form a right-handed frame with an axis. The first points down if possible."""
+    """Return two unit vectors (3,) that form a right-handed frame with an axis.
+
+    The first vector points down if possible.
+    """
     down: Vector = (0.0, 0.0, -1.0) if abs(axis[2]) < 0.9 else (-1.0, 0.0, 0.0)
     first = np.array(down) - np.dot(down, axis) * axis
     first /= np.linalg.norm(first)

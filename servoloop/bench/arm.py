@@ -146,7 +146,7 @@ def bench_arm(
 
 
 def _no_ros() -> str:
-    """Return the reason why ROS is not available, or an empty string if it is."""
+    """Return the reason why ROS is not available, or an empty string if ROS is available."""
     try:
         require_ros()
     except RosError as error:

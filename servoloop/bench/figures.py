@@ -101,7 +101,7 @@ class ArmFigures:
     motions: tuple[JointMotion, ...]
     ros: RosFigures | None
     without_ros: str
-    """Reason why ROS was not measured; empty if it was."""
+    """Reason why ROS was not measured; empty if ROS was measured."""
 
 
 def machine_figures(devices: Iterable[str], realtime: bool) -> MachineFigures:

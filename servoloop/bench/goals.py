@@ -109,7 +109,7 @@ def _why_no_answer(bus: Bus, servo_ids: Sequence[int]) -> str:
 def _find_goal(
     bus: Bus, servo_id: int, model: ServoModel, state: ServoState, goals: PresentGoals, *, patient: bool
 ) -> None:
-    """Add the goal of one servo to ``goals``, if it can be sent goals.
+    """Add the goal of one servo to ``goals``, if the servo can be sent goals.
 
     With ``patient``, a single read is retried. After one servo has answered only group reads, the others may do the
     same, and retries would take too long.

@@ -149,7 +149,7 @@ def run_trial(
 
 
 def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
-    """Return the controller of the arm's joints. Raises DriverError if there is none."""
+    """Return the controller of the arm's joints. Raises DriverError if the arm has no such controller."""
     arm = stack.loop.manager.registry.controllers.get(ARM)
     if not isinstance(arm, JointTrajectoryController):
         path = stack.files.controllers.path

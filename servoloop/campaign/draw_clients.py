@@ -27,9 +27,9 @@ BEYOND: Final = 0.08
 ANYWHERE: Final = 0.3
 """Share of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
 AT_LIMIT: Final = 0.3
-"""Share of the positions in such goals that are exactly at a limit."""
+"""Share of positions exactly at a limit, in goals anywhere within the limits."""
 NEAR: Final = 0.3
-"""Largest position in all other goals, as a share of the distance from zero to the limit."""
+"""Largest position in goals near zero, as a share of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
 """Longest time between two acts, in seconds. Goals without a result need this time to end."""
 DIES: Final = 0.5

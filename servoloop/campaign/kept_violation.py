@@ -40,7 +40,7 @@ class KeptViolation:
     """Recording from ``BEFORE_S`` before the violation to ``CYCLES_BEHIND`` after it."""
     schedule_path: Path
     trace_path: Path | None
-    """None if the schedule was not run again."""
+    """Path of the trace; None if the schedule was not run again."""
     note: str = ""
     """Reason why the schedule is not minimized; empty if it is minimized."""
 

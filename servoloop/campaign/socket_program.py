@@ -46,7 +46,7 @@ class ServedPrograms:
 
 
 class SocketProgram:
-    """Program at one end of a connection. The session of the server is at its other end."""
+    """Program at one end of a connection. The session of the server is at the other end."""
 
     def __init__(self, number: int, served: ServedPrograms) -> None:
         """Connect to a stack. ``number`` is the number of the connection."""
@@ -87,7 +87,7 @@ class SocketProgram:
             self._actions[type(act)](act)
 
     def cycle(self) -> None:
-        """Continue after a cycle, and read the replies."""
+        """Continue the program after a cycle, and read the replies."""
         if self._rest is not None and self._now() >= self._rest[0]:
             rest, self._rest = self._rest[1], None
             self._write(rest)

@@ -1,4 +1,4 @@
-"""Detect and end runs that hang, in this process or in a supervised one that is replaced when it ends."""
+"""Detect and end runs that hang, in this process or in a supervised process that is replaced when it ends."""
 
 import logging
 import signal
@@ -95,8 +95,8 @@ def _limit_s(time_s: float) -> float:
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
     """Raise Hang in the body when the simulated time stands still.
 
-    This works only in the main thread, which receives the signals. It does not end an endless loop in C: only another
-    process can end such a loop.
+    This works only in the main thread, which receives the signals. It cannot end an endless loop in C, which only
+    another process can end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -176,7 +176,7 @@ class Supervisor:
         self._collect(self._process)
 
     def _hangs(self) -> bool:
-        """Wait for the result. Return whether the run hangs instead."""
+        """Wait for the result, and return whether the run hangs."""
         assert self._connection is not None
         standstill = ClockStandstill(GRACE_S)
         while not self._connection.poll(POLL_S):

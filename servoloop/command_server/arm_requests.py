@@ -40,7 +40,7 @@ class ArmRequests:
         }
 
     def state(self) -> Reply:
-        """Return the newest state of the arm by joint. Raises ArmError if there is none."""
+        """Return the newest state of the arm by joint. Raises ArmError if there is no state."""
         return asdict(self._arm.state())
 
     def stop(self) -> None:

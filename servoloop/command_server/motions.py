@@ -199,7 +199,7 @@ class Motions:
         return number
 
     def _entry(self, name: str, kinds: Sequence[str]) -> Loaded:
-        """Return a configured controller of some types by name, or the only active one if the name is empty."""
+        """Return a configured controller of some types by name, or the only active controller if the name is empty."""
         loaded = {n: e for n, e in self._loop.manager.registry.loaded.items() if e.spec.kind in kinds and e.controller}
         found = [entry for entry in loaded.values() if (entry.name == name if name else entry.active)]
         if len(found) == 1:

@@ -21,7 +21,7 @@ class Owner(Protocol):
 
 
 class Ownership:
-    """Control of the motion of an arm. At most one client owns it. Any thread may call each method.
+    """Control of the motion of an arm. At most one client has this control. Any thread may call each method.
 
     ``halt`` ends the motions of a client within their limits.
     """
@@ -75,7 +75,7 @@ class Ownership:
         self.moving(client, dict)
 
     def moving(self, client: Owner, move: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Call ``move`` while a client has control of the arm. Raises CommandError if it has no control."""
+        """Call ``move`` while a client has control of the arm. Raises CommandError if the client has no control."""
         with self._lock:
             if self._owner is not client:
                 owner = f"{self.owner} has it" if self._owner is not None else "send take first"

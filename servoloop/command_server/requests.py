@@ -118,7 +118,7 @@ class StackRequests:
         yield from self._arm.ended(client)
 
     def state(self) -> Reply:
-        """Return the newest state of the arm. Raises ArmError if there is none."""
+        """Return the newest state of the arm. Raises ArmError if there is no state."""
         return {**self._arm.state(), "owner": self.ownership.owner}
 
     def disconnect(self, client: Client) -> None:

@@ -1,8 +1,8 @@
 """Session of one client of the command socket, which receives bytes, carries out messages and sends replies.
 
 A session has neither a thread nor a socket, and it reads the time only from the clock of its server. A program with
-sockets passes it bytes from a thread (servoloop/command_server/connection.py); a simulation passes it bytes between two
-cycles.
+sockets passes bytes to the session from a thread (servoloop/command_server/connection.py); a simulation does so between
+two cycles.
 """
 
 import logging
@@ -83,7 +83,7 @@ class Session:
 
     @property
     def unsent(self) -> bool:
-        """Whether bytes wait for the client."""
+        """Whether bytes are waiting to be sent to the client."""
         return bool(self._unsent)
 
     def receive(self, data: bytes) -> None:

@@ -81,7 +81,10 @@ class CommandClient:
             return self._reply(self._number, monotonic() + timeout_s)
 
     def events(self, wait_s: float = 0.0) -> list[dict[str, Any]]:
-        """Return the events that have arrived since the last call. Wait at most ``wait_s`` seconds for the first."""
+        """Return the events that have arrived since the last call.
+
+        Wait at most ``wait_s`` seconds for the first event.
+        """
         with self._lock:
             deadline_s = monotonic() + wait_s
             while (message := self._next(0.0 if self._events else deadline_s - monotonic())) is not None:

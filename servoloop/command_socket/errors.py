@@ -51,7 +51,10 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
 
 
 class CommandError(DriverError):
-    """Error of a message that a stack has refused. ``kind`` is its type; the text gives the cause and the remedy."""
+    """Error of a message that a stack has refused.
+
+    ``kind`` is the type of the error; the text gives the cause and the remedy.
+    """
 
     def __init__(self, kind: ErrorKind, text: str, joint: str = "") -> None:
         """``joint`` is the affected joint; empty if the error does not concern a single joint."""

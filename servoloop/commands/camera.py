@@ -158,7 +158,7 @@ def board(
 ) -> None:
     """Write the printable board for the calibration.
 
-    Print it at 100 %, glue it to a flat plate, and measure a square. Example: `servoloop camera board board.pdf`
+    Print the board at 100 %, glue it to a flat plate, and measure a square. Example: `servoloop camera board board.pdf`
     """
     require_extras("the board", "vision")
     from perception.calibration.board import board_pdf, board_picture

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 NO_VIOLATION = "no invariant was violated"
-NOT_EXAMINED = "Run more seeds, or list the conditions that it must examine under `promises` in the scenario."
+NOT_EXAMINED = "Run more seeds, or list the conditions that the campaign must examine under `promises` in the scenario."
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +258,7 @@ def _marks(tally: "Tally") -> "Table":
 
 
 def _print_kept(violations: "Sequence[Violation]", kept: "list[KeptViolation]", console: "Console") -> None:
-    """Print each violation with its trace. The last ones may have no trace if a file could not be written."""
+    """Print each violation with its trace. The last violations may have no trace if a file could not be written."""
     for violation, one in zip_longest(violations, kept):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)

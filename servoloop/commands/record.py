@@ -117,7 +117,7 @@ def replay(
         typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
     ] = None,
     running: Annotated[
-        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of one on a port.")
+        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of an arm on a port.")
     ] = False,
     arm: Annotated[
         str | None,
@@ -130,7 +130,7 @@ def replay(
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then it
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then the arm
     follows the recorded joint positions. Without --port and --running the recording is only shown, as by
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
@@ -159,7 +159,7 @@ def replay(
 
 
 def _recorded_motion(recording: Path, arm: "Arm") -> "RecordedMotion":
-    """Return the motion of a recording for a running arm. Raises TeachError if it does not fit the arm."""
+    """Return the motion of a recording for a running arm. Raises TeachError if the recording does not fit the arm."""
     from servoloop.teach.recorded import recorded_motion
 
     limits = [arm.limits[joint] for joint in arm.joints]

@@ -70,8 +70,8 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
 
     The command runs the whole stack from the controllers to the simulated physics, faster than real time. The command
     prints following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give
-    the same digest. Without --job and --seconds, it picks all grades of the arm once. The exit status is 1 if a job
-    failed.
+    the same digest. Without --job and --seconds, the command picks all grades of the arm once. The exit status is 1 if
+    a job failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
     from rich.console import Console

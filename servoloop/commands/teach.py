@@ -133,7 +133,7 @@ def play(
 
 
 def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
-    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    """Return a saved motion of a running arm. Raises TeachError if the motion does not fit the arm."""
     from servoloop.teach.taught import MotionStore, TeachError
 
     if arm.folder is None:
@@ -249,9 +249,10 @@ def teleop(
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
     Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, then it
-    follows. The follower holds its position when you release the key or the leader is lost. Key a re-enables servos of
-    the follower that have switched their torque off. At the end the follower holds or parks, as set by on_exit in its
-    robot file. The torque of the leader is always off; the command asks before it switches the leader's torque off.
+    follows the leader. The follower holds its position when you release the key or the leader is lost. Key a re-enables
+    servos of the follower that have switched their torque off. At the end the follower holds or parks, as set by
+    on_exit in its robot file. The torque of the leader is always off; the command asks before it switches the leader's
+    torque off.
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`
     """
     from rich.console import Console

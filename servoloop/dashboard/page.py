@@ -290,7 +290,7 @@ class Page:
         self._arm.show_path(points)
 
     def _can_draw(self, goal: GoalPath) -> bool:
-        """Return whether a goal has several joints, all of them measured and in the robot description."""
+        """Return whether a goal has several joints, all of which are measured and in the robot description."""
         known = set(self._description.joints if self._description else ()) & set(self._joints)
         return len(goal.joints) > 1 and set(goal.joints) <= known
 

@@ -103,7 +103,7 @@ class ArmScene:
             _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
-        """Move the arm to the measured joint positions (n,) and its ghost to the commanded ones, in rad or m.
+        """Move the arm to the measured and its ghost to the commanded joint positions (n,), in rad or m.
 
         Joints of the ghost without a command are shown at their measured positions.
         """

@@ -22,7 +22,7 @@ class CameraRecording:
     """Pictures of one run, in a file next to the recording of its stack."""
 
     def __init__(self, recording: Path, topic: str) -> None:
-        """Create the file of the pictures. Raises RecordingError if it cannot be created."""
+        """Create the file of the pictures. Raises RecordingError if the file cannot be created."""
         self._recording, self._topic = recording, topic
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
         """File of the pictures, until ``finish`` has added them to the recording."""
@@ -40,7 +40,7 @@ class CameraRecording:
         removed.
 
         Raises:
-            RecordingError: The recording cannot be read or written. Both files are kept in that case.
+            RecordingError: The recording cannot be read or written. Both files are then kept.
         """
         self._file.close()
         if self._recording.exists():

@@ -27,7 +27,7 @@ SAGGING_RAD = 0.2
 HARDWARE = ""
 """Placeholder for the node of the hardware component."""
 EACH_JOINT = "constraints.{joint}.goal"
-"""Placeholder for this parameter of each joint of the arm."""
+"""Placeholder for the goal tolerance of each joint of the arm."""
 WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "gravity compensation": [
         (ARM, EACH_JOINT, SAGGING_RAD),

@@ -24,11 +24,11 @@ JOB_S: Final = 120.0
 FALL_S: Final = 3.0
 """Maximum time for a released apple to come to rest, in seconds."""
 FRAME_S: Final = 0.4
-"""Interval between the frames of the film."""
+"""Interval between the frames of the film, in seconds."""
 FRAMES: Final = 70
 """Maximum number of frames. They show about two jobs."""
 MOVED: Final = 0.01
-"""Motion of a joint, in rad or m, from which the next frame is kept."""
+"""Minimum motion of a joint, in rad or m, after which the next frame is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Film:
     _next_s: float = 0.0
 
     def take(self, publication: Mapping[str, Any], grade: str) -> None:
-        """Keep a state if it is time, something has moved, and the film is not full."""
+        """Keep a state if the interval has passed, something has moved, and the film is not full."""
         now_s = perf_counter()
         if now_s < self._next_s or len(self.frames) >= FRAMES:
             return

@@ -85,7 +85,7 @@ class LiveRobot:
 
     @property
     def folder(self) -> Path:
-        """Folder of the arm. Raises HandlingError if the stack has not reported it."""
+        """Folder of the arm. Raises HandlingError if the stack has not reported the folder."""
         if self._source.folder is None:
             raise HandlingError(
                 f"the poses of {self.arm} are unknown because its stack does not report the arm's folder"
@@ -105,7 +105,7 @@ class LiveRobot:
         return joints_now(self.snapshot, self._source.silent_s)
 
     def wait(self) -> None:
-        """Wait for the first measurement. Raises HandlingError if it does not arrive within ``ANSWER_S``."""
+        """Wait for the first measurement. Raises HandlingError if no measurement arrives within ``ANSWER_S``."""
         if not self._source.has_state.wait(ANSWER_S):
             raise HandlingError(f"the stack of {self.arm} has sent no measurement for {ANSWER_S:.0f} s")
 

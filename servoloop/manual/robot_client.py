@@ -53,7 +53,7 @@ class RobotClient:
         self._commands, self._robot, self._now = commands, robot, now
         self._controllers: dict[str, _DrivenController] = {}
         self._inactive: dict[str, str] = {}
-        """Inactive controller that could move each joint, by joint."""
+        """Inactive controllers that could move joints, by joint."""
         self._listed_s = self._commanded_s = -float("inf")
         self._owns = False
         """Whether this client has control of the arm."""
@@ -213,7 +213,7 @@ class RobotClient:
             raise
 
     def _ask(self, op: str, **fields: Any) -> None:
-        """Send a message. Raises HandlingError if the stack refuses it."""
+        """Send a message. Raises HandlingError if the stack refuses the message."""
         try:
             self._commands.request(op, **fields)
         except CommandError as error:

@@ -35,7 +35,7 @@ def arm_links(spec: Any) -> list[Any]:
 
 
 class LinkModel:
-    """Model of the arm in a scene, without other objects, for collisions between its links."""
+    """Model of the arm in a scene, without other objects, to find collisions between the links of the arm."""
 
     def __init__(self, scene: Path) -> None:
         spec = scene_spec(scene)
@@ -57,12 +57,15 @@ class LinkModel:
         self._ranges = np.array([joint.range for joint in owned])
 
     def pose(self, positions: dict[str, float]) -> FloatArray:
-        """Return a pose with these joint positions. Other joints are at 0; mimic joints follow their joints."""
+        """Return a pose with these joint positions.
+
+        Other joints are at 0; mimic joints follow the joints that they mimic.
+        """
         values = {name: positions.get(name, 0.0) for name in self.joints}
         return self._followed(np.array(list(values.values())))
 
     def random_pose(self, random: np.random.Generator) -> FloatArray:
-        """Return random joint positions within the limits. Mimic joints follow their joints."""
+        """Return random joint positions within the limits. Mimic joints follow the joints that they mimic."""
         low, high = self._ranges.T
         return self._followed(random.uniform(low, high))
 

@@ -52,7 +52,10 @@ def planning_robot(files: Files) -> PlanningRobot:
 
 
 def srdf_of(files: Files) -> Path | None:
-    """Return the SRDF of an arm, or None if it has none. Raises PlanningError if its folder has several SRDF files."""
+    """Return the SRDF of an arm, or None if it has none.
+
+    Raises PlanningError if the folder of the arm has several SRDF files.
+    """
     own = sorted(files.arm_folder.glob("*.srdf"))
     if len(own) > 1:
         names = ", ".join(path.name for path in own)

@@ -1,7 +1,7 @@
 """Implementation of ``servoloop arms moveit``: write the MoveIt configuration of an arm.
 
-The comments and the parts that are the same for all arms come from config/moveit. The rest is generated from the arm's
-folder.
+The comments and the parts that are the same for all arms come from config/moveit. The other parts are generated from
+the arm's folder.
 """
 
 from collections.abc import Mapping, Sequence

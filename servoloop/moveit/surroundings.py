@@ -56,7 +56,7 @@ class Pit:
         return along and self.y_from < other.y_to and other.y_from < self.y_to
 
     def joined(self, other: "Pit") -> "Pit":
-        """Return the smallest pit that contains both."""
+        """Return the smallest pit that contains both pits."""
         x_from, y_from = min(self.x_from, other.x_from), min(self.y_from, other.y_from)
         x_to, y_to = max(self.x_to, other.x_to), max(self.y_to, other.y_to)
         return Pit(x_from, x_to, y_from, y_to, max(self.depth, other.depth))

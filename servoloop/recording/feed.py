@@ -63,7 +63,8 @@ WAITING: Final = 8
 class LiveFeed:
     """Sink that sends each cycle as an MCAP stream to all programs connected to a Unix socket.
 
-    A program that reads too slowly loses whole cycles, which it can count. The stack never waits for a viewer.
+    A program that reads too slowly loses whole cycles and can count the lost cycles. The stack never waits for a
+    viewer.
     """
 
     def __init__(self, path: Path, messages: Messages, folder: Path | None = None) -> None:

@@ -29,7 +29,10 @@ WAITING: Final = 2_000
 
 
 class Sink(Protocol):
-    """Destination of samples. The recorder thread calls all methods except ``close``, which is called after its end."""
+    """Destination of samples.
+
+    The recorder thread calls all methods except ``close``, which is called after the thread has ended.
+    """
 
     @property
     def eager(self) -> bool:
@@ -50,7 +53,7 @@ class Sink(Protocol):
 
 
 class Recorder:
-    """Recorder that passes each cycle to all sinks. A sink that fails is removed; the others continue."""
+    """Recorder that passes each cycle to all sinks. A sink that fails is removed; the other sinks continue."""
 
     def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink], scene: Scene = dict) -> None:
         self.dropped = 0
@@ -70,7 +73,7 @@ class Recorder:
         self._thread.start()
 
     def post(self, state: JointState) -> None:
-        """Queue the cycle that measured this state. Called in the loop thread; never blocks."""
+        """Queue the cycle that measured this state. The loop thread calls this method, which never blocks."""
         sample = self._sampler.sample(state)
         if len(self._waiting) >= WAITING:
             self.dropped += 1
@@ -166,7 +169,7 @@ class RecordingFile:
     eager = False
 
     def __init__(self, path: Path, messages: Messages) -> None:
-        """Create the file. Raises RecordingError if it cannot be created or already exists."""
+        """Create the file. Raises RecordingError if the file cannot be created or already exists."""
         self.path = path
         self._messages = messages
         self._begun = False

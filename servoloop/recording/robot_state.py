@@ -278,7 +278,7 @@ class ObservedRobot:
         return Minute(self.state.curves(), health_rows)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
-        """Return the joint positions (n,) at the start of a goal, or None if the history does not reach back so far."""
+        """Return the joint positions (n,) at the start of a goal, or None if the history is shorter."""
         curves = self.state.curves()
         at = int(np.searchsorted(curves.time_s, goal.begun_s, side="right")) - 1
         return None if at < 0 else np.asarray(curves.position[at])

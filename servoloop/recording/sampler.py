@@ -219,7 +219,7 @@ class Sampler:
 
 
 def _joints(controller: Controller) -> tuple[str, ...]:
-    """Return the joints commanded by a controller, in its order."""
+    """Return the joints commanded by a controller, in the order of its commands."""
     return _joints_of(controller.command_interfaces)
 
 

@@ -53,7 +53,10 @@ class StackRecording:
         self._recorder.add(file)
 
     def end(self, path: Path) -> Request[None]:
-        """Request the end of a recording that ``begin`` has begun. Raises RecordingError if there is none."""
+        """Request the end of a recording that ``begin`` has begun.
+
+        Raises RecordingError if there is no such recording.
+        """
         file = self._files.pop(path, None)
         if file is None or self._recorder is None:
             begun = ", ".join(map(str, self._files)) or "none"

@@ -22,7 +22,7 @@ SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
 COMMANDS: Final = ".command"
-"""Suffix of the command socket of the stack, next to that of its message stream."""
+"""Suffix of the command socket of the stack, which is next to the socket of its message stream."""
 _NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -53,7 +53,7 @@ def live_folder() -> Path:
 
 
 def make_live_folder() -> Path:
-    """Create this user's folder, readable by this user only. Raises LiveError if it belongs to another user."""
+    """Create this user's folder, readable by this user only. Raises LiveError if the folder belongs to another user."""
     folder = live_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -100,7 +100,10 @@ def find_stack(arm: str | None = None) -> RunningStack:
 
 
 def _is_of(stack: RunningStack, arm: str) -> bool:
-    """Return whether a stack belongs to an arm, given by name, folder or process ID. A path is never read as a name."""
+    """Return whether a stack belongs to an arm, given by name, folder or process ID.
+
+    A path is never interpreted as a name.
+    """
     if "/" in arm:
         return stack.folder is not None and stack.folder == Path(arm).resolve()
     return arm in (stack.arm, str(stack.pid))

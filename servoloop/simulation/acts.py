@@ -61,7 +61,7 @@ class Cancel(_Act):
 
 
 class MoveHand(_Act):
-    """Move the hand. ``share`` 0 is its lower limit and 1 its upper limit."""
+    """Move the hand. A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit."""
 
     kind: Literal["hand"] = "hand"
     share: Chance = 0.5
@@ -75,7 +75,7 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware with its torque on. Activate it and its controllers again after ``for_s``."""
+    """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``."""
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Duration = 0.5
@@ -142,7 +142,10 @@ class SocketStream(SocketAct):
 
 
 class SocketRequest(SocketAct):
-    """Send one message about the motion as a whole. ``seize`` takes control of the arm by force."""
+    """Send one message about the control, the motions or the state of the arm.
+
+    ``seize`` takes control of the arm by force.
+    """
 
     kind: Literal["socket_request"] = "socket_request"
     op: Literal["take", "seize", "release", "stop", "cancel", "state"]

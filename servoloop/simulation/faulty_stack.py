@@ -18,7 +18,7 @@ from sim_backend.faults.targets import FaultTargets
 
 
 class FaultyStack(SimulatedStack):
-    """Simulated stack with a fault ``player``. Without faults, it behaves exactly as a SimulatedStack.
+    """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
     ``options`` are the options of SimulatedStack.
     """

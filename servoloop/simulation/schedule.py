@@ -18,7 +18,7 @@ from sim_backend.faults.script import plain
 
 
 class ScheduleError(DriverError):
-    """Raised when a schedule has mistakes. The message lists all of them with their lines."""
+    """Raised when a schedule has mistakes. The message lists all mistakes with their lines."""
 
 
 class Schedule(BaseModel):

@@ -88,7 +88,7 @@ class SimulationResult:
     """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
 
     joints: tuple[str, ...]
-    """Joints of the arm controller, in the order of all values."""
+    """Joints of the arm controller. All values by joint have this order."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int

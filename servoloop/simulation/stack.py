@@ -108,7 +108,7 @@ class SimulatedStack:
         self.manager.registry.add(self.wrapped(controller))
 
     def wrapped(self, controller: Controller) -> Controller:
-        """Return the controller to load. Subclasses wrap it, for example to inject faults."""
+        """Return the controller to load. Subclasses wrap the controller, for example to inject faults."""
         return controller
 
     def up(self) -> "SimulatedStack":
@@ -191,7 +191,7 @@ class SimulatedStack:
 
 
 def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
-    """Return the first controller of a class. Raises ControllersFileError if there is none."""
+    """Return the first controller of a class. Raises ControllersFileError if there is no such controller."""
     for controller in built:
         if isinstance(controller, kind):
             return controller

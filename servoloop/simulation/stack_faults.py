@@ -78,7 +78,7 @@ class Upsettable:
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
-        """Active faults: kind and offset of the commands."""
+        """Active faults, each with its kind and its offset of the commands."""
         self.newest: GoalHandle | None = None
         """Latest goal, if the controller has goals that end."""
         self.forwarded: tuple[float, ...] | None = None

@@ -120,7 +120,7 @@ def read_arm(folder: Path) -> ArmFolder:
     """Read ``arm.yaml`` of a folder, but not the files that it names.
 
     Raises:
-        ArmFileError: The file has mistakes. The message lists all of them.
+        ArmFileError: The file has mistakes. The message lists all mistakes.
     """
     home = folder.resolve()
     own = load(folder / ARM_FILE, ArmFile, ArmFileError)

@@ -180,7 +180,10 @@ class _ComponentBuilder:
     """Buses opened so far, by name."""
 
     def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:
-        """Build one component without opening a device. Raises DescriptionError if its robot file is missing."""
+        """Build one component without opening a device.
+
+        Raises DescriptionError if the robot file of the component is missing.
+        """
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if kind is HardwareKind.MOCK:
             return MockHardware.of(component, self.clock)

@@ -40,7 +40,10 @@ def end_with_parent() -> None:
 
 
 def end(process: "subprocess.Popen[Any]", timeout_s: float = END_S, hurry: Callable[[], bool] = lambda: False) -> int:
-    """End a process and return its exit status. Kill it after the timeout or as soon as ``hurry`` returns true."""
+    """End a process and return its exit status.
+
+    Kill the process after the timeout or as soon as ``hurry`` returns true.
+    """
     clock = MonotonicClock()
     deadline_s = clock.now() + timeout_s
     process.terminate()

@@ -32,7 +32,10 @@ class _Check:
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
-        """``names_known`` is whether ``arm.yaml`` was readable. If it was not, a missing file may have another name."""
+        """``names_known`` is whether ``arm.yaml`` was readable.
+
+        If the file was not readable, a missing file may have another name.
+        """
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known

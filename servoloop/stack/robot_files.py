@@ -233,7 +233,7 @@ def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> d
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder for results if necessary. Raises DriverError if it is not writable."""
+    """Create a folder for results if necessary. Raises DriverError if the folder is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

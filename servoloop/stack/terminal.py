@@ -71,7 +71,7 @@ def split_keys(text: str) -> Iterator[str]:
 
 
 def typed(wait_s: float) -> list[str]:
-    """Wait for keys, and return those pressed. A closed terminal returns q, the key to quit."""
+    """Wait for keys, and return the pressed keys. A closed terminal returns q, the key to quit."""
     descriptor = sys.stdin.fileno()
     if not select.select([descriptor], [], [], wait_s)[0]:
         return []

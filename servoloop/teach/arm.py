@@ -121,7 +121,10 @@ def add_trajectory(arm: TeachArm) -> JointTrajectoryController:
 
 
 def _constraints(files: Files) -> dict[str, JointConstraints]:
-    """Return the constraints of all trajectory controllers. A hand has none, as an object may hold it open."""
+    """Return the constraints of all trajectory controllers.
+
+    A hand has no constraints, because an object may hold the hand open.
+    """
     found: dict[str, JointConstraints] = {}
     for spec in files.controllers.controllers:
         if isinstance(spec.parameters, TrajectoryParameters):

@@ -26,7 +26,7 @@ Show = Callable[[str, TeachArm], None]
 
 
 class TeachOperator(Protocol):
-    """User interface of a recording. Within its context, keys are read and the arm is displayed."""
+    """User interface of a recording. Within the context of the interface, keys are read and the arm is displayed."""
 
     def confirm(self, question: str) -> None:
         """Ask a question. Raise an error unless the answer is yes."""
@@ -41,7 +41,7 @@ class TeachOperator(Protocol):
         ...
 
     def show(self, phase: str, arm: TeachArm) -> None:
-        """Display the state of the arm. Called many times per second."""
+        """Display the state of the arm. This is called many times per second."""
         ...
 
 

@@ -15,7 +15,7 @@ from servoloop.teach.play import APPROACH, PlayPhase
 from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 AHEAD_S: Final = 1.0
-"""Time by which the arm can be further along the path than the time since its start, in seconds."""
+"""Maximum time by which the arm can be ahead of the time since the start of the path, in seconds."""
 
 
 class RunningPlay:
@@ -95,7 +95,7 @@ class _Leg:
         self._times_s, self._position, self._velocity = times_s, position, velocity
 
     def begin(self, arm: Arm, speed: float) -> ArmMotion:
-        """Start to move along the path. The arm first moves slowly to its first point."""
+        """Start to move along the path. The arm first moves slowly to the first point of the path."""
         if len(self._times_s) == 1:
             pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
             return arm.move_to(pose, speed=APPROACH * speed, wait=False)
@@ -116,7 +116,7 @@ class _Leg:
 
 
 def _legs(arm: Arm, motion: RecordedMotion, speed: float) -> list[_Leg]:
-    """Return the parts of a motion. Raises TeachError if it takes too long."""
+    """Return the parts of a motion. Raises TeachError if the motion takes too long."""
     joints, limits = arm.joints, [arm.limits[joint] for joint in arm.joints]
     if motion.path is None:
         rest = np.zeros((1, len(joints)))

@@ -167,8 +167,8 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
     """Map each joint of the follower to the leader's joint with the same name.
 
-    A hand follows the leader's trigger by the share of its range, all other joints by the angle. Raises TeleopError if
-    the leader lacks a joint.
+    A hand follows the leader's trigger as a share of the range; all other joints follow the angle of the leader's
+    joint. Raises TeleopError if the leader lacks a joint.
     """
     leaders = {joint.name: joint for joint in leader.robot.joints}
     if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:

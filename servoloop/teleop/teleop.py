@@ -17,7 +17,7 @@ from servoloop.teleop.attendance import Attendance, TeleopOperator
 
 
 class Leading(TeleopOperator, Protocol):
-    """Terminal user interface. Within its context, keys are read and the arms are displayed."""
+    """Terminal user interface. Within the context of the interface, keys are read and the arms are displayed."""
 
     def confirm(self, question: str) -> None:
         """Ask a question. Raise an error unless the answer is yes."""

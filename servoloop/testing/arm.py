@@ -98,7 +98,7 @@ class VirtualArm:
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
 
     def up(self) -> "VirtualArm":
-        """Activate the hardware and the controllers. The times of planned faults count from here.
+        """Activate the hardware and the controllers. The times of planned faults count from this call.
 
         Raises:
             DriverError, HalError: A fault prevents the activation.

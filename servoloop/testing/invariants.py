@@ -18,7 +18,10 @@ class ChosenInvariants:
     """All invariants of campaigns except for those in ``without``, and the additional ones in ``also``."""
 
     def __init__(self, also: tuple[type[Invariant], ...], without: tuple[str, ...], examined: tuple[str, ...]) -> None:
-        """Choose the invariants. Raises ArmTestError if one is unknown, or in both ``without`` and ``examined``."""
+        """Choose the invariants.
+
+        Raises ArmTestError if an invariant is unknown, or in both ``without`` and ``examined``.
+        """
         _require_known(without, ALL)
         _require_known(examined, (*ALL, *also))
         if both := [name for name in examined if name in without]:

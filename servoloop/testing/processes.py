@@ -64,7 +64,7 @@ POLL_S = 0.02
 
 
 class ProcessTestError(DriverError):
-    """Raised when a servoloop process did not start. The message has its output."""
+    """Raised when a servoloop process did not start. The message contains the output of the process."""
 
 
 class _Process:
@@ -139,7 +139,7 @@ class RosStack(_Process):
 
     @contextmanager
     def running(self) -> Iterator[Self]:
-        """Run the stack within the context. Nodes and processes created by the test can reach it."""
+        """Run the stack within the context. Nodes and processes created by the test can reach the stack."""
         ready = self._folder / "ready"
         settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
         with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):

@@ -61,7 +61,10 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a box, or replace the object of this name. ``size_m`` (3,) are its lengths along x, y and z."""
+        """Add a box, or replace the object of this name.
+
+        ``size_m`` (3,) are the lengths of the box along x, y and z.
+        """
         x, y, z = (float(length) for length in size_m)
         self._add(name, Box(x, y, z), position_m, quaternion_xyzw)
 

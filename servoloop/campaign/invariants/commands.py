@@ -74,8 +74,9 @@ class SafeCommands(Invariant):
     """Commands after the safety gate are finite, within the limits, and change by at most the velocity limit times the
     period.
 
-    The layers below the gate also check some of this, but it must hold without them. After an activation, a joint is
-    taken over at its position in the simulated world. The state of a joint without a fault is finite.
+    The layers below the gate also check some of these conditions, but the conditions must hold without these layers.
+    After an activation, a joint is taken over at its position in the simulated world. The state of a joint without a
+    fault is finite.
     """
 
     name = "safe commands"
@@ -107,7 +108,7 @@ class SafeCommands(Invariant):
             return
         self.examined += 1
         if (np.isfinite(before) & ~np.isfinite(command)).any():  # The command is NaN until the first measurement.
-            self.say("a command of the loop has become not a number")
+            self.say("a command of the loop has become NaN")
         if last is None or not np.array_equal(before, last):
             self._taken_over(before, last)
         # A joint that was outside its limits when its torque was enabled may be on its way back.

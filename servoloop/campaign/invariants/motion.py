@@ -22,7 +22,7 @@ drive."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 AFTER_STEPS: Final = 500
-"""Time within which a joint springs back after such a fault, in ms."""
+"""Time within which a joint springs back after a fault in ``NOT_ITS_OWN``, in ms."""
 
 
 class NoFasterThanAllowed(Invariant):
@@ -70,6 +70,6 @@ class NoFasterThanAllowed(Invariant):
 
 
 def _furthest(joint: Joint, within_s: float) -> float:
-    """Return the largest distance (rad or m) that a joint may move in this time."""
+    """Return the largest distance (rad or m) that a joint may move within a time."""
     lag_s = max(LAG_S, joint.compliance.lag_s) if joint.compliance else LAG_S
     return joint.limits.velocity * (within_s + lag_s) + OVERSHOOT_RAD

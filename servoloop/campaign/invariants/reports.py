@@ -40,7 +40,8 @@ FALSIFYING: Final = frozenset({"false_position", "false_value"})
 class NamedAlone(Invariant):
     """A silent servo is reported within two cycles. No joint with a working servo and bus is reported.
 
-    A fault of another servo is not an excuse. Two servos with the same ID are skipped: either may have answered.
+    A fault of another servo does not excuse a violation. Two servos with the same ID are skipped: either may have
+    answered.
     """
 
     name = "silent servo is reported"

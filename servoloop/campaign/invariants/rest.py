@@ -22,7 +22,7 @@ RESTS: Final = 0.1
 CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
-"""Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
+"""Factor on the shortest braking time of the slowest joint: all other joints brake with that joint along the path."""
 PRESSES_SHARE: Final = 0.03
 """Allowed distance between command and joint, as a share of its range: servos yield, and relief is not exact."""
 RELIEVED_S: Final = 0.3
@@ -212,7 +212,7 @@ class NothingPresses(Invariant):
     def _driven_by_others(self) -> set[str]:
         """Return the joints of the arm that another controller drives.
 
-        The client of that controller may press them against an obstacle.
+        The client of that controller may press these joints against an obstacle.
         """
         owners, arm = self.stack.manager.registry.claimed, self.stack.arm.name
         return {joint for joint in self._places if owners.get(f"{joint}/position", arm) != arm}

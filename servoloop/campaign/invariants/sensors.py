@@ -22,9 +22,9 @@ PULLS: Final = 0.3
 CYCLES: Final = 5
 """Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
 FACTOR: Final = 2.0
-"""Factor by which a reported velocity may be outside the range of the true values in these cycles."""
+"""Factor by which a reported velocity may be outside the range of the true values in the latest cycles."""
 STEADY: Final = 1.5
-"""Largest ratio of two speeds in these cycles at which the reported magnitude is examined."""
+"""Largest ratio of two speeds in the latest cycles at which the reported magnitude is examined."""
 WRONG_CYCLES: Final = 2
 """Number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")

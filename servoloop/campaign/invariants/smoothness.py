@@ -20,7 +20,10 @@ STOP_JERK_SHARE: Final = 3.0
 RELIEF_SHARE: Final = 2.0
 """Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
-"""Allowed acceleration at the end otherwise, as a factor on the limit: a command applies to the end of its period."""
+"""Allowed acceleration at the end if no joints are relieved, as a factor on the limit.
+
+A command applies to the end of its period.
+"""
 AT_END: Final = 1e-9
 """Distance from a limit within which a command is at the limit, in rad or m."""
 UPSET_S: Final = 3.0
@@ -98,8 +101,8 @@ class SmoothEnd(Invariant):
 
     If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
     joints without torque are not examined either, because they follow joints that fall. A command leads its reference
-    by the servo lag. It stays at a limit of the joint while the reference still brakes before the limit, and is not
-    examined there.
+    by the servo lag. The command stays at a limit of the joint while the reference still brakes before the limit, and
+    is not examined there.
     """
 
     name = "smooth end"

@@ -70,7 +70,7 @@ class GoalsMeanCommands(Invariant):
     """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
     The goal may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a
-    limited speed, so a goal outside of this range may approach it.
+    limited speed, so a goal outside of this range may still be approaching the range.
     """
 
     name = "goals mean commands"

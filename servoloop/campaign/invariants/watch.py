@@ -97,7 +97,10 @@ class Watch:
         return {one.name: one.examined for one in self._invariants}
 
     def end(self) -> None:
-        """Finish after the program has ended. Raises the exception of an invariant that failed during the run."""
+        """Finish all invariants after the program has ended.
+
+        Raises the exception of an invariant that failed during the run.
+        """
         if self._error is not None:
             raise self._error
         self.visits.end()

@@ -115,7 +115,7 @@ def bus_of(robot: "RobotFile", name: str | None) -> str:
 def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
     """Yield the serial device of each bus, as selected by ``--port``.
 
-    By default it is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
+    The default device is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
     block. Raises DriverError.
     """
     from commissioning.errors import CommissioningError
