@@ -23,7 +23,7 @@ class JobPhase(StrEnum):
 
 
 class JobEnding(Enum):
-    """Possible endings of a job."""
+    """Possible outcomes of a job."""
 
     SUCCEEDED = "succeeded"
     ABORTED = "aborted"

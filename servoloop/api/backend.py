@@ -110,7 +110,7 @@ class MotionProgress(Protocol):
 
 
 class ArmBackend(Protocol):
-    """Interface of the program that runs the control loop, as ``Arm`` uses it. Any thread may call each method.
+    """Interface through which ``Arm`` uses the program that runs the control loop. Any thread may call each method.
 
     Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call that raises an
     error does not move the arm.

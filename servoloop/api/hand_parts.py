@@ -61,7 +61,7 @@ class PartStart:
 
 @dataclass(slots=True)
 class ForwardPart:
-    """Path of a forward command controller for positions: its command follows the path in each cycle."""
+    """Path of a forward command controller for positions, whose command follows the path in each cycle."""
 
     controller: ForwardCommandController
     times_s: FloatArray
@@ -182,7 +182,7 @@ class GripperPart:
 def start_gripper(controller: GripperActionController, goal: JointGoal, held: FloatArray) -> GripperPart:
     """Start a path of a gripper action controller.
 
-    The arguments and the errors are those of ``start_trajectory``.
+    The arguments and the errors are the same as for ``start_trajectory``.
     """
     column = goal.joints.index(controller.joint)
     points = [(0.0, float(held[0])), *((t, row[column]) for t, row in zip(goal.times_s, goal.positions, strict=True))]

@@ -76,7 +76,7 @@ class RunningMotion:
 
     @property
     def failure(self) -> Exception | None:
-        """First failure of a part, or ArmEndedError."""
+        """First failure of a part, ArmEndedError if the loop ended before all parts succeeded, or None."""
         ended = self.ended()
         if ended is not None and any(not part.done or part.failure is not None for part in self.parts):
             return ended

@@ -44,7 +44,7 @@ class OwnLoop(ABC):
         self.backend: StackBackend
 
     def ended(self) -> ArmEndedError | None:
-        """Return why the loop has ended, or None while it runs."""
+        """Return an error with the reason why the loop has ended, or None while the loop runs."""
         return ArmEndedError(self._why_ended) if self._why_ended else None
 
     @abstractmethod

@@ -21,7 +21,7 @@ Ended = Callable[[], ArmEndedError | None]
 
 
 class LoopPace(Protocol):
-    """Passage of time for a program that waits for cycles of a control loop."""
+    """Interface with which a program waits for cycles of a control loop."""
 
     def cycle_done(self) -> None:
         """Wake waiting threads and call the observers. The thread of the loop calls this after each cycle."""
@@ -81,7 +81,7 @@ class ThreadPace:
     """Pace of a loop that runs in its own thread. Observers run in a third thread, so that they do not delay cycles."""
 
     def __init__(self, clock: Clock, ended: Ended) -> None:
-        """``clock`` is the clock of the loop, and ``ended`` returns why the loop has ended."""
+        """``clock`` is the clock of the loop, and ``ended`` returns an error if the loop has ended."""
         self._clock, self._ended = clock, ended
         self._changed = threading.Condition()
         """Lock that is held only briefly, because the thread of the loop needs it in each cycle."""

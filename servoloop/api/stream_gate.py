@@ -1,4 +1,4 @@
-"""Stream of targets on a local stack: it switches to a forward command controller and ends when it is silent."""
+"""Stream of targets on a local stack, which uses a forward command controller and ends if no targets arrive."""
 
 import logging
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""Time of a command server that works between two cycles, in the thread of a simulated loop."""
+"""Clock of a command server that works between two cycles, in the thread of a simulated loop."""
 
 from collections.abc import Callable
 

@@ -58,7 +58,7 @@ ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "gu
 
 
 class Scenario(BaseModel):
-    """Properties that all runs of a campaign share. Everything else is drawn from the seed of each run."""
+    """Properties that all runs of a campaign share. All other properties are drawn from the seed of each run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -157,7 +157,7 @@ def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
-    """Draw the schedule of a seed. Raises FaultError if a kind of fault is unknown."""
+    """Draw a random schedule from a seed. Raises FaultError if a kind of fault is unknown."""
     random = Random(f"{seed}/scenario")
     arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
@@ -180,7 +180,7 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
 
 
 def run_seed(scenario: Scenario, seed: int) -> RunReport:
-    """Draw the schedule of a seed and run it."""
+    """Draw a random schedule from a seed, and run it."""
     return run_schedule_of(schedule_of(scenario, seed))
 
 

@@ -1,4 +1,4 @@
-"""Keep a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
+"""Save a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
 
 import shlex
 from dataclasses import dataclass

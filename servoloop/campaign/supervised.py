@@ -93,7 +93,7 @@ def _limit_s(time_s: float) -> float:
 
 @contextmanager
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
-    """Raise Hang in the body when the simulated time stands still.
+    """Raise Hang within the context when the simulated time stands still.
 
     This works only in the main thread, which receives the signals. It cannot end an endless loop in C, which only
     another process can end.
@@ -119,7 +119,7 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
 
 def _watch(now: Callable[[], float], over: threading.Event) -> None:
-    """Send the signal at every poll while the time stands still, because the body may catch the exception."""
+    """Send the signal at every poll while the time stands still, because the context may catch the exception."""
     standstill = ClockStandstill()
     while not over.wait(POLL_S):
         if standstill.poll(now()):
@@ -198,7 +198,10 @@ class Supervisor:
         self._process = process
 
     def _lose(self, hang: str = "") -> Loss:
-        """Return the loss of a run whose process has ended. If ``hang`` is given, kill the process first."""
+        """Return the description of a lost run, whose process has ended.
+
+        If ``hang`` is given, kill the process first.
+        """
         assert self._process is not None
         if hang:
             self._process.kill()
@@ -224,7 +227,7 @@ def _ending(status: int | None) -> str:
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start in the body."""
+    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start within the context."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield

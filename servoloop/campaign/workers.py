@@ -32,7 +32,7 @@ POLL_S: Final = 0.1
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Disable all logging in the body, because thousands of arms log their faults."""
+    """Disable all logging within the context, because thousands of arms log their faults."""
     former = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

@@ -30,7 +30,7 @@ class Message(BaseModel):
 
     v: Annotated[int, NoTruth, Field(ge=VERSION, le=VERSION)]
     id: Number | Text
-    """Number or text that the reply repeats."""
+    """Number or text that identifies the message, and that the reply repeats."""
 
 
 class Hello(Message):

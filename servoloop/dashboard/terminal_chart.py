@@ -46,7 +46,7 @@ def _scaled(values: FloatArray, limits: Range, dots: int) -> FloatArray:
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Return the dots of a line without gaps through points, which are given in dots."""
+    """Return the dots of a continuous line through points in dot coordinates."""
     there = np.isfinite(x) & np.isfinite(y)
     both = there[:-1] & there[1:]
     dx, dy = np.diff(x)[both], np.diff(y)[both]

@@ -225,7 +225,7 @@ class RobotClient:
 
 @dataclass(frozen=True, slots=True)
 class _Listed:
-    """A controller in the list of the stack."""
+    """Controller in the list that the stack reports."""
 
     name: str
     kind: str

@@ -40,7 +40,7 @@ class ServoFiles:
 
     description: Description
     component: HardwareInfo
-    """All components, merged into one."""
+    """All hardware components of the robot, merged into one component."""
     robot: Robot
     """Servos of all components, merged into one robot."""
     limits: dict[str, JointLimits]

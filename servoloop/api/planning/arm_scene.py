@@ -17,7 +17,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 @contextmanager
 def plan_errors() -> Iterator[None]:
-    """Raise PlanFailedError instead of PlanningError."""
+    """Convert PlanningError to PlanFailedError."""
     try:
         yield
     except PlanningError as error:

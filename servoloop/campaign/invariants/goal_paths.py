@@ -1,4 +1,4 @@
-"""Invariants on the path to a goal: commands pass through the points of the client, at the times of the client."""
+"""Invariants on the path to a goal: commands pass through the client's points at the client's times."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -32,7 +32,7 @@ REPLACED_CYCLES: Final = 2
 
 
 class PathIsAsSent(Invariant):
-    """The path of a goal that succeeds leads through all points of its client, and does not end before their time."""
+    """The path of a goal that succeeds passes through all points of its client, and does not end before their times."""
 
     name = "path is as sent"
 

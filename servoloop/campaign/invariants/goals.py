@@ -255,7 +255,7 @@ class DeviationEnds(Invariant):
                 self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
 
     def _deviation(self, joint: str, wanted: float, true: float) -> float:
-        """Return the smallest distance between the reference and the joint that the servo may report."""
+        """Return the smallest distance between the reference and a position that the servo may report."""
         known = self._reference.get(joint)
         readings = [true] if known is None else known.readings(true, 0.0)
         return min(abs(wanted - reading) for reading in readings)

@@ -79,7 +79,7 @@ class NamedAlone(Invariant):
 
 
 class TakenBack(Invariant):
-    """A joint whose servo answers again under torque returns to the cycle."""
+    """A joint whose servo answers again with its torque enabled returns to the control cycle."""
 
     name = "taken back"
 

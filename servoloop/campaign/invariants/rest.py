@@ -157,7 +157,7 @@ class NothingPresses(Invariant):
         self._before: dict[str, tuple[float, float]] = {}
         """Position and command of each joint in the last cycle."""
         self._guided = False
-        """Whether a hand has moved the arm since the last goal."""
+        """Whether the arm was moved by hand since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
         self._deactivated = False

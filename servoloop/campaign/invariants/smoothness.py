@@ -25,7 +25,7 @@ COMMANDS_SHARE: Final = 1.05
 A command applies to the end of its period.
 """
 AT_END: Final = 1e-9
-"""Distance from a limit within which a command is at the limit, in rad or m."""
+"""Distance from a limit within which a command counts as at the limit, in rad or m."""
 UPSET_S: Final = 3.0
 """Time after a fault of a controller in which commands at the end are not examined, in seconds."""
 
