@@ -72,7 +72,8 @@ class ThreadLoop(OwnLoop):
         gc.freeze()
         self._exit.callback(gc.unfreeze)
         self._exit.enter_context(exit_on_signals())
-        with realtime_priority(PRIORITY):  # only the loop thread: long computations of the program need none
+        # Only the loop thread gets this priority, because the program may compute for a long time.
+        with realtime_priority(PRIORITY):
             self._thread = run.start()
         self.backend.state()
 

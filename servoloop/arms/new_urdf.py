@@ -61,7 +61,8 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
         DescriptionError: The URDF has mistakes.
     """
     text = read_xml(urdf, DescriptionError, "the URDF")
-    if "<ros2_control" not in text:  # checked before changes, so that messages have the user's line numbers
+    # The URDF is checked before it is changed, so that messages have the user's line numbers.
+    if "<ros2_control" not in text:
         _require_sound(text, urdf)
     robot = _parsed(text, urdf)
     wanted = {joint.get("name", "") for block in robot.findall("ros2_control") for joint in block.findall("joint")}

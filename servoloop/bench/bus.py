@@ -134,7 +134,7 @@ def bench_bus(
     try:
         with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
-    except ValueError as error:  # too many servos for one packet; no goal was sent
+    except ValueError as error:  # There are too many servos for one packet; no goal was sent.
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
@@ -160,7 +160,7 @@ def standing_still(
     try:
         if goals:
             bus.write_goals(goals)
-        bus.read_states(servo_ids)  # lets the bus find out whether Dynamixel servos support fast reads
+        bus.read_states(servo_ids)  # This read detects whether Dynamixel servos support fast reads.
         yield goals
     finally:
         for error in bus.torque_off(limp) if hold else ():

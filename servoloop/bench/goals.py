@@ -143,7 +143,7 @@ def _find_goal(
 
 def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
     """Return whether a servo that ``identify`` refused can be sent goals, such as a variant or a simulated servo."""
-    if number == 0:  # a simulated servo, whose settings may all be 0
+    if number == 0:  # The settings of a simulated servo may all be 0.
         return True
     try:
         bus.check_settings(servo_id, model)

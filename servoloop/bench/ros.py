@@ -81,7 +81,7 @@ def run_ros(
             except DriverError:
                 if signals():
                     raise Interrupted(f"interrupted; {BACK}") from None
-                stack.check()  # if the stack has ended, its output explains the error better
+                stack.check()  # If the stack has ended, its output explains the error better.
                 raise
             if status := stack.end()["stack"]:
                 output = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])

@@ -117,7 +117,7 @@ class ArmRequests:
         self._streaming = None
         try:
             self._arm.end_stream()
-        except ArmError as error:  # a loop brings the joints to rest before it ends
+        except ArmError as error:  # The loop brings the joints to rest before it ends.
             LOG.info("command socket: the stream of a client ended with the loop: %s", error)
 
 

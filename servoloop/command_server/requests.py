@@ -194,12 +194,12 @@ class StackRequests:
 
     def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
         self.ownership.require(client)
-        self._arm.open_stream(client, message)  # waits for a cycle, so the motion is not locked
+        self._arm.open_stream(client, message)  # This waits for a cycle, so the control of the arm is not locked.
         return self._still_owned(client)
 
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
         self.ownership.require(client)
-        self._arm.set_torque(message)  # waits, so the motion is not locked: other clients can stop the arm
+        self._arm.set_torque(message)  # This waits without a lock, so that other clients can stop the arm.
         return self._still_owned(client)
 
     def _still_owned(self, client: Client) -> Reply:

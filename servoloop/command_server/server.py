@@ -51,7 +51,8 @@ class CommandServer:
         self._connections: list[SocketConnection] = []
         self._ended, self._news = threading.Event(), threading.Event()
         self._server = socket.socket(socket.AF_UNIX)
-        new = path.with_suffix(f"{COMMANDS}.new")  # renamed once it listens and only this user can open it
+        # The socket is renamed once it listens and only this user can open it.
+        new = path.with_suffix(f"{COMMANDS}.new")
         try:
             new.unlink(missing_ok=True)
             self._server.bind(str(new))
@@ -79,7 +80,7 @@ class CommandServer:
         self._ended.set()
         self._news.set()
         with suppress(OSError):
-            self._server.shutdown(socket.SHUT_RDWR)  # wakes up the thread that accepts
+            self._server.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that accepts connections.
         for thread in self._threads:
             thread.join(END_S)
         self._server.close()

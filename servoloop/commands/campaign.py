@@ -184,7 +184,7 @@ def _repeat(path: Path, out: Path, json: bool) -> int:
         for one in report.violations:
             kept.append(traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv"))
         page = _write_page(out / f"{path.stem}.html", None, kept)
-    except DriverError as error:  # Print the violations first.
+    except DriverError as error:  # The violations are printed before this error is raised.
         unwritten = error
     violations = [{"invariant": one.invariant, "time_s": one.time_s, "text": one.text} for one in report.violations]
     if json:

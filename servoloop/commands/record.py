@@ -87,7 +87,7 @@ def plot(
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
-        from servoloop.recording.page import write_page  # imports matplotlib, which takes a second
+        from servoloop.recording.page import write_page  # This imports matplotlib, which takes a second.
 
         path = out or recording.with_suffix(".html")
         write_page(path, run, recording.name)

@@ -172,7 +172,8 @@ class MovePanel:
         gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public way
         gui.add_html(PINNED, order=-1.0)
         self._stop = gui.add_button("Stop everything", color="red", order=0.0, disabled=True)
-        self._stop.on_hold(self._stopped)  # called when the button is pressed and repeatedly while it is held
+        # Viser calls this when the button is pressed, and repeatedly while it is held.
+        self._stop.on_hold(self._stopped)
         self._stop.on_click(self._stopped)
         with gui.add_folder("Move", order=order):
             self._text = gui.add_html("")

@@ -119,7 +119,8 @@ def mesh_of(shape: Shape) -> trimesh.Trimesh:
         found = trimesh.creation.cylinder(shape.radius_m, shape.height_m)
     elif isinstance(shape, Cone):
         found = trimesh.creation.cone(shape.radius_m, shape.height_m)
-        found.apply_translation((0.0, 0.0, -shape.height_m / 2.0))  # Its origin is halfway up its axis.
+        # The origin of the planner's cone is halfway up its axis.
+        found.apply_translation((0.0, 0.0, -shape.height_m / 2.0))
     elif isinstance(shape, Sphere):
         found = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius_m)
     else:

@@ -43,7 +43,7 @@ class Player:
         return watched
 
     def _moved(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if event.client is not None:  # moved by a browser, not by this program
+        if event.client is not None:  # A browser moved the slider, not this program.
             self._playback.seek(float(event.target.value))
             self._sought = True
 

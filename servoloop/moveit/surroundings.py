@@ -116,7 +116,7 @@ def _shape(model: Any, data: Any, geom: int, lower_m: float) -> CollisionShape |
         primitive, dimensions = CYLINDER, np.array([2.0 * size[1], size[0]])
     elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         primitive, dimensions = CYLINDER, np.array([2.0 * (size[0] + size[1]), size[0]])
-    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # a mesh or an ellipsoid becomes its bounding box
+    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # A mesh or an ellipsoid is replaced by its bounding box.
         middle, dimensions = middle + turn @ model.geom_aabb[geom][:3], 2.0 * model.geom_aabb[geom][3:]
     if lower_m and primitive == BOX and turn[2, 2] > 1.0 - 1e-6:
         dimensions[2] -= lower_m

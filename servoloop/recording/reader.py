@@ -81,7 +81,8 @@ class _Numbers:
         times_s = self._times_s(STATES)
         order = np.argsort(times_s, kind="stable")
         sorted_s = times_s[order]
-        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # keeps the last of several equal times
+        # This keeps the last of several rows with equal times.
+        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]
         self._time_s = times_s[self._rows]
         self._begin_s = float(self._time_s[0])
         joints = tuple(dict.fromkeys(name for one in self._states for name in one.message.name))

@@ -119,7 +119,7 @@ class Recorder:
     def drain(self) -> None:
         """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # the current scene belongs to the newest sample only
+        if samples:  # The current scene belongs only to the newest sample.
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()

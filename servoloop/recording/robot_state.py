@@ -183,7 +183,7 @@ class RobotState:
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
             if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
-                return  # a goal with velocities only, or an invalid goal of another program
+                return  # The goal has only velocities, or is an invalid goal of another program.
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )

@@ -189,7 +189,7 @@ class _LiveRecording:
                     self._file.flush()
         self._stopped = True  # the thread ends after a complete cycle
         thread.join(FLUSH_S)
-        self._stream.close()  # ends a thread that waits for a cycle although no more cycles come
+        self._stream.close()  # This ends a thread that still waits for a cycle.
         thread.join()
         if self._error is not None:
             raise self._error
@@ -198,7 +198,7 @@ class _LiveRecording:
     def _take_all(self) -> None:
         try:
             for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
-                cycle = list(messages)  # complete only when the next cycle begins
+                cycle = list(messages)  # A cycle is complete only when the next cycle begins.
                 with self._file_lock:
                     if not self._count(cycle):
                         return

@@ -123,7 +123,7 @@ def _answering() -> Iterator[RunningStack]:
                     path.with_suffix(suffix).unlink(missing_ok=True)
                 continue
             except OSError:
-                pass  # the stack runs, but is paused or too busy to accept another connection
+                pass  # The stack is running, but is paused or too busy to accept another connection.
         yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path))
 
 
@@ -170,7 +170,7 @@ def open_live(stack: RunningStack) -> MessageStream:
 
     def close() -> None:
         try:
-            connection.shutdown(socket.SHUT_RDWR)  # wakes up the thread that reads
+            connection.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that reads.
         except OSError:
             return
         finally:

@@ -92,7 +92,8 @@ def arms(folder: Path = ARMS) -> list[ArmFolder]:
 
 def find_arm(name: str = OWN) -> ArmFolder:
     """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
-    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is a folder of the user
+    # A name with a slash, such as ./so101, is a folder of the user.
+    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))

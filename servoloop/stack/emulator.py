@@ -90,7 +90,7 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
             for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():
                 servo.memory.save(registers[name], value)
             if joint.settings:
-                servo.power_cycle()  # a servo copies its limits into RAM at power-on
+                servo.power_cycle()  # A servo copies its limits into RAM at power-on.
     return line
 
 

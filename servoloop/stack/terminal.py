@@ -101,9 +101,9 @@ def raw_keys(keep: bool = False) -> Iterator[None]:
 
 def restore_terminals() -> None:
     """Restore all terminals changed by ``raw_keys``, in a program that ends without leaving its contexts."""
-    for descriptor, before in list(_before.items()):  # a copy, as the main thread may remove entries
+    for descriptor, before in list(_before.items()):  # This is a copy, because the main thread may remove entries.
         with suppress(termios.error, OSError):
-            if os.tcgetpgrp(descriptor) == os.getpgrp():  # a background program would be stopped by this call
+            if os.tcgetpgrp(descriptor) == os.getpgrp():  # This call would stop a background program.
                 termios.tcsetattr(descriptor, termios.TCSANOW, before)
 
 
@@ -154,7 +154,7 @@ def complete_output() -> Iterator[None]:
             _flush()
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EPIPE) or _takes_output():
-            raise  # the error comes from another file
+            raise  # The error comes from another file.
         _discard_output()
         if error.errno == errno.ENOSPC:
             with suppress(OSError):

@@ -106,7 +106,7 @@ class TeachRecording:
         self.phase = RecordPhase.HOLDING
         try:
             self._keep(*self.shown())
-        except DriverError as error:  # raised later, once the arm holds its position
+        except DriverError as error:  # The error is raised later, once the arm holds its position.
             self.error = error
         if self._freedrive is not None:
             self._freedrive.holds = True

@@ -89,7 +89,7 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
             try:
                 _run(arm, run, stack_recording, recording.begin, poll)
             finally:
-                recording.stop()  # saves the motion even after an error
+                recording.stop()  # This saves the motion even after an error.
     if recording.error is not None:
         raise recording.error
     return 1 if run.failed else 0

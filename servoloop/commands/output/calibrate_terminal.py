@@ -77,7 +77,7 @@ class Terminal:
         Raises StoppedError if a key was pressed before the question. Enter alone is not an answer: the user may have
         meant to stop the arm, and a wrong answer would reverse the direction of the joint.
         """
-        if self._keyboard.pressed():  # after the last cycle of the motion
+        if self._keyboard.pressed():  # The key was pressed after the last cycle of the motion.
             raise StoppedError("stopped; the torque of the arm is off")
         question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
         return self._keyboard.agrees(question, enter_is_no=False)
