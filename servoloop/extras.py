@@ -33,7 +33,7 @@ def require_extras(purpose: str, *extras: str) -> None:
     """Check that the libraries of extras are installed.
 
     Args:
-        purpose: What needs the extras, such as "the view".
+        purpose: Part that needs the extras, such as "the view".
         extras: Names of the extras.
 
     Raises:

@@ -69,7 +69,7 @@ def topic_host(
         kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos.
         files: Files of the arm. The controllers of its controllers file are not used.
-        ready: Function called with the name and the rate of the stack when it accepts commands.
+        ready: Function called with the name and the rate of the stack when the stack accepts commands.
         program: The other controller manager.
 
     Returns:

@@ -79,7 +79,7 @@ def up(
         kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos.
         files: Files of the robot.
-        ready: Function called with the name and the rate of the stack when clients can use it.
+        ready: Function called with the name and the rate of the stack when clients can use the stack.
         options: Other options.
         program: Source of the commands for the joints.
 

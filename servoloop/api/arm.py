@@ -206,7 +206,7 @@ class Arm:
             PlanFailedError: No motion to ``pose`` was found. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
             MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
             ArmEndedError: The control loop has ended.
         """
         asked_s, share = duration_of(duration, speed)
@@ -287,7 +287,7 @@ class Arm:
             PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
             MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
             ArmEndedError: The control loop has ended.
         """
         _, share = duration_of(None, approach)
@@ -354,7 +354,7 @@ class Arm:
         """Release or enable the torque of all servos.
 
         Args:
-            on: Whether to enable the torque. Each servo then holds its present position.
+            on: Whether to enable the torque. Each servo then holds its current position.
             park: Whether to move to the park pose of the robot file before the torque is released, so that the arm does
                 not drop. If False, hold the arm by hand.
 

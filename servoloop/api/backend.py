@@ -168,7 +168,8 @@ class ArmBackend(Protocol):
         """Send targets by joint, in rad or m. The next cycle moves toward them. Other joints hold their last target.
 
         Raises:
-            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The former target stays.
+            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The previous target
+                stays in effect.
             StreamEndedError: No stream is open, or its last target was too old.
         """
         ...

@@ -33,7 +33,7 @@ class ArmMotion:
         Raises:
             MotionFailedError: The motion ended before its target.
             MotionCanceledError: The motion was canceled, or another motion has replaced it.
-            ArmTimeoutError: The motion takes longer. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout_s``, and continues.
             ArmEndedError: The control loop has ended.
         """
         self._finish(self._backend.wait(lambda: self.done, timeout_s), timeout_s)

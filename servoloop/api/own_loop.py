@@ -81,7 +81,7 @@ def describe(stack: ControlStack) -> ArmDescription:
 def _hand(files: Files, joints: Sequence[str]) -> str:
     """Return the joint of the gripper.
 
-    This is the only joint of the hand controller, or the only joint without a trajectory controller.
+    The gripper is the only joint of the hand controller, or the only joint without a trajectory controller.
     """
     by_controller = {spec.name: spec for spec in files.controllers.controllers}
     if HAND in by_controller:

@@ -155,7 +155,7 @@ class SimulatedPace:
         self._due_s = loop.clock.now()
         """Time at which the next cycle is due, in seconds.
 
-        It keeps the rate of the loop constant across waits of any length.
+        With this time, the rate of the loop stays constant across waits of any length.
         """
 
     def cycle_done(self) -> None:

@@ -24,7 +24,8 @@ class TargetStream:
                 target hold their last target.
 
         Raises:
-            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay.
+            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay in
+                effect.
             StreamEndedError: The stream was silent for longer than its limit, or is closed.
         """
         self._backend.send(self._convert(targets))

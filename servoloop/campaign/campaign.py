@@ -235,12 +235,13 @@ def campaign(
     Args:
         scenario: The scenario.
         seeds: The seeds.
-        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends it.
+        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends this
+            process.
         stop: Function that returns whether to stop before the next report.
         ray: Address of a Ray cluster, or ``local`` to start one on this machine. None runs without Ray.
 
     Raises:
-        FaultError: The scenario is wrong. It is raised before the first run.
+        FaultError: The scenario is wrong. The error is raised before the first run.
         ExtraError: Ray is not installed.
         RayError: The cluster does not answer.
         WorkerError: Processes are killed repeatedly, or cannot be started.

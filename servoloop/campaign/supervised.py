@@ -95,8 +95,8 @@ def _limit_s(time_s: float) -> float:
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
     """Raise Hang within the context when the simulated time stands still.
 
-    This works only in the main thread, which receives the signals. It cannot end an endless loop in C, which only
-    another process can end.
+    The context works only in the main thread, which receives the signals. An endless loop in C can be ended only by
+    another process.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

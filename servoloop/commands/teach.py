@@ -150,7 +150,7 @@ def played_on_running_arm(
     """Play a motion on the arm of ``servoloop up`` and print each phase.
 
     Args:
-        name: Name, folder or process ID of the running arm. None: the only one.
+        name: Name, folder or process ID of the running arm. None: the only running arm.
         motion_of: Function that returns the motion for an arm, in the order of its joints.
         speed: Share of the recorded speed, from 0 to 1.
         hands_free: Whether to move without a dead-man key.

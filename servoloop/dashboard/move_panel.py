@@ -32,7 +32,7 @@ STOPPED: Final = "All motions of all clients were stopped."
 
 
 class Handling:
-    """Mover of the arm, which follows the commands of the held button step by step."""
+    """Manual motion of the arm, step by step, as the held button commands."""
 
     def __init__(self, buttons: HeldButtons) -> None:
         self.message = ""
@@ -70,7 +70,7 @@ class Handling:
 
 
 class Mover:
-    """Mover of the joints of a running stack, in a thread, while buttons are held."""
+    """Thread that moves the joints of a running stack while buttons are held."""
 
     def __init__(self, source: LiveSource, clock: Clock) -> None:
         self.buttons = HeldButtons(clock)

@@ -11,7 +11,7 @@ from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
 
 FIRST_TRAY: Final = 2
-"""Default seed of the apples, used without ``--seed``. It gives apples of all grades."""
+"""Default seed of the apples, used without ``--seed``. The apples of this seed have all grades."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,7 +89,7 @@ class HeldButtons:
     """Held button that moves the arm, among all buttons of all browsers. All methods are thread-safe.
 
     Each button in each browser has a key, ``button``. A press that was rejected or ended has no effect until the button
-    is released. This prevents an unexpected motion while a user holds a button of an arm at rest.
+    is released. The rule prevents an unexpected motion while a user holds a button of an arm at rest.
     """
 
     def __init__(self, clock: Clock) -> None:

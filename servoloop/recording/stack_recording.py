@@ -84,7 +84,7 @@ class StackRecording:
             files: Files of the robot.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
             failed: Function that returns at the end whether the loop failed.
-            scene: Function that returns the objects around the arm. Called in the recorder thread.
+            scene: Function that returns the objects around the arm, called in the recorder thread.
             live: Whether to write fault files, and whether other programs can find the stack and follow it.
 
         Raises:

@@ -149,7 +149,7 @@ class StackFaults:
             clock: Clock of the stack.
             controllers: All controllers of the stack, by name.
             arm: Name of the controller whose client misbehaves.
-            client_dies: Removes the client.
+            client_dies: Function that removes the client.
         """
         self.answers: list[str | None] = []
         """Reason for refusing each invalid goal, or None if the goal was accepted."""

@@ -41,7 +41,7 @@ class TeachOperator(Protocol):
         ...
 
     def show(self, phase: str, arm: TeachArm) -> None:
-        """Display the state of the arm. This is called many times per second."""
+        """Display the state of the arm. The method is called many times per second."""
         ...
 
 
@@ -54,10 +54,10 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
     Args:
         side: Files and devices of the arm.
         rate_hz: Rate of the loop.
-        limp: Whether to record a limp arm instead of a soft one.
+        limp: Whether to record a limp arm instead of a soft arm.
         poses: Whether to record marked poses instead of the path.
         person: User interface.
-        keep: Function that saves the motion. It is called before torque is enabled again.
+        keep: Function that saves the motion. The function is called before torque is enabled again.
 
     Returns:
         Exit status.

@@ -30,7 +30,7 @@ class TeleopOperator(Keys, Protocol):
         ...
 
     def show(self, both: Teleop, notes: list[str]) -> None:
-        """Display both arms and additional notes. This is called many times per second."""
+        """Display both arms and additional notes. The method is called many times per second."""
         ...
 
 

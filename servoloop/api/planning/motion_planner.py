@@ -142,7 +142,7 @@ class MotionPlanner:
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints. They apply to joints that the trajectory does not move.
+            start: Positions of all joints. Only the positions of joints that the trajectory does not move are used.
         """
         positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))

@@ -22,7 +22,7 @@ OFF_CYCLES: Final = 6
 A servo without power is silent for longer.
 """
 FOUND_CYCLES: Final = 12
-"""Number of cycles for the same detection if a goal does not enable the torque of the servo.
+"""Number of cycles within which the stack detects lost torque if a goal does not enable the torque of the servo.
 
 On a bad bus, the torque of such servos is read less often.
 """

@@ -49,7 +49,7 @@ class _End:
 
         Args:
             here: True positions, shape (n,).
-            reported: Lowest and highest position that the servos may report for them, shape (2, n).
+            reported: Lowest and highest position that the servos may report for the joints, shape (2, n).
             period_s: Time since the previous cycle.
         """
         rests = np.abs(here - self.here) < RESTS * period_s

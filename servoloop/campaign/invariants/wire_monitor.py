@@ -41,7 +41,8 @@ class WireMonitor:
             joints: Joints whose servos are on the bus.
             line: The simulated bus.
             period_s: Period of the control loop, in seconds.
-            limp: Names of joints that the stack must know to be without torque. The caller keeps it up to date.
+            limp: Names of joints that the stack must know to be without torque. The caller keeps these names up to
+                date.
             activating: Function that returns whether the hardware is being activated, with or without torque on its
                 servos.
         """
@@ -55,7 +56,7 @@ class WireMonitor:
         self._placed_s: dict[int, float] = {}
         """Time at which each servo got its current goal, by servo ID.
 
-        It contains only servos that were at their goal at this time.
+        Only servos that were at their goal at this time are included.
         """
         self._driven: set[int] = set()
         self._limp, self._activating = limp, activating
