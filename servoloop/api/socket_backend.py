@@ -116,7 +116,7 @@ class SocketBackend:
             self._ask("cancel_move", motion=progress.number)
 
     def stop(self) -> None:
-        """Cancel all motions, also those of other clients, and end the stream.
+        """Cancel all motions, including those of other clients, and end the stream.
 
         The message is sent over a separate connection, because a change of the torque may block the main connection.
         """

@@ -86,7 +86,10 @@ def check_ready_file(path: Path | None) -> None:
 
 
 def _check_planning(options: UpOptions) -> None:
-    """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
+    """Check that the planning server can start, before the torque of the arm is enabled.
+
+    Raises DriverError or RosError.
+    """
     if not options.ros:
         raise DriverError("--plan needs ROS 2: leave out --no-ros")
     require_extras("motion planning", "planning")
@@ -182,7 +185,7 @@ def demo(
 
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:
-    """Sort apples by what the virtual camera sees, print the report and return the exit status."""
+    """Sort apples by the pictures of the virtual camera, print the report and return the exit status."""
     require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live

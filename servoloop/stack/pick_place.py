@@ -50,7 +50,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} must have {len(self.joints)} numbers, one per joint" for name in short]
             raise ValueError("; ".join(problems))
-        self.settings()  # raises ValueError if the node would reject the parameters
+        self.settings()  # This raises ValueError if the node would reject the parameters.
         return self
 
     def all_poses(self) -> dict[str, Pose]:

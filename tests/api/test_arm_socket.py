@@ -54,7 +54,7 @@ class TestConnectedArm(ArmContract):
 def test_two_programs_do_not_move_the_arm_at_once(stack: None) -> None:
     with Arm.connect("so101") as first, Arm.connect() as second:
         first.move_to({PAN: 0.0}, speed=0.5)
-        with pytest.raises(ArmBusyError, match="has taken the motion"):
+        with pytest.raises(ArmBusyError, match="has control of the arm"):
             second.move_to({PAN: 0.1})
         with first.stream(max_age=5.0) as stream:
             stream.send({PAN: 0.0})

@@ -121,7 +121,7 @@ def test_commands_that_waited_in_the_socket_of_a_stalled_stack_are_stale(
 
 def test_clients_of_other_users_are_refused(rig: SocketRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "peer_user", lambda connection: (4711, os.getuid() + 1))
-    with pytest.raises(CommandError, match="belongs to another user than process 4711") as caught:
+    with pytest.raises(CommandError, match="process 4711 and this stack belong to different users") as caught:
         rig.client()
     assert caught.value.kind == "foreign_user"
 

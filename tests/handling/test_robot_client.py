@@ -84,7 +84,7 @@ def test_running_goal_of_another_program_is_not_replaced_and_stop_cancels_it(rig
 def test_one_program_at_a_time_moves_the_arm(rig: SocketRig) -> None:
     with mover(rig, "first") as first, mover(rig, "second") as second:
         hold(first, JOINT)
-        with pytest.raises(HandlingError, match=r"first \(process \d+\) has taken the motion"):
+        with pytest.raises(HandlingError, match=r"first \(process \d+\) has control of the arm"):
             second.jog(JOINT, 1.0)
 
         def free() -> bool:

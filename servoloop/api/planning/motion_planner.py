@@ -70,7 +70,7 @@ class MotionPlanner:
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
+        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes an object."""
 
     @property
     def tool(self) -> str:
@@ -142,7 +142,7 @@ class MotionPlanner:
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints. They apply to joints that the trajectory does not move.
+            start: Positions of all joints. Only the positions of joints that the trajectory does not move are used.
         """
         positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
