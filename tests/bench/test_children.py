@@ -75,7 +75,7 @@ def measuring(*command: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def open_files(process_id: int) -> list[str]:
-    """Return the open files without the standard streams, which may be a terminal."""
+    """Return the open files except for the standard streams, which may be a terminal."""
     found = []
     for descriptor in Path(f"/proc/{process_id}/fd").iterdir():
         with suppress(FileNotFoundError):
