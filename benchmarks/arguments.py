@@ -15,7 +15,7 @@ def in_words() -> Iterator[None]:
     try:
         yield
     except (DriverError, HalError, OSError) as error:
-        raise SystemExit(f"the bench ends: {error}") from None
+        raise SystemExit(f"the benchmark ends: {error}") from None
 
 
 def positive(text: str) -> int:

@@ -17,7 +17,7 @@ SHELL = "sh"
 OUTPUT = ("", "text")
 """Languages of blocks that contain the output of programs, which no test runs."""
 _FENCED = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
-_NOT_RUN = re.compile(r"^Not run by a test(?P<which>[^:]*): (?P<why>.+)$", re.MULTILINE)
+_NOT_RUN = re.compile(r"^No test runs this block, because .+$", re.MULTILINE)
 _taken: set[str] = set()
 
 
