@@ -58,7 +58,7 @@ def crc_bit_by_bit(data: bytes) -> int:
 
 
 def stands_in_protocol2(seen: bytes, reply: Reply) -> bool:
-    """Return whether a packet in these bytes decodes to the reply, whatever its byte stuffing is."""
+    """Return whether a packet in these bytes decodes to the reply, regardless of its byte stuffing."""
     head = b"\xff\xff\xfd\x00" + bytes((reply.servo_id,))
     says = bytes((0x55, reply.error)) + reply.data
     at = seen.find(head)

@@ -33,7 +33,7 @@ class UsersFolder:
         script.chmod(0o755)
 
     def write(self, **texts: str) -> None:
-        """Write files. In keyword names, ``_`` stands for the dot of a file name, as in ``pyproject_toml``."""
+        """Write files. In keyword names, ``_`` represents the dot in a file name, as in ``pyproject_toml``."""
         for name, text in texts.items():
             stem, _, ending = name.rpartition("_")
             (self.folder / f"{stem}.{ending}").write_text(text)

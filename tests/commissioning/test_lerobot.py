@@ -174,7 +174,7 @@ def test_import_then_export_gives_the_same_or_is_refused(
 
 @given(st.integers(-2047, 2047), st.integers(-400, 200), st.integers(-200, 200), st.sampled_from((1, -1)))
 def test_every_homing_offset_of_an_arm_that_works_is_imported(offset: int, low: int, high: int, sign: int) -> None:
-    """If the travel is about as long as the range in the URDF, the zero is in its middle, whatever the offset is."""
+    """If the travel is about as long as the range in the URDF, the zero is in its middle, regardless of the offset."""
     ends = 2047 - 1252 + low, 2047 + 1252 + high
     entries = {"shoulder_pan": (1, 0 if sign > 0 else 1, offset, *ends)}
     (one,) = from_lerobot(theirs(entries), JOINTS[:1], BUILT, PLANS)

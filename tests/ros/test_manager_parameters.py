@@ -45,7 +45,7 @@ def listed(client: ManagerClient, node: str, prefix: str, depth: int) -> set[str
 
 
 def put_together(client: ManagerClient, node: str, **values: Any) -> str:
-    """Set all parameters or none, and return the reason for a failure or ''. In keyword names, ``__`` stands for a
+    """Set all parameters or none, and return the reason for a failure or ''. In keyword names, ``__`` represents a
     dot."""
     parameters = [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
     result = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=parameters).result

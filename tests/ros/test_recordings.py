@@ -34,7 +34,7 @@ _, DEMO, UP, *_ = commands("recordings.md")
 
 
 def check_cycles(recorded: Messages) -> int:
-    """Check that every cycle is in the recording, whatever its timing is, and return the number of cycles."""
+    """Check that every cycle is in the recording, regardless of its timing, and return the number of cycles."""
     cycles = recorded["/servoloop/cycles"]
     assert [cycle.number for cycle in cycles] == list(range(1, len(cycles) + 1))
     assert {topic: len(recorded[topic]) for topic in EVERY_CYCLE} == dict.fromkeys(EVERY_CYCLE, len(cycles) + 1)

@@ -1,4 +1,4 @@
-"""Neither bytes on the line nor commands can end an emulator, whatever the make of its servos is."""
+"""Neither bytes on the line nor commands can end an emulator, regardless of the make of its servos."""
 
 import json
 import socket

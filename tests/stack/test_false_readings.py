@@ -1,5 +1,4 @@
-"""A false position with a valid checksum moves no joint, whatever the reason is for which a measured position becomes a
-goal."""
+"""A false position with a valid checksum moves no joint, for whatever reason a measured position becomes a goal."""
 
 from collections.abc import Callable
 

@@ -11,7 +11,7 @@ From the e-manual:
 BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
 same values here. Assumed:
 - I and D of an MX use the same unit of drive as P, with seconds and counts.
-- The position loop of an AX is as stiff as that of an SCS servo, whatever its compliance registers contain.
+- The position loop of an AX is as stiff as that of an SCS servo, regardless of its compliance registers.
 - Overload means nearly full drive for two seconds. An overload removes the drive until the torque switch is written.
 - A packet with a wrong checksum is not answered, and a goal outside the limits is clipped.
 """
