@@ -2,7 +2,7 @@
 potentiometer.
 
 Factory values come from Feetech's SCS memory table; values that it does not contain are assumed. Also assumed: the
-position loop is as stiff as that of an STS servo, relative to the servo's full drive in newton meters.
+position loop is as stiff as that of an STS servo, in newton meters per radian relative to the servo's full drive.
 """
 
 from typing import ClassVar, Final
