@@ -1,4 +1,5 @@
-"""Clients that are killed, stall, flood or belong to another user end neither the stack nor the service for others."""
+"""Clients that are killed, stall, flood the socket or belong to another user affect neither the stack nor other
+clients."""
 
 import os
 import signal
@@ -47,7 +48,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[SocketRig]:
 
 
 def child(move: str, then: str = "time.sleep(60)") -> "subprocess.Popen[str]":
-    """Start a client in a process of its own, and wait until it moves the arm."""
+    """Start a client in a separate process, and wait until it moves the arm."""
     program = PROGRAM.format(move=move, then=then)
     process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline() == "moves\n"

@@ -26,7 +26,8 @@ NAMES = [place.joint for place in PLACES]
 
 @dataclass
 class Table:
-    """Two loose servos of a leader, and hands that connect the requested one or what ``instead`` returns."""
+    """Two loose servos of a leader, and hands that connect the requested servo or the servo that ``instead``
+    returns."""
 
     instead: Callable[[SetUpTask], int | None] = lambda task: None
     asked: list[SetUpTask] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Manual motion over the command socket, without ROS: jogging, poses, and what prevents them."""
+"""Manual motion over the command socket, without ROS: jogging, poses, and what prevents a motion."""
 
 import subprocess
 import sys
@@ -35,7 +35,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[SocketRig]:
 
 
 def files(folder: Path) -> Files:
-    """Files of an arm whose poses are in a folder of the test."""
+    """Files of an arm whose poses are stored in a folder of the test."""
     (folder / "mine").mkdir()
     (folder / "mine" / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
     return read_arm_files(find_arm(f"{folder}/mine"))
