@@ -24,7 +24,7 @@ class ConnectedArm(servoloop.Arm):
     """Arm whose ``connect`` returns a virtual arm instead of that of a running stack."""
 
     @classmethod
-    def connect(cls, arm: str | None = None) -> Any:
+    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Any:
         return LoadedArm()
 
 
