@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from controller.manager.node_parameters import names, parameters_of
+from controller.manager.node_parameters import Content, names, parameters_of
 from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from hal.errors import ArmFileError
 from hal.plausible import Position
 from hal.yaml_file import mistakes
+from hal.yaml_nodes import YamlFile
 
 if TYPE_CHECKING:
     from pick_place.settings import JobSettings
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 NODE: Final = "vision_pick_place_controller"
 ARM: Final = "arm_controller"
 HAND: Final = "hand_controller"
-"""Fixed names of the controllers that the node uses."""
+"""Names of the controllers that the node uses by default."""
 Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
@@ -41,6 +42,8 @@ class PickPlace(BaseModel):
     hand_open_m: Position
     """Position of the open hand, in m, or in rad if the hand has a revolute joint."""
     hand_closed_m: Position
+    arm_controller: str = ARM
+    hand_controller: str = HAND
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -69,20 +72,41 @@ class PickPlace(BaseModel):
             bins_rad={grade: self.bins[grade] for grade in self.grades},
             hand_open_m=self.hand_open_m,
             hand_closed_m=self.hand_closed_m,
+            arm_controller=self.arm_controller,
+            hand_controller=self.hand_controller,
         )
 
 
 def load_pick_place(path: Path) -> PickPlace:
-    """Read the parameter file. Raises ArmFileError with the file and line of every mistake."""
+    """Read the parameters of the node of an arm, or of the first arm of several.
+
+    Raises ArmFileError with the file and line of every mistake.
+    """
+    return next(iter(load_pick_places(path).values()))
+
+
+def load_pick_places(path: Path) -> dict[str, PickPlace]:
+    """Read the parameters of all nodes in a parameter file, by the name of the node.
+
+    A robot with several arms has one node for each arm, such as ``left_vision_pick_place_controller``. Raises
+    ArmFileError with the file and line of every mistake.
+    """
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing: demo, simulate and bench arm need its poses. Write the file as described in "
             "docs/arms/README.md, or use servoloop up, which does not need the file"
         )
     file, content = read_parameter_file(path, ArmFileError)
-    if not names(content, NODE) and ALL not in content:
+    if names(content, NODE) or ALL in content:
+        return {NODE: _read(file, content, NODE)}
+    nodes = [node for node in (pattern.rpartition("/")[2] for pattern in content) if node.endswith(f"_{NODE}")]
+    if not nodes:
         raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
+    return {node: _read(file, content, node) for node in nodes}
+
+
+def _read(file: YamlFile, content: Content, node: str) -> PickPlace:
     try:
-        return PickPlace.model_validate(parameters_of(content, NODE))
+        return PickPlace.model_validate(parameters_of(content, node))
     except ValidationError as error:
-        raise ArmFileError("\n".join(mistakes(file, error, (NODE, PARAMETERS), NODE))) from error
+        raise ArmFileError("\n".join(mistakes(file, error, (node, PARAMETERS), node))) from error
