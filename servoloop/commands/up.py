@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -146,6 +147,7 @@ def demo(
     """Sort cubes with a virtual arm, show the progress and measure the motion.
 
     With all grades, two more cubes are sorted for comparison: one without gravity compensation and one without lead.
+    All arms of a robot with several arms sort at the same time, without comparison.
     The exit status is 0 if every cube is in the right bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
@@ -155,12 +157,16 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.jobs import Live
+    from servoloop.demo.several_arms import arm_jobs, check_options
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
     if options.vision and (tuple(jobs) != GRADES or repeat > 1 or options.poses):
         raise DriverError("--vision sorts twelve apples by their own grades: leave out --grades, --repeat and --poses")
+    several = len(arm_jobs(options)) > 1
+    if several:
+        check_options(options)
     if options.record is not None:
         check_path(options.record)
     check_grades(jobs, options.found())
@@ -171,11 +177,24 @@ def demo(
     console = Console()
     if options.vision:
         raise typer.Exit(_sort_apples(options, console))
+    if several:
+        raise typer.Exit(_sort_with_several_arms(jobs, repeat, options, console))
     with Live(console) as live:
         report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
     reports.write_json(report, options.out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)
+
+
+def _sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOptions, console: "Console") -> int:
+    """Sort cubes with all arms at the same time, print the report and return the exit status."""
+    from servoloop.demo.jobs import Live
+    from servoloop.demo.several_arms import print_report, sort_with_several_arms, write_report
+
+    report = sort_with_several_arms(grades, repeat, options, Live(console))
+    print_report(report, console)
+    write_report(report, options.out / "result.json")
+    return 0 if report.success else 1
 
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:

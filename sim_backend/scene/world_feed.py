@@ -57,8 +57,6 @@ class SeenWorld(Protocol):
 
     def poses(self) -> Mapping[str, SeenPose]: ...
 
-    def cube_bin(self) -> str | None: ...
-
     def cube_bins(self) -> Mapping[str, str | None]: ...
 
     def arm_contacts(self) -> set[str]: ...
@@ -90,7 +88,6 @@ def snapshot(
             name: {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             for name, pose in world.poses().items()
         },
-        "cube_bin": world.cube_bin(),
         "cube_bins": dict(world.cube_bins()),
         "joints": dict(zip(world.joints, world.position().tolist(), strict=True)),
         "dropped_s": round(dropped_s, 6),

@@ -1,0 +1,35 @@
+"""The demo of a robot with two arms: both sort at the same time, and each client reaches one arm only."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.ros.planned_stack import servoloop
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+
+
+@pytest.mark.slow
+@pytest.mark.runs("servoloop demo --arm bimanual_so101")
+def test_both_arms_sort_three_cubes_each_at_the_same_time(ros_domain: int, tmp_path: Path) -> None:
+    ran = servoloop("demo", "--arm", "bimanual_so101", "--out", str(tmp_path), limit_s=250.0)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["cubes"] == {"in_their_bins": 6, "of": 6}
+    runs = {arm: content["runs"] for arm, content in result["arms"].items()}
+    assert {arm: [run["bin"] for run in own] for arm, own in runs.items()} == dict.fromkeys(
+        ("left", "right"), ["A", "B", "C"]
+    )
+    assert all(run["contacts"] == [] for own in runs.values() for run in own)
+    assert result["all_arms_moved_at_once_s"] > 10.0
+    assert result["loop"]["missed_cycles"] == 0
+
+
+@pytest.mark.parametrize("option", ["--vision", "--poses"])
+def test_options_for_one_arm_are_refused(option: str, tmp_path: Path) -> None:
+    ran = servoloop("demo", "--arm", "bimanual_so101", option, "--out", str(tmp_path))
+    assert ran.returncode == 1
+    assert "bimanual_so101 has several arms, which sort cubes by joint positions: leave out --vision and" in ran.stderr
