@@ -20,9 +20,8 @@ def test_both_arms_sort_three_cubes_each_at_the_same_time(ros_domain: int, tmp_p
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["cubes"] == {"in_their_bins": 6, "of": 6}
     runs = {arm: content["runs"] for arm, content in result["arms"].items()}
-    assert {arm: [run["bin"] for run in own] for arm, own in runs.items()} == dict.fromkeys(
-        ("left", "right"), ["A", "B", "C"]
-    )
+    bins = {arm: [run["bin"] for run in own] for arm, own in runs.items()}
+    assert bins == {"left": ["A", "B", "C"], "right": ["A", "B", "C"]}
     assert all(run["contacts"] == [] for own in runs.values() for run in own)
     assert result["all_arms_moved_at_once_s"] > 10.0
     assert result["loop"]["missed_cycles"] == 0
