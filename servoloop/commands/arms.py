@@ -98,7 +98,12 @@ def combine(
         typer.echo(path)
     place = out if out.is_absolute() else f"./{out}"
     ports = " ".join(f"--port {name}=/dev/ttyACM{number}" for number, name in enumerate(named))
-    typer.echo(f"Next, run: servoloop up --arm {place}")
+    if sentence := missing_extras("the scene for virtual servos", "sim"):
+        typer.echo(f"No scene.xml was written: {sentence}")
+    elif not (out / "scene.xml").exists():
+        typer.echo("No scene.xml was written, because one of the arms has none")
+    else:
+        typer.echo(f"Next, run: servoloop up --arm {place}")
     typer.echo(f"With real arms: servoloop up --arm {place} {ports}")
 
 
