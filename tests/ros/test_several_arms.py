@@ -7,7 +7,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from servoloop import Arm
+from tests.live.rig import runtime_folder
 from tests.ros.planned_stack import servoloop
+from tests.servoloop.test_up_without_ros import stack
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
@@ -25,6 +28,18 @@ def test_both_arms_sort_three_cubes_each_at_the_same_time(ros_domain: int, tmp_p
     assert all(run["contacts"] == [] for own in runs.values() for run in own)
     assert result["all_arms_moved_at_once_s"] > 10.0
     assert result["loop"]["missed_cycles"] == 0
+
+
+@pytest.mark.slow
+def test_one_stack_moves_both_arms_for_its_clients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with runtime_folder(monkeypatch), stack(tmp_path, "--no-ros", "--arm", "bimanual_so101"):
+        with Arm.connect("bimanual_so101") as arm:
+            arm.move_to({"left_shoulder_lift": -1.2, "right_shoulder_lift": -1.3}, duration=2.0)
+            position = arm.state.position
+            assert position["left_shoulder_lift"] == pytest.approx(-1.2, abs=0.05)
+            assert position["right_shoulder_lift"] == pytest.approx(-1.3, abs=0.05)
+        found = servoloop("record", str(tmp_path / "run.mcap"), "--arm", "bimanual_so101", "--seconds", "1")
+        assert found.returncode == 0, found.stderr
 
 
 @pytest.mark.parametrize("option", ["--vision", "--poses"])
