@@ -12,7 +12,7 @@ from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE
 KEPT_TRANSITIONS: Final = 1000
-"""Maximum number of transitions kept for a slow reader."""
+"""Maximum number of transitions that are kept for a slow reader."""
 
 
 class ClaimError(ManagerError):
@@ -46,7 +46,10 @@ class ControllerRegistry:
     """
 
     def __init__(self, command_interfaces: Sequence[str]) -> None:
-        """Create an empty registry for the hardware's command interfaces, such as ``joint1/position``, in order."""
+        """Create an empty registry.
+
+        The command interfaces, such as ``joint1/position``, are in the order of the hardware.
+        """
         self.command_interfaces = tuple(command_interfaces)
         self.transitions: deque[Transition] = deque(maxlen=KEPT_TRANSITIONS)
         """Transitions for one reader in another thread, which removes them from the left."""

@@ -40,7 +40,8 @@ BASE_CLASS = "controller_interface::ControllerInterface"
 
 
 class ManagerNode:
-    """Node ``/controller_manager``. Its methods run in the ROS thread and wait for the loop without blocking others."""
+    """Node ``/controller_manager``. The methods run in the ROS thread and wait for the control loop without blocking
+    other requests."""
 
     def __init__(
         self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
@@ -53,7 +54,7 @@ class ManagerNode:
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
-        group = ReentrantCallbackGroup()  # Others are served while one waits.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
             (ListControllerTypes, "list_controller_types", self._types),
@@ -84,7 +85,8 @@ class ManagerNode:
             self._activity.publish(message)
 
     def _declare(self, parameters: Mapping[str, Any]) -> None:
-        """Declare the parameters of the controllers file, as ros2_control does, and the robot description in use."""
+        """Declare the parameters of the controllers file, as ros2_control does, and declare the robot description in
+        use."""
         rate = round(1.0 / self._stack.loop.period_s)
         for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
@@ -178,7 +180,7 @@ class ManagerNode:
 
 
 def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
-    """Create the state message of a controller. There are no chained or asynchronous controllers."""
+    """Create the state message of a controller. Chained and asynchronous controllers are not supported."""
     return ControllerState(
         name=entry.name,
         state=entry.state.name.lower(),

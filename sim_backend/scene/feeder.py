@@ -1,9 +1,9 @@
 """Feed a new cube to each stand when its last one is done and its arm starts to move again.
 
-Apples come earlier, while the arm rests: a camera must see an apple before a job for it can start.
+Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
 
-Between two jobs the arm rests at the ready pose with its open fingers around the stand. The old cube stays in place
-until the arm leaves for the next job, so that it can be seen and measured.
+Between two jobs, the arm is at rest at the ready pose, with its open fingers around the stand. The old cube stays in
+place until the arm leaves for the next job, so that it can be seen and measured.
 """
 
 import math
@@ -17,25 +17,27 @@ from sim_backend.scene.world import World
 
 LOOK_S: Final = 0.01
 SLOW_RAD_S: Final = 0.05
-"""Maximum speed of a joint at rest. A servo that holds its position vibrates a little."""
+"""Maximum speed of a joint at rest. A servo that holds its position vibrates slightly."""
 SLOW_HAND_1_S: Final = 0.1
-"""Maximum speed of the hand at rest, in travels per second."""
+"""Maximum speed of the hand at rest, in multiples of its travel per second."""
 STAYS_RAD: Final = 0.03
-"""Maximum motion of a joint that also counts as at rest. It exceeds the backlash, in which a joint can swing."""
+"""Maximum motion of a joint that also counts as at rest. The value exceeds the backlash, within which a joint can
+oscillate."""
 STAYS_HAND: Final = 0.1
 """Maximum motion of the hand at rest, as a share of its travel."""
 AT_READY_RAD: Final = 0.15
 OPEN: Final = 0.1
-"""Maximum distance of an open hand from the ready pose, as a share of its travel. A cube stops the hand much further
-away."""
+"""Maximum distance of an open hand from the ready pose, as a share of its travel. With a cube in the hand, the distance
+is much larger."""
 REST_S: Final = 0.1
-"""Time at rest in the ready pose. A node that continues with the next job rests only until its goal arrives."""
+"""Time at rest in the ready pose. A node that continues with the next job stays at rest only until its goal arrives."""
 SWINGING_REST_S: Final = 0.5
-"""Time at rest for an arm that swings in place. On its way to the ready pose it never stays that long."""
+"""Time at rest for an arm that oscillates in place. On the way to the ready pose, the arm never stays in one place for
+this time."""
 LONG_REST_S: Final = 10.0
-"""Time at rest in other poses. It is long because a rest there can be a pause within the job."""
+"""Time at rest in other poses. This time is long, because the arm can also pause in another pose during a job."""
 SHOWN_S: Final = 1.5
-"""Time that the old apple stays in its bin before the next one comes."""
+"""Time that the old apple stays in its bin before the next apple is placed."""
 
 
 class Feeder:
@@ -70,7 +72,8 @@ class CellFeeder:
         self._stays_at: FloatArray | None = None
         self._shown_until_s = math.inf
         self.due = False
-        """Whether the old cube is done and the arm has rested, so that the next motion brings a new cube."""
+        """Whether the old cube is done and the arm has been at rest, so that a new cube is placed at the next
+        motion."""
 
     def update(self, world: World, time_s: float) -> None:
         """Feed a cube if it is time and the cell has a stand."""
@@ -113,7 +116,7 @@ class CellFeeder:
     def _feed_apple(self, time_s: float) -> None:
         """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
 
-        The arm of a failed job holds its pose. The next job starts with the ready pose.
+        The arm of a failed job holds its pose. The next job starts by moving to the ready pose.
         """
         if time_s >= self._shown_until_s and self._cell.stand_free():
             self._lay_next()
@@ -165,7 +168,7 @@ class _Arm:
 def _done(arm: _Arm, cell: CubeCell) -> bool:
     """Whether the cube is done: in a bin or lost, but not on the stand and not in the hand.
 
-    After a failed job it can lean against the open fingers around the stand.
+    After a failed job, the cube can lean against the open fingers around the stand.
     """
     if not cell.cube_at_rest() or cell.cube_on_stand():
         return False

@@ -24,17 +24,17 @@ from servoloop.extras import require_extras
 from servoloop.motion_planning.robot import arm_groups, planning_robot
 
 TIME_LIMIT_S: Final = 5.0
-"""Default for the maximum time of a search, in seconds."""
+"""Default maximum time of a search, in seconds."""
 
 SEARCH: Final = threading.Lock()
-"""Held during a search, because OMPL's random generator is global in the process."""
+"""Lock that is held during a search, because OMPL's random generator is global in the process."""
 
 Positions = Mapping[str, float]
 """Joint positions by joint name, in rad or m."""
 
 
 class MotionPlanner:
-    """Plans motions of one arm. The same seed, scene and request give the same motion.
+    """Planner of motions of one arm. The same seed, scene and request give the same motion.
 
     Obstacles are the objects of the arm's scene file, such as its table, and all objects of ``scene``. The planner
     only computes: ``Arm.follow`` carries out its trajectories.
@@ -45,12 +45,12 @@ class MotionPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            tool: Link or site of the scene file that a pose goal brings to its pose. None: the tip of the arm's group.
+            tool: Link or site of the scene file that is moved to a pose goal. None: the tip of the arm's group.
             seed: Seed of all random numbers, at least 1.
 
         Raises:
             ArmSetupError: The files of the arm are invalid, or the extra ``planning`` is not installed.
-            PlanningError: The scene file does not have a joint or the tool.
+            PlanningError: The scene file lacks a joint or the tool.
         """
         with setup_errors():
             require_extras("motion planning", "planning")
@@ -63,7 +63,10 @@ class MotionPlanner:
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
         self.scene: Scene = self.robot.scene
-        """Objects and pairs that may touch. Assign a changed copy, for example of ``scene.with_object``."""
+        """Objects, and pairs that may touch.
+
+        To change them, assign a changed copy, for example from ``scene.with_object``.
+        """
         self.joints = self._group.joints
         """Names of the planned joints; of the first arm, if the robot has several."""
         self.links = self.robot.links
@@ -78,7 +81,7 @@ class MotionPlanner:
 
     @property
     def tool(self) -> str:
-        """Link or site that a pose goal brings to its pose."""
+        """Link or site that is moved to a pose goal."""
         return self._tool
 
     @property
@@ -94,7 +97,7 @@ class MotionPlanner:
         return pose.position_m, pose.quaternion_xyzw
 
     def clearance(self, positions: Positions) -> Clearance:
-        """Return the smallest distance of the arm to itself and to all objects, and the pair that has it."""
+        """Return the smallest distance of the arm to itself and to all objects, and the pair with this distance."""
         return self._group.clearance(self._state("the positions", positions), self.scene)
 
     def plan(
@@ -105,7 +108,7 @@ class MotionPlanner:
         speed: float = 1.0,
         time_limit_s: float = TIME_LIMIT_S,
     ) -> PlannedTrajectory:
-        """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
+        """Plan a collision-free motion within the limits of velocity, acceleration and jerk.
 
         Args:
             start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
@@ -120,7 +123,8 @@ class MotionPlanner:
 
         Raises:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
-            PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
+            PlanningError: The start or the goal is not feasible, or no path was found in time. ``code`` is MoveIt's
+                error code.
         """
         end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
         target = self._goal(goal)
@@ -157,7 +161,7 @@ class MotionPlanner:
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints, for those that the trajectory does not move.
+            start: Positions of all joints. They apply to joints that the trajectory does not move.
         """
         moved = set(trajectory.positions)
         group = next((group for group in self._groups if set(group.joints) == moved), self._group)
@@ -183,7 +187,7 @@ class MotionPlanner:
         return JointGoal(goal)
 
     def _state(self, what: str, positions: Positions) -> dict[str, float]:
-        """Return the state of all driven joints, of which the hand's may be left out. Raises ArmInputError."""
+        """Return the state of all driven joints. The joints of the hand need no position. Raises ArmInputError."""
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
                 f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"
