@@ -105,7 +105,7 @@ class CubeCell:
         return f"{self.prefix}{part}"
 
     def locate(self) -> None:
-        """Store the poses of the bins. Call it when the kinematics are up to date."""
+        """Store the poses of the bins. Call this method when the kinematics are up to date."""
         bodies = [self._data.body(self.name(f"bin_{name}")) for name in BINS]
         self._bin_poses = {body.name: _pose(body.xpos, body.xquat) for body in bodies}
         sites = [(name, self.name(f"bin_{name}_inside")) for name in BINS]

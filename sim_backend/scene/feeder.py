@@ -1,4 +1,4 @@
-"""Feed a new cube to each stand when its last one is done and its arm starts to move again.
+"""Put a new cube on each stand after its last cube is done, when its arm starts to move again.
 
 Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
 
@@ -41,7 +41,7 @@ SHOWN_S: Final = 1.5
 
 
 class Feeder:
-    """Feeds cubes to all cells of one world. Call `update` after every step."""
+    """Places cubes in all cells of one world. Call `update` after every step."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
@@ -63,7 +63,7 @@ class Feeder:
 
 
 class CellFeeder:
-    """Feeds cubes to one cell. It tracks since when the arm of the cell rests, and if a cube is due."""
+    """Places cubes in one cell. It records how long the arm has been at rest, and whether a cube is due."""
 
     def __init__(self, cell: CubeCell, joints: NDArray[np.int64]) -> None:
         """``joints`` are the indices of the arm's joints in the order of the world. The last one is the hand."""
@@ -76,7 +76,7 @@ class CellFeeder:
         motion."""
 
     def update(self, world: World, time_s: float) -> None:
-        """Feed a cube if it is time and the cell has a stand."""
+        """Place a cube if it is due and the cell has a stand."""
         if not self._cell.laid:
             return
         arm = _Arm(world, self._joints)
@@ -94,7 +94,7 @@ class CellFeeder:
         self._stays_at = None
 
     def _rest(self, arm: "_Arm", time_s: float) -> None:
-        """Check whether the arm has rested long enough."""
+        """Check whether the arm has been at rest long enough."""
         self._slow_since_s = min(self._slow_since_s, time_s) if arm.slow else math.inf
         if self._stays_at is None or not arm.stays_at(self._stays_at):
             self._stays_at, self._stays_since_s = arm.position, time_s
@@ -106,7 +106,7 @@ class CellFeeder:
         self._shown_until_s = time_s + SHOWN_S
 
     def _feed(self, arm: "_Arm") -> None:
-        """Feed a cube when the arm leaves and the stand is free.
+        """Place a cube when the arm leaves and the stand is free.
 
         A hand that only opens or closes does not start a job.
         """

@@ -56,7 +56,7 @@ class MotionPlanner:
             require_extras("motion planning", "planning")
             files = ArmOptions(arm).files()
             self.robot: PlanningRobot = planning_robot(files)
-            """Groups, kinematics and plans of the robot."""
+            """Planning groups, kinematics and planner of the robot."""
             self._groups = [self.robot.group(group.name) for group in arm_groups(self.robot, files)]
             self._group = self._groups[0]
         warm_up()
@@ -113,8 +113,9 @@ class MotionPlanner:
         Args:
             start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
                 for the collision checks.
-            goal: Positions of planned joints, of which the others stay at their start; or a region of tool poses in
-                the frame of the base. If a robot has several arms, the goal may be for one of them or for all.
+            goal: Positions of planned joints, or a region of tool poses in the frame of the base. Planned joints
+                without a position keep their start position. If a robot has several arms, the goal may be for one arm
+                or for all arms.
             speed: Share of the limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
