@@ -86,7 +86,7 @@ def load_pick_place(path: Path) -> PickPlace:
 
 
 def load_pick_places(path: Path) -> dict[str, PickPlace]:
-    """Read the parameters of all nodes in a parameter file, by the name of the node.
+    """Read the parameters of all nodes in a parameter file, by the name of the node, in alphabetical order.
 
     A robot with several arms has one node for each arm, such as ``left_vision_pick_place_controller``. Raises
     ArmFileError with the file and line of every mistake.
@@ -99,7 +99,7 @@ def load_pick_places(path: Path) -> dict[str, PickPlace]:
     file, content = read_parameter_file(path, ArmFileError)
     if names(content, NODE) or ALL in content:
         return {NODE: _read(file, content, NODE)}
-    nodes = [node for node in (pattern.rpartition("/")[2] for pattern in content) if node.endswith(f"_{NODE}")]
+    nodes = sorted(node for pattern in content if (node := pattern.rpartition("/")[2]).endswith(f"_{NODE}"))
     if not nodes:
         raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
     return {node: _read(file, content, node) for node in nodes}

@@ -218,9 +218,14 @@ class World:
         """Return the poses of the objects of all cells by name, or none without a cell."""
         return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 
-    def cube_bin(self) -> str | None:
-        """Return the bin in which the first cube is at rest; None if it moves, is in no bin, or does not exist."""
-        return None if self.cell is None else self.cell.cube_bin()
+    def cube_bin(self, joint: str = "") -> str | None:
+        """Return the bin in which a cube is at rest; None if it moves, is in no bin, or does not exist.
+
+        ``joint`` is a joint of the arm at the cell of the cube, if the robot has several arms.
+        """
+        prefix = prefix_of(joint, arm_prefixes(self.model))
+        cell = next((cell for cell in self.cells if cell.prefix == prefix), self.cell)
+        return None if cell is None else cell.cube_bin()
 
     def cube_bins(self) -> dict[str, str | None]:
         """Return the bin in which each cube is at rest, by the name of the cube; None if it moves or is in no bin."""
