@@ -28,7 +28,7 @@ BASE: Final = "base_link"
 TABLE: Final = "table"
 CAMERA_FROM: Final = np.array([1.0, -0.3, 0.75])
 """Direction from the middle of the arms to the camera."""
-CAMERA_REACHES: Final = 2.0
+CAMERA_REACHES: Final = 1.5
 """Distance of the camera, as a multiple of the size of the robot."""
 FOVY_DEG: Final = 35.0
 OPTIONS: Final = ("timestep", "integrator", "cone", "impratio", "gravity")
