@@ -108,6 +108,9 @@ def write_ready(path: Path) -> None:
 
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
+    action: Annotated[
+        str | None, typer.Option(help="Action of the pick-and-place node (default: /sorting/arm/pick_place).")
+    ] = None,
     network: NetworkOption = False,
 ) -> None:
     """Send one pick-and-place goal to a running arm and print its feedback.
@@ -124,12 +127,14 @@ def pick(
     set_network(network)
     left = "the node may continue the job"
     with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
-        client = PickClient(node, executor)
+        client = PickClient(node, executor, action or ACTION)
         available = client.wait(5.0, lambda: signals.count > 0)
         if signals.count:
             raise Interrupted("interrupted before the job began")
         if not available:
-            raise DriverError(f"no node provides the action {ACTION}; start the stack and the pick-and-place node")
+            raise DriverError(
+                f"no node provides the action {action or ACTION}; start the stack and the pick-and-place node"
+            )
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
         )
