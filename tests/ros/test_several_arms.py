@@ -47,3 +47,22 @@ def test_options_for_one_arm_are_refused(option: str, tmp_path: Path) -> None:
     ran = servoloop("demo", "--arm", "bimanual_so101", option, "--out", str(tmp_path))
     assert ran.returncode == 1
     assert "bimanual_so101 has several arms, which sort cubes by joint positions: leave out --vision and" in ran.stderr
+
+
+@pytest.mark.slow
+def test_the_planning_server_moves_one_arm_or_both(ros_domain: int, tmp_path: Path) -> None:
+    pytest.importorskip("moveit_msgs")
+    pytest.importorskip("ompl")
+    from tests.ros.plan_client import joint_goal, planning_stack
+
+    with planning_stack(tmp_path, "--arm", "bimanual_so101") as client:
+        for group, goal in (
+            ("right_arm", {"right_shoulder_pan": 0.4, "right_shoulder_lift": -0.5}),
+            ("both", {"left_shoulder_pan": -0.4, "right_shoulder_pan": 0.0}),
+        ):
+            result = client.run(joint_goal(group, **goal))
+            assert result.error_code.val == 1, result.error_code.message
+            trajectory = result.planned_trajectory.joint_trajectory
+            assert {name.partition("_")[0] for name in trajectory.joint_names} == (
+                {"right"} if group == "right_arm" else {"left", "right"}
+            )
