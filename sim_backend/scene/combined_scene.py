@@ -98,7 +98,7 @@ def _add_arm(spec: Any, base: Any, arm: PlacedArm, number: int) -> None:
     base.add_frame(**place).attach_body(root, arm.prefix, "")
     for unwanted in (rest.body(first), rest.geom(TABLE), *(rest.lights if number else ())):
         if unwanted is not None:
-            rest.delete(unwanted)
+            _delete(rest, unwanted)
     spec.attach(rest, frame=spec.worldbody.add_frame(**place), prefix=arm.prefix)
 
 
@@ -115,8 +115,18 @@ def _reduced(scene: Path) -> Any:
     """Return a scene without its keyframes and custom fields."""
     spec = scene_spec(scene)
     for element in (*spec.keys, *spec.numerics, *spec.texts):
-        spec.delete(element)
+        _delete(spec, element)
     return spec
+
+
+def _delete(spec: Any, element: Any) -> None:
+    """Delete an element and all that refer to it. Old supported versions of MuJoCo do not have ``MjSpec.delete``."""
+    if hasattr(spec, "delete"):
+        spec.delete(element)
+    elif hasattr(element, "delete"):
+        element.delete()
+    else:
+        spec.detach_body(element)
 
 
 def _collide(geom: Any, number: int) -> None:
