@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage
 
-PICTURES: Final = "/apple_camera/image_raw/compressed"
+PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed pictures."""
 STAMP: Final = struct.Struct("<iI")
 """Layout of the stamp, seconds and nanoseconds, which is the first field of the message."""

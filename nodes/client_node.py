@@ -14,24 +14,26 @@ Client = tuple[Node, SingleThreadedExecutor]
 
 
 @contextmanager
-def client_node(name: str) -> Iterator[Client]:
-    """Provide a node and its executor, which the caller spins. Signal handling remains with the caller.
+def client_node(name: str, namespace: str = "") -> Iterator[Client]:
+    """Provide a node in a namespace and its executor, which the caller spins.
+
+    Signal handling remains with the caller.
 
     Raises:
         RosError: ROS 2 does not start.
     """
-    with client_nodes([name]) as (client,):
+    with client_nodes([name], namespace) as (client,):
         yield client
 
 
 @contextmanager
-def client_nodes(names: Sequence[str]) -> Iterator[list[Client]]:
+def client_nodes(names: Sequence[str], namespace: str = "") -> Iterator[list[Client]]:
     """Provide several nodes, each with an executor of its own, for clients that run in several threads.
 
     Raises:
         RosError: ROS 2 does not start.
     """
-    init_rclpy()
+    init_rclpy(namespace=namespace)
     with rcl_errors():
         clients = [(Node(name), SingleThreadedExecutor()) for name in names]
     for node, executor in clients:

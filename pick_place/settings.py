@@ -12,7 +12,7 @@ Pose = tuple[float, ...]
 NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
            "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
-"""Names of the settings in seconds."""
+"""Names of the settings that are in seconds."""
 
 
 def _bins() -> dict[str, Pose]:
@@ -46,7 +46,7 @@ class ArmSettings:
     cancel_timeout_s: float = 2.0
     """Maximum wait for the confirmation that the arm has stopped, in seconds."""
     vision_max_age_s: float = 1.0
-    """Age from which a vision message is ignored, in seconds."""
+    """Age above which a vision message is ignored, in seconds."""
 
     def __post_init__(self) -> None:
         """Raise ValueError with all mistakes."""
@@ -108,7 +108,7 @@ def seconds_mistakes(name: str, value_s: float) -> Iterator[str]:
 
 
 def pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[str]:
-    """Yield a message for each mistake in a pose, which needs one plausible position per joint."""
+    """Yield a message for each mistake in a pose. A pose needs one plausible position per joint."""
     if len(pose) != joints:
         yield f"{name} has {len(pose)} numbers for {joints} joints"
     elif not all(map(math.isfinite, pose)):

@@ -52,7 +52,7 @@ class ManagerNode:
         self._pending = pending
         self._published: object = None
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
-        self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
+        self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
         group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
         for kind, name, callback in (

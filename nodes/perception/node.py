@@ -30,8 +30,8 @@ from perception.grading.annotate import annotated
 from perception.grading_loop import GradingLoop, GradingStatus, Seen
 from perception.intrinsics import Intrinsics
 
-APPLES: Final = "/sorting/perception/apple_quality"
-POSES: Final = "/sorting/perception/apple_poses"
+APPLES: Final = "sorting/perception/apple_quality"
+POSES: Final = "sorting/perception/apple_poses"
 READ_S: Final = 1.0
 """Maximum time to wait for a frame, in seconds."""
 JOIN_S: Final = 5.0

@@ -16,7 +16,7 @@ from pick_place.settings import ArmSettings
 
 def hand_topic(settings: ArmSettings) -> str:
     """Return the topic of the commands for the hand."""
-    return f"/{settings.hand_controller}/commands"
+    return f"{settings.hand_controller}/commands"
 
 
 class RosArm:
@@ -24,7 +24,7 @@ class RosArm:
 
     def __init__(self, node: Node, settings: ArmSettings) -> None:
         self._settings = settings
-        action = f"/{settings.arm_controller}/follow_joint_trajectory"
+        action = f"{settings.arm_controller}/follow_joint_trajectory"
         self._goals = ActionGoals(node, settings, (FollowJointTrajectory, action), _reason)
         self._hand = node.create_publisher(Float64MultiArray, hand_topic(settings), 10)
 

@@ -107,7 +107,7 @@ def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
 
 def action_name(node: Node) -> str:
     """Return the name of the pick-and-place action."""
-    return str(_fixed(node, ACTION_NAME, "/sorting/arm/pick_place"))
+    return str(_fixed(node, ACTION_NAME, "sorting/arm/pick_place"))
 
 
 def _fixed(node: Node, name: str, default: Any) -> Any:

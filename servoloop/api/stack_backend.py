@@ -43,7 +43,8 @@ PARK_S: Final = 60.0
 class StackBackend:
     """Backend on a control stack whose loop runs in another thread or on simulated time.
 
-    Create it before the loop runs. In each cycle, it first calls the previous ``on_cycle`` function of the loop.
+    Create the backend before the loop runs. In each cycle, the backend first calls the previous ``on_cycle`` function
+    of the loop.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class StackBackend:
                 part.cancel()
 
     def stop(self) -> None:
-        """Cancel all motions, also those of other clients, and end the stream."""
+        """Cancel all motions, including those of other clients, and end the stream."""
         self.end_stream()
         with self._lock:
             for part in self._parts:
@@ -231,13 +232,16 @@ class StackBackend:
         return start_forward(cast(ForwardCommandController, controller), goal, held, access)
 
     def _brake(self, name: str) -> None:
-        """Restart a controller, so that its joints first slow down within their limits. Returns at once."""
+        """Restart a controller, so that its joints first slow down within their limits.
+
+        The call returns immediately.
+        """
         loop = self.stack.loop
         request = SwitchRequest(activate=(name,), deactivate=(name,))
         loop.requests.ask(lambda: loop.manager.switch(request, loop.within_limits))
 
     def _movers(self, joints: tuple[str, ...]) -> list[Controller]:
-        """Return the active controllers of these joints. Raises ArmBusyError if a joint has none."""
+        """Return the active controllers of these joints. Raises ArmBusyError if a joint has no active controller."""
         running = [entry.controller for entry in self.stack.loop.manager.registry.running]
         movers = [controller for controller in running if set(joints) & set(joints_of_mover(controller))]
         driven = {joint for controller in movers for joint in joints_of_mover(controller)}

@@ -60,7 +60,7 @@ class ArmTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTrajectory(ArmTrajectory):
-    """Trajectory around obstacles. ``Arm.follow`` refuses it if the arm is not at its start."""
+    """Trajectory around obstacles. ``Arm.follow`` refuses the trajectory if the arm is not at its start."""
 
     start: Mapping[str, float] = field(default_factory=dict)
     """Positions of all joints at the start, in rad or m, including those that do not move."""

@@ -9,8 +9,8 @@ from typing import Any, Final
 import yaml
 
 from controller.manager.controllers_file import MANAGER
-from controller.manager.node_parameters import parameters_of
-from controller.manager.parameter_file import PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import PARAMETERS
+from controller.manager.sections import Sections
 from hal.errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
 from hal.robot_file.robot_file import RobotFile
@@ -88,7 +88,7 @@ def controllers_text(parts: Sequence[Part]) -> str:
             )
         for name in controllers:
             manager[f"{part.prefix}{name}"] = part.prefixed(file.manager[name], names)
-            parameters = part.prefixed(parameters_of(file.content, name), names)
+            parameters = part.prefixed(file.sections.of(name), names)
             nodes[f"{part.prefix}{name}"] = parameters
     return HEAD + yaml_text({node: {PARAMETERS: content} for node, content in {MANAGER: manager, **nodes}.items()})
 
@@ -97,10 +97,10 @@ def pick_place_text(parts: Sequence[Part]) -> str:
     """Return the parameters of one pick-and-place node per arm. Raises ArmFileError."""
     nodes: dict[str, Any] = {}
     for part in parts:
-        _, content = read_parameter_file(part.arm.pick_place, ArmFileError)
-        parameters = part.prefixed(parameters_of(content, NODE), part.names())
+        sections = Sections.read(part.arm.pick_place, "", ArmFileError)
+        parameters = part.prefixed(sections.of(NODE), part.names())
         controllers = {"arm_controller": f"{part.prefix}{ARM}", "hand_controller": f"{part.prefix}{HAND}"}
-        names = {"pick_place_action_name": f"/sorting/{part.prefix}arm/pick_place", "auto_goal_from_vision": False}
+        names = {"pick_place_action_name": f"sorting/{part.prefix}arm/pick_place", "auto_goal_from_vision": False}
         nodes[f"{part.prefix}{NODE}"] = {PARAMETERS: {**parameters, **controllers, **names}}
     return HEAD + yaml_text(nodes)
 

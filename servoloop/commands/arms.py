@@ -137,8 +137,8 @@ def show(
 ) -> None:
     """Draw an arm with the name, servo and positive direction of each joint.
 
-    All joints are at zero. Each arrow points to larger positions. The text next to it describes the direction as
-    `servoloop calibrate` does. Example: `servoloop arms show so101`
+    All joints are at zero. Each arrow points to larger positions. The text next to an arrow describes the direction in
+    the same words as `servoloop calibrate`. Example: `servoloop arms show so101`
     """
     require_extras("the picture of an arm", "sim", "view")
     from servoloop.arm_pictures.show import draw_arm, write_picture
@@ -159,7 +159,8 @@ def moveit(
 ) -> None:
     """Write a MoveIt configuration for an arm.
 
-    It consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning scene.
+    The configuration consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning
+    scene.
     Example: `servoloop arms moveit so101 so101_moveit`
     """
     from servoloop.moveit.files import write_moveit

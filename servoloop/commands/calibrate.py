@@ -1,4 +1,4 @@
-"""``servoloop calibrate``, ``calibration`` and ``hand``: calibrate an arm, and practice on a virtual one."""
+"""``servoloop calibrate``, ``calibration`` and ``hand``: calibrate an arm, and practice on a virtual arm."""
 
 from dataclasses import asdict
 from pathlib import Path

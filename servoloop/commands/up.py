@@ -16,7 +16,7 @@ from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
-from servoloop.stack.arm_options import ControlledArm
+from servoloop.stack.arm_options import ControlledArm, NamespaceOption
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
@@ -87,7 +87,10 @@ def check_ready_file(path: Path | None) -> None:
 
 
 def _check_planning(options: UpOptions) -> None:
-    """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
+    """Check that the planning server can start, before the torque of the arm is enabled.
+
+    Raises DriverError or RosError.
+    """
     if not options.ros:
         raise DriverError("--plan needs ROS 2: leave out --no-ros")
     require_extras("motion planning", "planning")
@@ -109,9 +112,10 @@ def write_ready(path: Path) -> None:
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
     action: Annotated[
-        str | None, typer.Option(help="Action of the pick-and-place node (default: /sorting/arm/pick_place).")
+        str | None, typer.Option(help="Action of the pick-and-place node (default: sorting/arm/pick_place).")
     ] = None,
     network: NetworkOption = False,
+    namespace: NamespaceOption = "",
 ) -> None:
     """Send one pick-and-place goal to a running arm and print its feedback.
 
@@ -126,14 +130,14 @@ def pick(
 
     set_network(network)
     left = "the node may continue the job"
-    with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
+    with Signals(left) as signals, client_node("servoloop_pick", namespace) as (node, executor):
         client = PickClient(node, executor, action or ACTION)
         available = client.wait(5.0, lambda: signals.count > 0)
         if signals.count:
             raise Interrupted("interrupted before the job began")
         if not available:
             raise DriverError(
-                f"no node provides the action {action or ACTION}; start the stack and the pick-and-place node"
+                f"no node provides the action {client.action}; start the stack and the pick-and-place node"
             )
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
@@ -203,7 +207,7 @@ def _sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpt
 
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:
-    """Sort apples by what the virtual camera sees, print the report and return the exit status."""
+    """Sort apples by the pictures of the virtual camera, print the report and return the exit status."""
     require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live

@@ -30,7 +30,7 @@ class MeshTooLarge(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DrawnShape:
-    """Visual of a link: triangles and their pose in the link, in meters."""
+    """Visual of a link: triangles and their pose in the frame of the link, in meters."""
 
     link: str
     vertices: FloatArray
@@ -39,7 +39,7 @@ class DrawnShape:
     quaternion: Quaternion
     rgb: Rgb
     flat: bool
-    """Whether the shape has plane faces and sharp edges."""
+    """Whether the shape has flat faces and sharp edges."""
 
 
 def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list[str]]:
@@ -100,7 +100,7 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Dr
 
 
 def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh]) -> list[DrawnShape]:
-    """Return the visuals, in which the meshes replace the visuals of the same links."""
+    """Return the visuals, with the visuals of some links replaced by meshes."""
     meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}

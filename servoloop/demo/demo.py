@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 IDLE_S = 3.0
 FIGURES_S = 1.5
-"""Time in which the figures of the last cycles are published, in seconds."""
+"""Time within which the figures of the last cycles are published, in seconds."""
 FADING_S = 1.5
-"""Time in which gravity compensation fades in or out, in seconds."""
+"""Time within which gravity compensation fades in or out, in seconds."""
 SAGGING_RAD = 0.2
 """Goal tolerance without gravity compensation, in rad. The sag alone exceeds the usual tolerance."""
 HARDWARE = ""
 """Placeholder for the node of the hardware component."""
 EACH_JOINT = "constraints.{joint}.goal"
-"""Placeholder for this parameter of each joint of the arm."""
+"""Placeholder for the goal tolerance of each joint of the arm."""
 WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "gravity compensation": [
         (ARM, EACH_JOINT, SAGGING_RAD),
@@ -40,8 +40,8 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
 }
 """Parameters (node, name and value) to set for each comparison run without one of the compensations."""
 EXPLANATION: Final = (
-    "Errors are those of the worst joint, then of the fastest joint. RMS is measured while moving, the error at rest "
-    "half a second after a motion."
+    "Each error is given for the worst joint, then for the fastest joint. RMS is measured while moving, and the error "
+    "at rest half a second after a motion."
 )
 Result = TypeVar("Result")
 FIGURES = (
@@ -62,8 +62,10 @@ class DemoReport:
     """Joints of the arm, in the order of all figures."""
     runs: tuple[JobRun, ...]
     comparisons: Mapping[str, JobRun]
-    """Comparison runs, by the missing compensation; only if all grades were picked without a planner. They need not
-    succeed."""
+    """Comparison runs, by the disabled compensation.
+
+    They take place only if all grades were picked without a planner, and need not succeed.
+    """
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -103,7 +105,7 @@ def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
 
 
 def _run_without(what: str, grade: str, ready: Cell) -> JobRun:
-    """Run a job without the compensation ``what``."""
+    """Run a job with the compensation ``what`` disabled."""
     for node, name, value in WITHOUT[what]:
         node = node or ready.component
         for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:

@@ -133,7 +133,7 @@ class JobRun:
 
 @dataclass(slots=True)
 class WorldTrace:
-    """Joint positions from the simulated world, also between the cycles, with times on the monotonic clock."""
+    """Joint positions from the simulated world, including those between cycles, with times on the monotonic clock."""
 
     times_s: list[float] = field(default_factory=list)
     positions: list[list[float]] = field(default_factory=list)
@@ -149,7 +149,7 @@ class RosClients:
 
 
 class JobRunner:
-    """Runs jobs one after another in a running cell."""
+    """Runner of jobs, one after another, in a running cell."""
 
     def __init__(
         self,
@@ -161,7 +161,7 @@ class JobRunner:
     ) -> None:
         self._monitor, self._picker, self._homing = clients.monitor, clients.picker, clients.homing
         self._failed = False
-        """Whether the last job failed, in which case the arm, the hand and the cube can be anywhere."""
+        """Whether the last job failed. The arm, the hand and the cube can then be anywhere."""
         self._live = live
         self.camera = camera
         self._signals = signals

@@ -14,6 +14,7 @@ import psutil
 from rich.console import Console
 
 from drivers.errors import DriverError
+from nodes.namespace import namespace_arguments
 from servoloop.demo.cell import NODE, START_S, open_feed, open_page, start_stack
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.demo import (
@@ -93,7 +94,7 @@ def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
 
     Raises ArmFileError.
     """
-    jobs = load_pick_places(options.found().pick_place)
+    jobs = load_pick_places(options.found().pick_place, options.namespace)
     return {node.removesuffix(NODE_NAME).rstrip("_"): job for node, job in jobs.items()}
 
 
@@ -120,19 +121,22 @@ def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], 
     """Start the processes of the cell, and end them after the block."""
     from nodes.client_node import client_nodes
 
-    choose_ros_domain()
+    if not options.namespace:  # a namespace separates the cell from others in the domain
+        choose_ros_domain()
     out, arm = options.out, options.found()
     link, jobs = out / "bus", arm_jobs(options)
-    files = read_arm_files(arm, robot=options.robot)
+    files = read_arm_files(arm, robot=options.robot, namespace=options.namespace)
     require_cell(files, ["A"])
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = start_stack(processes, link, files, options, live)
         for name in jobs:
             live.say(f"starting the pick-and-place node of the {name} arm")
-            process_ids[name] = processes.start(f"pick_place_{name}", *node_arguments(name, arm.pick_place))
+            process_ids[name] = processes.start(
+                f"pick_place_{name}", *node_arguments(name, arm.pick_place), *namespace_arguments(options.namespace)
+            )
         if options.view:
             live.say(f"the arms in a browser: {open_page(processes, out, process_ids['stack'])}")
-        with client_nodes([f"servoloop_demo_{name}" for name in jobs]) as clients:
+        with client_nodes([f"servoloop_demo_{name}" for name in jobs], options.namespace) as clients:
             arms = []
             for (name, job), client in zip(jobs.items(), clients, strict=True):
                 camera = Camera(open_feed(link, processes), job.joints, f"{name}_")
@@ -148,12 +152,12 @@ def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], 
 
 def node_arguments(name: str, parameters: Path) -> tuple[str, ...]:
     """Return the command of the pick-and-place node of an arm, with topics and services of its own."""
-    own = f"/sorting/{name}_arm"
+    own = f"sorting/{name}_arm"
     remaps = {
         "__node": f"{name}_{NODE_NAME}",
-        "/sorting/arm/state": f"{own}/state",
-        "/sorting/arm/enable": f"{own}/enable",
-        "/sorting/perception/apple_quality": f"/sorting/{name}_perception/apple_quality",
+        "sorting/arm/state": f"{own}/state",
+        "sorting/arm/enable": f"{own}/enable",
+        "sorting/perception/apple_quality": f"sorting/{name}_perception/apple_quality",
     }
     rules = [word for old, new in remaps.items() for word in ("-r", f"{old}:={new}")]
     return (NODE, "--ros-args", "--params-file", str(parameters), *rules)
@@ -166,7 +170,7 @@ def _clients(client: "Client", name: str, job: PickPlace) -> RosClients:
 
     node, executor = client
     monitor = StackMonitor(node, executor, job.arm_controller)
-    picker = PickClient(node, executor, f"/sorting/{name}_arm/pick_place")
+    picker = PickClient(node, executor, f"sorting/{name}_arm/pick_place")
     return RosClients(monitor, picker, Homing(node, executor, job.settings()))
 
 

@@ -39,7 +39,7 @@ class Poses:
     """Saved poses of one arm. The methods raise PoseError if the file is invalid or cannot be read or written."""
 
     def __init__(self, folder: Path) -> None:
-        """Use the pose file in the folder of an arm."""
+        """Open the pose file in the folder of an arm."""
         self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
@@ -99,7 +99,7 @@ OPEN, CLOSE = "open the hand", "close the hand"
 
 @dataclass(frozen=True, slots=True)
 class MoveTargets:
-    """Joints that can be moved, and poses that can be approached."""
+    """Joints that can be moved, and poses to which the arm can move."""
 
     joints: tuple[str, ...] = ()
     hand: Mapping[str, Pose] = field(default_factory=dict)
@@ -116,7 +116,7 @@ NO_TARGETS: Final = MoveTargets()
 def find_targets(
     folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]
 ) -> MoveTargets:
-    """Return the joints that a running arm can move and the poses that it can approach.
+    """Return the joints that a running arm can move and the poses to which it can move.
 
     Args:
         folder: Folder of the arm; None if the stack does not report it.

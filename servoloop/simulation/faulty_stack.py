@@ -18,7 +18,7 @@ from sim_backend.faults.targets import FaultTargets
 
 
 class FaultyStack(SimulatedStack):
-    """Simulated stack with a fault ``player``. Without faults, it behaves exactly as a SimulatedStack.
+    """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
     ``options`` are the options of SimulatedStack.
     """
@@ -65,7 +65,7 @@ class FaultyStack(SimulatedStack):
         return self
 
     def _client_dies(self) -> None:
-        """Remove the client, so that nothing reacts to the stack until another client connects."""
+        """Remove the client. No client then reacts to the stack until another client connects."""
         self.after_cycle = lambda: None
         if self.clients is not None:
             self.clients.die()

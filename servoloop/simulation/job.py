@@ -1,4 +1,7 @@
-"""Run the job of the pick-and-place node on a simulated stack without ROS. Steps, poses and messages are identical."""
+"""Run the job of the pick-and-place node on a simulated stack without ROS.
+
+The steps, poses and messages are those of the node.
+"""
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass

@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from controller.manager.node_parameters import Content, names, parameters_of
-from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import PARAMETERS
+from controller.manager.sections import Sections
 from hal.errors import ArmFileError
 from hal.plausible import Position
 from hal.yaml_file import mistakes
-from hal.yaml_nodes import YamlFile
 
 if TYPE_CHECKING:
     from pick_place.settings import JobSettings
@@ -53,7 +52,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} must have {len(self.joints)} numbers, one per joint" for name in short]
             raise ValueError("; ".join(problems))
-        self.settings()  # raises ValueError if the node would reject the parameters
+        self.settings()  # This raises ValueError if the node would reject the parameters.
         return self
 
     def all_poses(self) -> dict[str, Pose]:
@@ -77,16 +76,16 @@ class PickPlace(BaseModel):
         )
 
 
-def load_pick_place(path: Path) -> PickPlace:
-    """Read the parameters of the node of an arm, or of the first arm of several.
+def load_pick_place(path: Path, namespace: str = "") -> PickPlace:
+    """Read the parameters of the node of an arm in a namespace, or of the first arm of several.
 
     Raises ArmFileError with the file and line of every mistake.
     """
-    return next(iter(load_pick_places(path).values()))
+    return next(iter(load_pick_places(path, namespace).values()))
 
 
-def load_pick_places(path: Path) -> dict[str, PickPlace]:
-    """Read the parameters of all nodes in a parameter file, by the name of the node, in alphabetical order.
+def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
+    """Read the parameters of all nodes in a namespace, by the name of the node, in alphabetical order.
 
     A robot with several arms has one node for each arm, such as ``left_vision_pick_place_controller``. Raises
     ArmFileError with the file and line of every mistake.
@@ -96,17 +95,18 @@ def load_pick_places(path: Path) -> dict[str, PickPlace]:
             f"{path} is missing: demo, simulate and bench arm need its poses. Write the file as described in "
             "docs/arms/README.md, or use servoloop up, which does not need the file"
         )
-    file, content = read_parameter_file(path, ArmFileError)
-    if names(content, NODE) or ALL in content:
-        return {NODE: _read(file, content, NODE)}
-    nodes = sorted(node for pattern in content if (node := pattern.rpartition("/")[2]).endswith(f"_{NODE}"))
+    sections = Sections.read(path, namespace, ArmFileError)
+    if sections.concerns(NODE):
+        return {NODE: _read(sections, NODE)}
+    nodes = sorted(node for node in sections.nodes() if node.endswith(f"_{NODE}"))
     if not nodes:
-        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
-    return {node: _read(file, content, node) for node in nodes}
+        name = f"/**/{NODE}" if namespace else NODE
+        raise ArmFileError(f"{path}:1: {namespace}/{NODE} is missing: put the parameters under '{name}: {PARAMETERS}:'")
+    return {node: _read(sections, node) for node in nodes}
 
 
-def _read(file: YamlFile, content: Content, node: str) -> PickPlace:
+def _read(sections: Sections, node: str) -> PickPlace:
     try:
-        return PickPlace.model_validate(parameters_of(content, node))
+        return PickPlace.model_validate(sections.of(node))
     except ValidationError as error:
-        raise ArmFileError("\n".join(mistakes(file, error, (node, PARAMETERS), node))) from error
+        raise ArmFileError("\n".join(mistakes(sections, error, (node, PARAMETERS), node))) from error

@@ -55,7 +55,7 @@ def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
         places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}
         ready = model.key(READY).qpos
     except (ArmFileError, KeyError):
-        return  # the check of the scene reports this problem
+        return  # The check of the scene reports this problem.
     for joint, position in zip(pick_place.joints, pick_place.poses.ready, strict=True):
         there = ready[places[joint]]
         if abs(there - position) > POSE_RAD:

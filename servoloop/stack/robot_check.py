@@ -32,7 +32,10 @@ class _Check:
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
-        """``names_known`` tells whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
+        """``names_known`` is whether ``arm.yaml`` was readable.
+
+        If the file was not readable, a missing file may have another name.
+        """
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known
@@ -100,7 +103,10 @@ class _Check:
         return path.exists()
 
     def _needed(self, name: str) -> bool:
-        """Return whether to read a required file. If its name is unknown, the default name must exist."""
+        """Return whether to read a required file.
+
+        If the name of the file is unknown, a file with the default name must exist.
+        """
         return self._names_known or self._exists(name)
 
     def _report(self, path: Path, problems: Iterable[str]) -> None:

@@ -38,7 +38,7 @@ class LyingApple:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The table with everything on it. An apple at the origin is 0.6 m in front of the camera of ``table_camera``."""
+    """The table with everything on it. The table is 0.6 m in front of the camera of ``table_camera``."""
 
     apples: Sequence[LyingApple]
     rgb: tuple[float, float, float] = GRAY

@@ -127,7 +127,7 @@ def _ids(servos: Mapping[int, ServoModel]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlace:
-    """Position of a servo as it was mounted, whatever its current ID is."""
+    """Position of a servo as it was mounted, regardless of its current ID."""
 
     line: ServoLine[Any]
     number: int

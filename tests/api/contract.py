@@ -1,4 +1,5 @@
-"""Behavior of ``Arm`` that is the same for every connection. A test module derives its classes from ``ArmContract``."""
+"""Behavior of ``Arm`` that is the same for every kind of connection. A test module must derive its test classes from
+``ArmContract``."""
 
 import asyncio
 import math
@@ -88,7 +89,7 @@ class ArmContract:
         with pytest.raises(MotionCanceledError, match="was canceled"):
             motion.wait(2.0)
         assert arm.state.position[PAN] > -0.4
-        motion.cancel()  # no effect on a motion that has ended
+        motion.cancel()  # no effect, because the motion has ended
 
     def test_a_new_motion_replaces_the_former(self, arm: Arm) -> None:
         first = arm.move_to({PAN: 0.6, "gripper": 1.0}, duration=3.0, wait=False)

@@ -123,7 +123,7 @@ def test_dynamixel_arm_differs_only_in_its_efforts() -> None:
     effort = re.compile(r'effort="[^"]*"')
     one, other = (effort.sub("", path.read_text()) for path in (URDF, find_arm("robot_arm_dynamixel").urdf))
     changed = [pair for pair in zip(one.splitlines(), other.splitlines(), strict=True) if pair[0] != pair[1]]
-    assert len(changed) == 2  # the comment, and the name of the robot file
+    assert len(changed) == 2  # a comment, and the name of the robot file
 
 
 def test_leader_differs_only_in_its_gears_and_has_no_camera() -> None:

@@ -1,4 +1,4 @@
-"""A virtual arm in simulated time for the doctor, healthy and calibrated until a test adds a problem."""
+"""A virtual arm in simulated time for the doctor, which is healthy and calibrated until a test adds a problem."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -69,7 +69,7 @@ class Patient:
         return self.port(line, self.clock, baud=baud, name=device)
 
     def bus(self) -> Bus:
-        """Return another bus object, as of another program."""
+        """Return a second bus object, like that of another program."""
         models = {joint.servo_id: joint.model for joint in self.robot.joints}
         return Bus(VirtualPort(self.line, self.clock), self.clock, models)
 
@@ -81,7 +81,7 @@ class Patient:
         return Bus(VirtualPort(self.lines[name], self.clock), self.clock, models)
 
     def hold(self) -> None:
-        """Enable torque, as a program with ``on_exit: hold`` leaves it."""
+        """Enable the torque and leave it on, like a program with ``on_exit: hold``."""
         hardware = ServoHardware("arm", self.robot.joints, self._buses, self.clock)
         hardware.configure()
         hardware.activate()
@@ -109,7 +109,7 @@ class Patient:
         )
 
     def findings(self) -> dict[str, Finding]:
-        """Return the first finding of each id, by id."""
+        """Return the first finding of each kind, by its ID."""
         found: dict[str, Finding] = {}
         for finding in self.examine().findings:
             found.setdefault(finding.id, finding)

@@ -18,15 +18,15 @@ FIRST = (
     (0, "so101", 0.0),
     (0, "so101", 1.0),
     (0, "robot_arm", 1.0),
-    # The hand presses its trigger, whose gears are light, a little into the stop.
+    # The hand presses the trigger slightly into its stop, because the gears of the trigger are light.
     (0, "so101_leader", 1.0),
     # Its wrist turns freely.
     (0, "so100", 1.0),
-    # Its servos move their seams in extended position mode.
+    # The servos of this arm move their seams in extended position mode.
     (0, "koch", 1.0),
 )
 SEEDS = range(CYCLES // 1000) if CYCLES > 1000 else ()
-"""Seeds and backlash (degrees) of the arms; ``make soak`` runs ten per arm."""
+"""Seeds and backlash (degrees) of the arms; ``make soak`` runs ten for each arm."""
 HELD_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, CYCLES // 100))]
 ONE_BUS = [arm.name for arm in arms() if len(read_arm_files(arm).robot.file.lines()) == 1]
 """Arms with one bus. A robot with several arms is calibrated one arm after the other."""

@@ -1,4 +1,4 @@
-"""A calibration is stored in the file, then in the servos, and verified with a slow motion."""
+"""A calibration is stored in the file and then in the servos, and is verified with a slow motion."""
 
 import errno
 import itertools
@@ -164,7 +164,7 @@ def test_dynamixel_seams_are_moved_in_extended_position_mode(tmp_path: Path) -> 
     shutil.copytree(ARMS / "koch", tmp_path / "koch")
     arm, robot = UnalignedArm(2, name="koch"), tmp_path / "koch" / "robot.yaml"
     for servo in arm.line.servos:
-        servo.memory.save(x.homing_offset, 1500)  # which position mode ignores
+        servo.memory.save(x.homing_offset, 1500)  # position mode ignores this offset
     made = arm.as_mounted()
     crossing = [name for name, one in made.items() if one.extended]
     assert crossing and crossing != list(made), "this arm has the seam of some of its servos within their travel"

@@ -21,7 +21,8 @@ from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 
 SAMPLES: Final = 2000
-"""Number of random poses for the collision matrix. Relevant pairs touch in one of a hundred poses."""
+"""Number of random poses for the collision matrix. Pairs of links that matter touch in at least one of a hundred
+poses."""
 NAMES: Final = ("robot_arm", "so101", "so100", "koch")
 SERVOS_LEAVE_RAD: Final = 0.006
 

@@ -36,11 +36,11 @@ from tests.view.view_process import viewing
 pytestmark = pytest.mark.ros
 
 QUICK = "koch"
-"""Arm of the quick tests. Its joints and servos differ from those of the default arm."""
+"""Arm of the quick tests. The joints and servos of this arm differ from those of the default arm."""
 
 
 def row(arm: str) -> object:
-    """Return the arm, which the fixtures of servoloop.testing also use."""
+    """Return the arm that the fixtures of servoloop.testing also use."""
     marks = [pytest.mark.virtual_arm(arm), *(() if arm == QUICK else (pytest.mark.slow,))]
     return pytest.param(arm, marks=marks)
 
@@ -87,7 +87,7 @@ def measured_joints() -> dict[str, float]:
 
 
 def shown_joints(arm: str) -> set[str]:
-    """Return the joints that a page in this process has shown, with its buttons."""
+    """Return the joints that a page in this process has shown, and its buttons."""
     clock = MonotonicClock()
     source, server = LiveSource(arm, clock), PageServer("127.0.0.1", 0)
     page, mover = Page(server), Mover(source, clock)

@@ -1,4 +1,4 @@
-"""The feed next to the emulated bus: latest publication first, and it never blocks the emulator."""
+"""The feed next to the emulated bus delivers the latest publication first and never blocks the emulator."""
 
 import json
 import socket
@@ -177,7 +177,7 @@ def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_clients_do_not_wait_for_an_emulator_that_hangs(tmp_path: Path) -> None:
-    """An emulator that hangs has a full queue."""
+    """The queue of an emulator that hangs is full."""
     path = feed_path(tmp_path / "bus")
     with ExitStack() as ends:
         server = ends.enter_context(socket.socket(socket.AF_UNIX))

@@ -1,4 +1,4 @@
-"""The rule for the next cube, on a fake world and once on the simulated one."""
+"""The rule for placing the next cube, tested on a fake world and once on the simulated world."""
 
 import math
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ SWING_RAD_S = 2.0 * math.pi * 1.7
 
 @dataclass
 class PaperWorld:
-    """A fake world with the properties that the feeder reads, set by the test."""
+    """A fake world with the properties that the feeder reads, which the test sets."""
 
     place: str = "bin"
     at_rest: bool = True

@@ -27,7 +27,7 @@ REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_fl
 
 
 class Lines(VirtualLines):
-    """Virtual lines with adapters that can be unplugged and plugged in again."""
+    """Virtual lines whose adapters can be unplugged and plugged in again."""
 
     def __init__(self, files: Files, pose: Mapping[str, float], on_step: Callable[[float], None]) -> None:
         names = [joint.name for joint in files.robot.joints]
@@ -50,7 +50,7 @@ class Lines(VirtualLines):
 
 
 class Watcher:
-    """User interface with keys pressed by the test. It records the displayed lines."""
+    """User interface whose keys the test presses. The user interface records the displayed lines."""
 
     hint = HINT
 
@@ -73,7 +73,7 @@ class Watcher:
 
 
 class Rig:
-    """Both arms, configured and active. ``move`` returns the leader positions set by the hand."""
+    """Both arms, configured and active. ``move`` returns the leader positions that the hand sets."""
 
     def __init__(
         self,
@@ -111,7 +111,7 @@ class Rig:
         self.loop.activate(keep_inactive=["leader"])
 
     def run(self, seconds: float) -> None:
-        """Run cycles of both worlds for a time."""
+        """Run cycles of both worlds for a given time."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s)
 
@@ -120,7 +120,7 @@ class Rig:
         self.ended = True
 
     def attend(self, seconds: float) -> str:
-        """Run cycles with the user interface for a time, and return the last displayed line."""
+        """Run cycles with the user interface for a given time, and return the last displayed line."""
         for _ in range(round(seconds / 0.1)):
             self.run(0.1)
             self.attendance.update(self.clock.now())

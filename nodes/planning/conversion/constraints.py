@@ -43,7 +43,7 @@ class ConstraintReader:
         self._tip = tip
 
     def goals(self, message: Constraints) -> list[Goal]:
-        """Return goals such that each of them satisfies the constraints.
+        """Return goals, each of which satisfies the constraints.
 
         Raises:
             RequestError, PlanningError: The constraints are invalid, or of a kind that the planner does not support.

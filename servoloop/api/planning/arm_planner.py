@@ -63,7 +63,7 @@ class ArmPlanner:
             return self._planner.plan(start, goal, speed=speed, time_limit_s=time_limit_s)
 
     def check(self, trajectory: ArmTrajectory) -> None:
-        """Check that the arm is where a planned trajectory begins, and that nothing is in its way now.
+        """Check that the arm is at the start of a planned trajectory and that no obstacle is in the way.
 
         Raises:
             PlanFailedError: The arm has moved since the planning, or an obstacle is in the way.

@@ -72,7 +72,7 @@ class MotionPlanner:
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
+        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes an object."""
 
     @property
     def plannable(self) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ class MotionPlanner:
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints. They apply to joints that the trajectory does not move.
+            start: Positions of all joints. Only the positions of joints that the trajectory does not move are used.
         """
         moved = set(trajectory.positions)
         group = next((group for group in self._groups if set(group.joints) == moved), self._group)
