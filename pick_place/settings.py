@@ -1,6 +1,7 @@
 """Poses, times and names of the pick-and-place node. The defaults describe the course's robot cell. No ROS imports."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -8,6 +9,7 @@ from hal.plausible import range_mistake
 
 Pose = tuple[float, ...]
 
+NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
            "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
 """Names of the settings that are in seconds."""
@@ -29,6 +31,10 @@ class ArmSettings:
     ready_rad: Pose = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
     hand_open_m: float = 0.0
     hand_closed_m: float = 0.05
+    arm_controller: str = "arm_controller"
+    """Name of the trajectory controller that moves the arm."""
+    hand_controller: str = "hand_controller"
+    """Name of the controller that moves the fingers."""
     move_time_s: float = 2.0
     """Duration of each arm motion to joint positions, in seconds."""
     server_timeout_s: float = 2.0
@@ -52,6 +58,9 @@ class ArmSettings:
         if not self.joints:
             yield "joints is empty: list the joints of the arm"
         yield from pose_mistakes("poses.ready", self.ready_rad, len(self.joints))
+        for name in ("arm_controller", "hand_controller"):
+            if not NODE_NAME.fullmatch(getattr(self, name)):
+                yield f"{name} is {getattr(self, name)!r}: write the name of a controller, such as {name}"
         for name in SECONDS:
             yield from seconds_mistakes(name, getattr(self, name))
         for name in ("hand_open_m", "hand_closed_m"):

@@ -69,13 +69,14 @@ class StackFigures:
 
 
 @contextmanager
-def stack(device: str, rate_hz: float, folder: Path) -> Iterator[psutil.Process]:
-    """Run ``servoloop up`` at a given rate in a separate ROS domain, ready for clients."""
+def stack(device: str, rate_hz: float, folder: Path, domain: int | None = None) -> Iterator[psutil.Process]:
+    """Run ``servoloop up`` at a given rate in a ROS domain, ready for clients. The default is a random domain."""
     controllers, ready, log = folder / "controllers.yaml", folder / "ready", folder / "log"
     text = CONTROLLERS.read_text()
     controllers.write_text(text.replace("update_rate: 20", f"update_rate: {rate_hz:g}", 1))
     ready.unlink(missing_ok=True)
-    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100))  # this also applies to the subscriber in this process
+    # This also applies to the subscriber in this process.
+    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100) if domain is None else domain)
     command = [sys.executable, "-m", "servoloop", "up", "--port", device, "--controllers", str(controllers)]
     with log.open("wb") as out:
         process = subprocess.Popen(

@@ -1,6 +1,6 @@
 """Read the calibration plan of an arm: the positive direction of each joint and the way to find its zero."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
@@ -97,3 +97,12 @@ class ArmPlan(BaseModel):
 
     joints: dict[str, JointPlan] = {}
     auto: AutoPlan = AutoPlan()
+
+    def part_of(self, joints: Collection[str]) -> "ArmPlan":
+        """Return the plan of some joints, such as those on one bus."""
+        auto = {name: _of(getattr(self.auto, name), joints) for name in ("start", "clear", "stops", "drive")}
+        return self.model_copy(update={"joints": _of(self.joints, joints), "auto": self.auto.model_copy(update=auto)})
+
+
+def _of(values: Mapping[str, Any], joints: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in joints}

@@ -1,6 +1,6 @@
 """Calibrate an arm on one bus: release torque, measure, show the changes, store them, and test each joint."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,6 +133,8 @@ class JointsToCalibrate:
     joints: Sequence[Joint]
     plans: Mapping[str, JointPlan]
     """Calibration plan of each joint, by name."""
+    others: Collection[str] = ()
+    """Joints of the robot file on other buses, whose calibration stays."""
 
     def require_plans(self) -> None:
         """Raise CalibrationError if a joint has no plan."""
@@ -182,7 +184,7 @@ def calibrate(
     if not asker.confirm(STORE):
         return CalibrationOutcome(differences, calibration_path(robot))
     with closing(open_bus()) as bus:
-        changes = store(robot, bus, joints, made, clock)
+        changes = store(robot, bus, joints, made, clock, arm.others)
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:

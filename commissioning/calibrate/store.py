@@ -1,6 +1,6 @@
 """Store a calibration: write the file, then the homing offsets of the servos, then restart the servos."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ from drivers.eeprom import Change
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from hal.joint import Joint
-from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
 
 HEADER = "# Written by servoloop calibrate. The previous calibration is in the file of the same name plus .1.\n"
 UNFINISHED = (
@@ -27,7 +27,12 @@ UNFINISHED = (
 )
 
 
-def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_servos: bool = True) -> Path:
+def save(
+    robot: Path,
+    joints: Mapping[str, tuple[int, JointCalibration]],
+    in_servos: bool = True,
+    kept: Collection[str] = (),
+) -> Path:
     """Write the calibration of this robot file, keep the previous calibration, and return the path.
 
     The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
@@ -38,20 +43,25 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
         robot: Robot file of the arm.
         joints: Servo ID and calibration of each joint, by name.
         in_servos: Whether all servos already have this calibration.
+        kept: Other joints, whose previous calibration stays.
     """
     path = calibration_path(robot)
+    former = load_calibration(robot) if kept else None
     content = CalibrationFile(
         joints={
-            name: CalibratedJoint(
-                servo_id=servo_id,
-                sign=1 if made.sign > 0 else -1,
-                zero_counts=made.zero_counts,
-                homing_offset=made.homing_offset,
-                extended=made.extended,
-                lower_counts=made.lower_counts,
-                upper_counts=made.upper_counts,
-            )
-            for name, (servo_id, made) in joints.items()
+            **{name: one for name, one in (former.joints if former else {}).items() if name in kept},
+            **{
+                name: CalibratedJoint(
+                    servo_id=servo_id,
+                    sign=1 if made.sign > 0 else -1,
+                    zero_counts=made.zero_counts,
+                    homing_offset=made.homing_offset,
+                    extended=made.extended,
+                    lower_counts=made.lower_counts,
+                    upper_counts=made.upper_counts,
+                )
+                for name, (servo_id, made) in joints.items()
+            },
         }
     )
     text = yaml.safe_dump(
@@ -91,23 +101,29 @@ SLACK_COUNTS: Final = 40
 
 
 def store(
-    robot: Path, bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration], clock: Clock
+    robot: Path,
+    bus: Bus,
+    joints: Sequence[Joint],
+    made: Mapping[str, JointCalibration],
+    clock: Clock,
+    kept: Collection[str] = (),
 ) -> dict[str, tuple[Change, ...]]:
     """Write the calibration file and the homing offsets.
 
-    Return the changes in the servos, by joint. Torque must be off. The file is written first: if the servos are then
-    not all written, their offsets differ from the file, and the arm refuses to start. Raises CalibrationError,
-    ServoError or PortLost, with a note about the values that are already stored.
+    Return the changes in the servos, by joint. Torque must be off. The previous calibration of the joints ``kept``
+    stays. The file is written first: if the servos are then not all written, their offsets differ from the file, and
+    the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about the values that are
+    already stored.
     """
     content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
-    path = save(robot, content, in_servos=False)
+    path = save(robot, content, in_servos=False, kept=kept)
     changes: dict[str, tuple[Change, ...]] = {}
     try:
         for joint in joints:
             changes[joint.name] = write_counting(bus, joint, made[joint.name].counting)
         restart(bus, joints, clock)
         _check(joints, _readings(bus, joints, clock), made)
-        save(robot, content)
+        save(robot, content, kept=kept)
     except BaseException as error:
         error.add_note(_half_stored(path, list(changes), [j.name for j in joints if j.name not in changes]))
         raise

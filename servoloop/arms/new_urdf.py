@@ -74,7 +74,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
     reach_rad = REACH_SHARE * model.last_count / model.counts_per_turn * 2.0 * pi
     for joint in driven:
         _limit_endless(joint, reach_rad)
-    _keep_meshes(robot, urdf.resolve().parent, folder.resolve())
+    keep_meshes(robot, urdf.resolve().parent, folder.resolve())
     robot.append(_block(name, driven, reach_rad))
     xml = _prolog(text) + ElementTree.tostring(robot, encoding="unicode") + "\n"
     joints = parse_urdf(xml, str(urdf)).joints
@@ -136,7 +136,7 @@ def _limit_endless(joint: Element, reach_rad: float) -> None:
     limit.set("upper", f"{0.5 * reach_rad:.4f}")
 
 
-def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
+def keep_meshes(robot: Element, home: Path, folder: Path) -> None:
     """Change relative paths of meshes so that they are valid in the new folder."""
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")

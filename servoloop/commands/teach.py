@@ -248,9 +248,13 @@ def _print_and_confirm(question: str, yes: bool) -> None:
 
 
 def teleop(
-    leader: Annotated[str, typer.Argument(help="Serial port of the leader, or NAME=PATH,NAME=PATH for several buses.")],
-    follower: Annotated[
-        str, typer.Argument(help="Serial port of the follower, or NAME=PATH,NAME=PATH for several buses.")
+    ports: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LEADER FOLLOWER",
+            help="Serial ports of leader and follower, or NAME=PATH,NAME=PATH for several buses. With several arms on "
+            "one robot, the two ports of each arm, one arm after the other.",
+        ),
     ],
     leader_arm: Annotated[
         str, typer.Option(help="Leader: a name that `servoloop arms` lists, or an arm folder.")
@@ -268,18 +272,21 @@ def teleop(
     servos of the follower that have switched their torque off. At the end the follower holds or parks, as set by
     on_exit in its robot file. The torque of the leader is always off; the command asks before it switches the leader's
     torque off.
-    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`
+    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
+    `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """
     from rich.console import Console
 
     from servoloop.commands.shared.console import confirm
     from servoloop.teleop.arms import TeleopError
     from servoloop.teleop.attendance import HANDS_FREE_HINT, HINT, REACTIVATE
+    from servoloop.teleop.pairs import bus_names, port_pairs
     from servoloop.teleop.screen import TeleopScreen
     from servoloop.teleop.teleop import teleop as run
 
     require_keys(hands_free)
     log_to_terminal()
+    leader, follower = port_pairs(ports, bus_names(leader_arm), bus_names(follower_arm))
     sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")

@@ -40,6 +40,6 @@ def _sorted(
         sorter = Sorter(ready, ready.sorting, camera, live)
         apples = tuple(sorter.run(count))
         ready.runner.idle(FIGURES_S)
-        report = SortingReport(apples, count, loop_figures(ready))
+        report = SortingReport(apples, count, loop_figures(ready.monitor))
     save_pictures(options.out, options.found().scene, apples, sorter.film)
     return report

@@ -16,7 +16,7 @@ from hal.types import JointLimits
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.stack.arm_folders import read_arm
-from servoloop.stack.pick_place import HAND, load_pick_place
+from servoloop.stack.pick_place import load_pick_places
 
 FILE: Final = "poses.yaml"
 LONGEST_NAME: Final = 100
@@ -141,14 +141,18 @@ def find_targets(
 
 
 def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
-    joints = driven.get(HAND, ())
-    if len(joints) != 1:
-        return {}
+    """Return the poses in which all hands are open or closed, or none if the files of the arm do not have them."""
     try:
-        settings = load_pick_place(read_arm(folder).pick_place)
+        jobs = load_pick_places(read_arm(folder).pick_place).values()
     except ArmFileError:  # the folder has only a URDF, or the arm has no pick-and-place parameters
         return {}
-    return {OPEN: {joints[0]: settings.hand_open_m}, CLOSE: {joints[0]: settings.hand_closed_m}}
+    hands = [(joints[0], job) for job in jobs if len(joints := driven.get(job.hand_controller, ())) == 1]
+    if not hands:
+        return {}
+    return {
+        OPEN: {joint: job.hand_open_m for joint, job in hands},
+        CLOSE: {joint: job.hand_closed_m for joint, job in hands},
+    }
 
 
 def _refusal(pose: Pose, joints: tuple[str, ...], limits: Mapping[str, JointLimits]) -> str:

@@ -73,6 +73,19 @@ def arm_group(robot: PlanningRobot, files: Files) -> Group:
     raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
 
 
+def arm_groups(robot: PlanningRobot, files: Files) -> list[Group]:
+    """Return the groups with only joints of trajectory controllers: that of ``arm_group``, then small ones first.
+
+    Raises ArmFileError.
+    """
+    first, driven = arm_group(robot, files), set[str]()
+    for spec in files.controllers.controllers:
+        if isinstance(spec.parameters, TrajectoryParameters):
+            driven |= set(spec.parameters.joints)
+    others = [group for group in robot.groups.groups.values() if driven.issuperset(group.joints) and group != first]
+    return [first, *sorted(others, key=lambda group: len(group.joints))]
+
+
 def _derived(files: Files, model: object) -> Groups:
     joints = _arm_joints(files)
     arm = ArmModel(model, {joint: files.limits[joint] for joint in joints})

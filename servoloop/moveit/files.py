@@ -41,6 +41,11 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
     """
     files = read_arm_files(arm)
+    if sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1:
+        raise ArmFileError(
+            f"{arm.name} has several trajectory controllers, but this command writes files for one arm: "
+            "`servoloop plan-server` plans for all arms with the SRDF in the arm's folder"
+        )
     unchecked = reasons(arm.scene, samples)
     lying = rest_poses(arm)
     poses = {**lying, **working_poses(arm)}

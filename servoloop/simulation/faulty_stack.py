@@ -43,6 +43,10 @@ class FaultyStack(SimulatedStack):
         self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
 
+    def controller(self, name: str) -> Controller | None:
+        """Return the wrapper of the controller with this name, or None."""
+        return cast(Controller | None, self.controllers.get(name))
+
     @property
     def hand(self) -> ForwardCommandController:
         return cast(ForwardCommandController, self.controllers[super().hand.name])

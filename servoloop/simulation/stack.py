@@ -117,6 +117,10 @@ class SimulatedStack:
         self.loop.activate(keep_alive=False)
         return self
 
+    def controller(self, name: str) -> Controller | None:
+        """Return the controller with this name, or None."""
+        return next((controller for controller in self._built if controller.name == name), None)
+
     @property
     def hand(self) -> ForwardCommandController:
         """Controller of the hand. Raises ControllersFileError if the arm has no hand."""

@@ -73,9 +73,16 @@ class Patient:
         models = {joint.servo_id: joint.model for joint in self.robot.joints}
         return Bus(VirtualPort(self.line, self.clock), self.clock, models)
 
+    def _buses(self) -> dict[str, Bus]:
+        return {name: self._bus(name) for name in self.lines}
+
+    def _bus(self, name: str) -> Bus:
+        models = {joint.servo_id: joint.model for joint in self.robot.joints if joint.bus == name}
+        return Bus(VirtualPort(self.lines[name], self.clock), self.clock, models)
+
     def hold(self) -> None:
         """Enable the torque and leave it on, like a program with ``on_exit: hold``."""
-        hardware = ServoHardware("arm", self.robot.joints, self.bus, self.clock)
+        hardware = ServoHardware("arm", self.robot.joints, self._buses, self.clock)
         hardware.configure()
         hardware.activate()
         self.wait(1.0)

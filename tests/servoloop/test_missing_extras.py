@@ -82,6 +82,7 @@ LINES: Final = (
     Line("campaign --scenario short.yaml --ray local", ("sim", "ray")),
     Line("arms"),
     Line("arms new mine robot.urdf"),
+    Line("arms combine left=so101 right=so101 --out two"),
     Line("arms check so101"),
     Line("arms show so101", ("sim", "view")),
     Line("arms moveit so101 moveit", ("sim",)),
@@ -111,7 +112,11 @@ LINES: Final = (
     Line("teach remove no_such_motion"),
 )
 """Each ends without an arm. A command that needs an extra is refused before it reads the rest of its command line."""
-OPTIONAL: Final = {"arms check so101": "sim", "arms new mine robot.urdf": "sim"}
+OPTIONAL: Final = {
+    "arms check so101": "sim",
+    "arms new mine robot.urdf": "sim",
+    "arms combine left=so101 right=so101 --out two": "sim",
+}
 """Commands that omit a part if an extra is missing, and report this."""
 
 

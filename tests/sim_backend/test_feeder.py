@@ -30,13 +30,16 @@ class PaperWorld:
     fed: int = 0
     time_s: float = 0.0
     ready = np.array(READY)
-    hand_travel = 0.05
+    travel = np.array([6.0] * 6 + [0.05])
     laid = True
     tray: Tray | None = None
 
     @property
-    def cell(self):
-        return self
+    def cells(self):
+        return (self,)
+
+    def joints_of(self, cell):
+        return np.arange(7)
 
     def velocity(self):
         return np.array(self.speed)

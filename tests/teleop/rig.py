@@ -76,17 +76,21 @@ class Rig:
     """Both arms, configured and active. ``move`` returns the leader positions that the hand sets."""
 
     def __init__(
-        self, rate_hz: int = 50, leader: Mapping[str, float] = REST, follower: Mapping[str, float] = REST
+        self,
+        rate_hz: int = 50,
+        leader: Mapping[str, float] = REST,
+        follower: Mapping[str, float] = REST,
+        arms: tuple[Files, Files] = (LEADER, FOLLOWER),
     ) -> None:
         self.clock = SimulatedClock()
         self.hand: Callable[[float], Mapping[str, float]] = lambda time_s: leader
-        self.leader = Lines(LEADER, leader, self._take)
-        self.follower = Lines(FOLLOWER, follower, lambda time_s: None)
-        files = replace(FOLLOWER, controllers=replace(FOLLOWER.controllers, update_rate_hz=rate_hz))
-        sides = [Side(one, lines.devices, lines) for one, lines in ((LEADER, self.leader), (files, self.follower))]
+        self.leader = Lines(arms[0], leader, self._take)
+        self.follower = Lines(arms[1], follower, lambda time_s: None)
+        files = replace(arms[1], controllers=replace(arms[1].controllers, update_rate_hz=rate_hz))
+        sides = [Side(one, lines.devices, lines) for one, lines in ((arms[0], self.leader), (files, self.follower))]
         self.teleop = build_teleop(sides[0], sides[1], self.clock, run_at_once)
         self.loop, self.controller = self.teleop.loop, self.teleop.controller
-        self.names = [joint.name for joint in FOLLOWER.robot.joints]
+        self.names = [joint.name for joint in arms[1].robot.joints]
         self.times_s: list[float] = []
         self.commands: list[FloatArray] = []
         self.states: list[JointState] = []

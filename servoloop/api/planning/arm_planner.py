@@ -56,7 +56,9 @@ class ArmPlanner:
         """Plan a motion from the measured state to a goal. The goal may include the current position of the gripper."""
         start = self.position()
         if not isinstance(goal, ArmPose):
-            goal = {j: at for j, at in goal.items() if j in self._planner.joints or not self._is_near(j, at, start[j])}
+            goal = {
+                j: at for j, at in goal.items() if j in self._planner.plannable or not self._is_near(j, at, start[j])
+            }
         with plan_errors():
             return self._planner.plan(start, goal, speed=speed, time_limit_s=time_limit_s)
 
