@@ -263,7 +263,7 @@ class _Reader:
             LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, MANAGER, ", ".join(unused))
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
-        """Return the parameters as a ``model``. If they are invalid, record each mistake and return None."""
+        """Return the parameters as a ``model``. If the parameters are invalid, record each mistake and return None."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:

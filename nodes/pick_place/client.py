@@ -44,12 +44,12 @@ class PickOutcome:
 class PickClient:
     """Client that sends one goal at a time. The caller's thread spins ``executor``, which contains ``node``."""
 
-    def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        self.action = node.resolve_service_name(ACTION)
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, action: str = ACTION) -> None:
+        self.action = node.resolve_service_name(action)
         """Name of the action."""
-        self._client = ActionClient(node, PickPlace, ACTION)
+        self._client = ActionClient(node, PickPlace, action)
         self._executor = executor
-        self._pulse = ServerPulse(node, ACTION)
+        self._pulse = ServerPulse(node, action)
         self._feedback_s = 0.0
 
     def wait(self, timeout_s: float, stop: Callable[[], bool] = lambda: False) -> bool:

@@ -11,6 +11,7 @@ from hal.types import FloatArray
 from perception.camera_view import CameraView
 from perception.errors import PictureRefused
 from perception.frames import Picture
+from perception.grading.edges import at_transitions
 from perception.grading.light import Pixels, relative_to_table
 from perception.grading.outlines import Outline, box_outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
@@ -95,7 +96,7 @@ class Grader:
             PictureRefused: The picture has the wrong resolution, or is black or overexposed.
         """
         relative = self._relative(picture)
-        found = self._found(outlines(colored(relative, self._region)))
+        found = self._found(relative, outlines(colored(relative, self._region)))
         return [self._graded(relative, index, found) for index in range(len(found))]
 
     def grade_boxes(self, picture: Picture, boxes: Sequence[FoundBox]) -> list[GradedApple]:
@@ -136,10 +137,11 @@ class Grader:
         searched: NDArray[np.bool_] = inside | raised
         return searched.reshape(self._view.intrinsics.height, self._view.intrinsics.width)
 
-    def _found(self, shapes: Sequence[Outline]) -> list[_Found]:
+    def _found(self, relative: Pixels, shapes: Sequence[Outline]) -> list[_Found]:
         """Return the outlines that are apples, closest to the camera first."""
         found, left = [], list(shapes)
-        for outline in left:
+        for shape in left:
+            outline = at_transitions(shape, relative)
             sphere = fit_sphere(self._view, outline.pixels)
             if sphere is None or sphere.error > MOST_ERROR:
                 continue

@@ -28,12 +28,18 @@ BROWN: Final = (0.28, 0.74)
 """Range of G / R for brown. Red skin has less green, and yellow or green skin has more."""
 BROWN_BLUE: Final = 0.14
 """Smallest B / R of brown. The transition from red to green skin has less blue."""
+MUCH_DARKER: Final = -0.6
+DARK_BROWN_BLUE: Final = 0.06
+"""Largest log of the relative brightness, and smallest B / R, of a brown with little blue. The transition from red to
+green skin has this color, but it is not as dark."""
 GRAY_BLUE: Final = 0.33
 """Smallest B / R of gray and black."""
 MOSTLY: Final = 0.6
 """Smallest share of brown pixels at which the whole apple counts as either yellow or rotten."""
 YELLOW: Final = 0.22
 """Smallest median brightness at which such an apple counts as yellow."""
+LEAST_SOUND: Final = 0.4
+"""Smallest share of the red pixels, or of the green pixels, that are not brown, so that their brightness counts."""
 ROUNDS: Final = 6
 MOST_POINTS: Final = 800
 """Minimum number of pixels for estimating the brightness of sound skin."""
@@ -76,13 +82,15 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
     brown = _brown(ratio_green, ratio_blue, brightness)
     relative = brightness - _sound(brightness, places, is_red, brown)
     skin_colors = _common(np.log(ratio_green), np.log(ratio_blue), (relative > -0.2) & ~brown)
-    defect = (relative < BLACK) | ((relative < DARKER) & brown & ~skin_colors)
+    dark_brown = (relative < MUCH_DARKER) & (ratio_green > BROWN[0]) & (ratio_green < BROWN[1])
+    dark_brown &= ratio_blue > DARK_BROWN_BLUE
+    defect = (relative < BLACK) | (((relative < DARKER) & brown | dark_brown) & ~skin_colors)
     defect = defect | (_beside(defect, area) & (relative < HALF))
     return is_red & ~defect, defect
 
 
 def _beside(defect: Flags, area: Flags) -> Flags:
-    """Return which pixels are next to a defect. Their color is a mixture that is neither brown nor sound."""
+    """Return which pixels are next to a defect and have a mixed color that is neither brown nor sound."""
     mask = np.zeros(area.shape, np.uint8)
     mask[area] = defect
     beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
@@ -128,9 +136,15 @@ def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Fla
         left = wanted - sample @ fit
         weights = np.where(left > 0.0, 1.0, 1.0 / (1.0 + (left / SPREAD) ** 2) ** 2)
         weights = weights * np.where(brown[::step] & (left < -SPREAD), 0.05, 1.0)
-    levels = [level for level, kind in ((fit[0], is_red), (fit[1], ~is_red)) if (kind & ~brown).mean() > COMMON]
+    levels = [level for level, kind in ((fit[0], is_red), (fit[1], ~is_red)) if _is_skin(kind, brown)]
     smooth: FloatArray = shapes[:, 2:] @ fit[2:] + (min(levels) if levels else max(fit[0], fit[1]))
     return smooth
+
+
+def _is_skin(kind: Flags, brown: Flags) -> bool:
+    """Return whether red or green pixels are skin. If most of them are brown, they are a spot and its edge."""
+    sound = int((kind & ~brown).sum())
+    return sound > COMMON * len(kind) and sound > LEAST_SOUND * int(kind.sum())
 
 
 def _common(green: FloatArray, blue: FloatArray, sound: Flags) -> Flags:

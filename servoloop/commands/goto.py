@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planning.groups import Group
 
 ARM: Final = "arm"
-"""Group that moves to poses if more than one group has a tool."""
+"""Group to move to a pose if more than one group has a tool."""
 PLANNING_TIME_S: Final = 5.0
 
 
@@ -23,7 +23,7 @@ PLANNING_TIME_S: Final = 5.0
 class MotionOptions:
     """Options of a motion."""
 
-    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the limits of the joints.")] = 0.5
+    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the velocity and acceleration limit.")] = 0.5
     plan_only: Annotated[bool, typer.Option("--plan-only", help="Plan the motion without moving the arm.")] = False
 
 

@@ -69,7 +69,7 @@ def stop(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
 
 
 class Jogging:
-    """Jog session: handles keys, sends motions and shows the joints."""
+    """Jog session, which handles keys, sends motions and shows the joints."""
 
     def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
         from servoloop.stack.terminal import HeldKey

@@ -17,13 +17,13 @@ def plan_server(
     *,
     arm: ControlledArm,
     sim_time: Annotated[
-        bool, typer.Option("--sim-time", help="Follow the clock of a stack in simulated time.")
+        bool, typer.Option("--sim-time", help="Use the clock of a stack that runs in simulated time.")
     ] = False,
     network: NetworkOption = False,
 ) -> None:
     """Serve MoveIt's actions, services and topics beside a running stack, until Ctrl-C.
 
-    The node is named move_group, and MoveIt's clients connect to it. Do not run a MoveIt at the same time.
+    The node is named move_group, and MoveIt's clients connect to it. Do not run MoveIt at the same time.
     Example: `servoloop plan-server --arm so101`
     """
     require_extras("motion planning", "planning")

@@ -87,7 +87,7 @@ def plot(
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
-        from servoloop.recording.page import write_page  # imports matplotlib, which takes a second
+        from servoloop.recording.page import write_page  # This imports matplotlib, which takes a second.
 
         path = out or recording.with_suffix(".html")
         write_page(path, run, recording.name)
@@ -108,7 +108,7 @@ def replay(
         typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
     ] = None,
     running: Annotated[
-        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of one on a port.")
+        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of an arm on a port.")
     ] = False,
     arm: Annotated[
         str | None,
@@ -122,7 +122,7 @@ def replay(
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then it
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then the arm
     follows the recorded joint positions. Without --port and --running the recording is only shown, as by
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
@@ -152,7 +152,7 @@ def replay(
 
 
 def _recorded_motion(recording: Path, arm: "Arm") -> "RecordedMotion":
-    """Return the motion of a recording for a running arm. Raises TeachError if it does not fit the arm."""
+    """Return the motion of a recording for a running arm. Raises TeachError if the recording does not fit the arm."""
     from servoloop.teach.recorded import recorded_motion
 
     limits = [arm.limits[joint] for joint in arm.joints]

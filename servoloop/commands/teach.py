@@ -67,8 +67,8 @@ def record(
 ) -> None:
     """Record a motion while you move the arm by hand, until you press Enter.
 
-    The arm holds its position softly and yields to your hand. At the end it holds its last position, or parks, as set
-    by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
+    The arm holds its position softly and yields to your hand. At the end the arm holds its last position, or parks, as
+    set by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
 
@@ -125,8 +125,9 @@ def play(
     """Play back a recorded motion while you hold a key.
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
-    the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
-    Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its position.
+    the motion. The arm stops when you release the key. At the end the arm holds or parks, as set by on_exit in its
+    robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its
+    position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     require_keys(options.hands_free)
@@ -143,7 +144,7 @@ def play(
 
 
 def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
-    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    """Return a saved motion of a running arm. Raises TeachError if the motion does not fit the arm."""
     from servoloop.teach.taught import MotionStore, TeachError
 
     if arm.folder is None:
@@ -247,9 +248,13 @@ def _print_and_confirm(question: str, yes: bool) -> None:
 
 
 def teleop(
-    leader: Annotated[str, typer.Argument(help="Serial port of the leader, or NAME=PATH,NAME=PATH for several buses.")],
-    follower: Annotated[
-        str, typer.Argument(help="Serial port of the follower, or NAME=PATH,NAME=PATH for several buses.")
+    ports: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LEADER FOLLOWER",
+            help="Serial ports of leader and follower, or NAME=PATH,NAME=PATH for several buses. With several arms on "
+            "one robot, the two ports of each arm, one arm after the other.",
+        ),
     ],
     leader_arm: Annotated[
         str, typer.Option(help="Leader: a name that `servoloop arms` lists, or an arm folder.")
@@ -263,21 +268,25 @@ def teleop(
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
     Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, then it
-    follows. It holds its position when you release the key or the leader is lost. Key a re-enables servos of the
-    follower that have switched their torque off. At the end the follower holds or parks, as set by on_exit in its robot
-    file. The torque of the leader is always off; the command asks before it switches the leader's torque off.
-    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`
+    follows the leader. The follower holds its position when you release the key or the leader is lost. Key a re-enables
+    servos of the follower that have switched their torque off. At the end the follower holds or parks, as set by
+    on_exit in its robot file. The torque of the leader is always off; the command asks before it switches the leader's
+    torque off.
+    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
+    `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """
     from rich.console import Console
 
     from servoloop.commands.shared.console import confirm
     from servoloop.teleop.arms import TeleopError
     from servoloop.teleop.attendance import HANDS_FREE_HINT, HINT, REACTIVATE
+    from servoloop.teleop.pairs import bus_names, port_pairs
     from servoloop.teleop.screen import TeleopScreen
     from servoloop.teleop.teleop import teleop as run
 
     require_keys(hands_free)
     log_to_terminal()
+    leader, follower = port_pairs(ports, bus_names(leader_arm), bus_names(follower_arm))
     sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")

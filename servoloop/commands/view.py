@@ -61,8 +61,8 @@ def view(
 ) -> None:
     """Show a running arm, a recording or virtual servos in a browser.
 
-    The page works offline. Its buttons move a running arm while you hold them. Ctrl-C ends the command without
-    affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
+    The page works offline. The buttons of the page move a running arm while you hold them. Ctrl-C ends the command
+    without affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
     """
     require_extras("the view", "view")
     if recording is not None and bus is not None:

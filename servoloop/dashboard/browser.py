@@ -17,7 +17,7 @@ BEAT: Final = 20
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
-    """Show the source, and the buttons of ``panel`` if there is one, until ``stop`` returns True."""
+    """Show the source, and the buttons of ``panel`` if it is given, until ``stop`` returns True."""
     turn = 0
     while not stop():
         watched = source.robot

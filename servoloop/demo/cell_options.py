@@ -18,7 +18,7 @@ from servoloop.stack.arm_options import (
 )
 
 FIRST_TRAY: Final = 2
-"""Seed of the apples without ``--seed``. These apples have all grades."""
+"""Default seed of the apples, used without ``--seed``. The apples of this seed have all grades."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class CellOptions:
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[
-        bool, typer.Option("--vision", help="Sort twelve apples by what a virtual camera sees, instead of cubes.")
+        bool, typer.Option("--vision", help="Sort twelve apples by the pictures of a virtual camera, instead of cubes.")
     ] = False
 
     @property

@@ -30,7 +30,7 @@ class LiveSource:
             namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
 
         Raises:
-            LiveError: No stack of this arm is running, or several are.
+            LiveError: No stack of this arm is running, or several are running.
         """
         self._clock, self._heard_s = clock, clock.now()
         self._found = found = find_stack(arm, namespace)
@@ -40,13 +40,13 @@ class LiveSource:
         self.robot = ObservedRobot()
         self.connected = False
         self.has_state = threading.Event()
-        """Set once a state of the robot has arrived."""
+        """Event that is set once a state of the robot has arrived."""
         self._thread = threading.Thread(target=self._read, name="live feed", daemon=True)
         self._thread.start()
 
     @property
     def stack(self) -> RunningStack:
-        """The stack that the source follows, or has followed last."""
+        """Stack that the source follows, or followed last."""
         return self._found
 
     @property

@@ -60,7 +60,7 @@ def live_folder() -> Path:
 
 
 def make_live_folder() -> Path:
-    """Create this user's folder, readable by this user only. Raises LiveError if it belongs to another user."""
+    """Create this user's folder, readable by this user only. Raises LiveError if the folder belongs to another user."""
     folder = live_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
         namespace: ROS namespace of the stack, such as ``/left``; empty for the root namespace. None: any namespace.
 
     Raises:
-        LiveError: No stack matches, or several do.
+        LiveError: No stack matches, or several stacks match.
     """
     running = running_stacks()
     found = [stack for stack in running if _is_of(stack, arm, namespace)]
@@ -187,7 +187,7 @@ def open_live(stack: RunningStack) -> MessageStream:
 
     def close() -> None:
         try:
-            connection.shutdown(socket.SHUT_RDWR)  # wakes up the thread that reads
+            connection.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that reads.
         except OSError:
             return
         finally:

@@ -40,7 +40,7 @@ class ServoFiles:
 
     description: Description
     component: HardwareInfo
-    """All components, merged into one."""
+    """All hardware components of the robot, merged into one component."""
     robot: Robot
     """Servos of all components, merged into one robot."""
     limits: dict[str, JointLimits]
@@ -49,7 +49,7 @@ class ServoFiles:
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
     """Arguments of the URDF by name, if it is written in xacro."""
     robot_paths: dict[str, Path]
-    """Robot file of each component that needs one."""
+    """Robot file of each component that needs a robot file."""
     scene: Path = SCENE
     """Scene of the simulated world."""
     arm: str = "robot_arm"
@@ -61,7 +61,7 @@ class ServoFiles:
 
     @property
     def robot_path(self) -> Path:
-        """Robot file of the first component that has one."""
+        """Robot file of the first component that has a robot file."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
     @property
@@ -245,7 +245,7 @@ def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> d
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder for results if necessary. Raises DriverError if it is not writable."""
+    """Create a folder for results if necessary. Raises DriverError if the folder is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,5 @@
-"""The poses of the tool in the files of the arms: the same places as the joint positions, and reachable from above."""
+"""The tool poses in the files of the arms are at the same places as the joint positions, and can be reached from
+above."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests that the self-collision matrix of the SRDF is that of tools/collision_matrix.py, and hides no collision."""
+"""Tests that the self-collision matrix of the SRDF equals that of tools/collision_matrix.py and hides no collision."""
 
 import itertools
 import runpy

@@ -1,4 +1,4 @@
-"""The grader against painted pictures whose truth is known pixel by pixel."""
+"""The grader is tested with painted pictures whose true values are known for each pixel."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def grader() -> Grader:
 def graded(
     grader: Grader, apples: list[painted.PaintedApple], lamp: painted.Lamp, seed: int = 0
 ) -> list[tuple[GradedApple, painted.PaintedTruth]]:
-    """Return each apple of a picture with its truth; fail if an apple is missed or invented."""
+    """Return each apple of a picture together with its true values; fail if an apple is missed or invented."""
     picture, truth = painted.paint(painted.view(), apples, lamp, seed)
     found = grader.grade(picture)
     assert len(found) == len(truth), [apple.position_m for apple in found]
@@ -58,6 +58,20 @@ def test_a_yellow_apple_on_a_table_of_wood_is_sound(known: bool) -> None:
     settings = GradingSettings(table_rgb=tuple(wood)) if known else GradingSettings()
     [found] = Grader(painted.view(), settings).grade(picture)
     assert found.defect_score < 0.02 and found.red_ratio < 0.02
+
+
+@pytest.mark.parametrize("table", [(0.045, 0.045, 0.05), (0.06, 0.10, 0.26)])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_table_does_not_change_the_size_or_the_defects(table: tuple[float, float, float], seed: int) -> None:
+    """In a blurred picture, a bright apple on a dark or blue table is surrounded by a colored rim."""
+    apples = painted.random_apples(np.random.default_rng(seed), 3, gap_m=0.02)
+    picture, truth = painted.paint(painted.view(), apples, painted.Lamp(lamp=0.8), seed, np.array(table))
+    found = Grader(painted.view(), GradingSettings(table_rgb=table)).grade(picture)
+    assert len(found) == len(truth)
+    for real in truth:
+        apple = min(found, key=lambda one: float(np.linalg.norm(one.position_m - real.position_m)))
+        assert abs(apple.diameter_mm - real.diameter_mm) < 1.5
+        assert abs(apple.defect_score - real.defect_score) < 0.03
 
 
 def test_the_shadow_of_another_apple_is_not_a_defect(grader: Grader) -> None:

@@ -1,4 +1,4 @@
-"""Stack and client shared by the tests of the controller manager."""
+"""Stack and client that the tests of the controller manager share."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -9,7 +9,8 @@ if TYPE_CHECKING:  # These tests are skipped without rclpy.
     from tests.ros.manager_client import ManagerClient
     from tests.ros.stack_process import StackProcess
 
-# Fixtures of the controller manager's tests. Modules that need another stack or more cleanup have their own.
+# Fixtures for the tests of the controller manager. Modules that need a different stack or more cleanup have their own
+# fixtures.
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def connected(stack: "StackProcess", namespace: str) -> Iterator["ManagerClient"
 
 @pytest.fixture
 def client(connected: "ManagerClient") -> Iterator["ManagerClient"]:
-    """Provide the client, with the stack as it is after its start."""
+    """Provide the client, with the stack in its initial state."""
     from tests.ros.manager_bench import restore
 
     yield connected

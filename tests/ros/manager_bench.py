@@ -1,4 +1,5 @@
-"""A stack with the default controllers and two more for the same joints, used by most tests of the manager."""
+"""A stack with the default controllers and two more controllers for the same joints, which most tests of the manager
+use."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,7 +44,7 @@ def manager_stack(folder: Path, namespace: str = "") -> Iterator[StackProcess]:
 
 
 def restore(client: ManagerClient) -> None:
-    """Restore the controllers as after the start."""
+    """Restore the initial state of the controllers."""
     for name, wanted in AT_START.items():
         state = client.states().get(name)
         if state is None:

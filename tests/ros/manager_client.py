@@ -1,4 +1,4 @@
-"""A client of /controller_manager in the process of the test, separate from the stack."""
+"""A client of /controller_manager that runs in the process of the test, separate from the stack."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -49,12 +49,12 @@ class ManagerClient:
         return self._clients[service]
 
     def wait(self, *futures: Future) -> list[Any]:
-        """Wait for all results. Fail if one does not arrive."""
+        """Wait for all results. Fail if no response arrives."""
         self.spin_until(lambda: all(future.done() for future in futures))
         return [future.result() for future in futures]
 
     def call(self, kind: Any, service: str, **fields: Any) -> Any:
-        """Call a service with a request of these fields and return its response."""
+        """Call a service with a request that has these fields, and return the response."""
         return self.wait(self.client(kind, service).call_async(kind.Request(**fields)))[0]
 
     def listed(self) -> dict[str, ControllerState]:
@@ -97,12 +97,12 @@ class ManagerClient:
     def switch(
         self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = STRICT
     ) -> tuple[bool, str]:
-        """Switch controllers, and return success and message."""
+        """Switch controllers, and return whether this succeeded, and the message."""
         (answer,) = self.wait(self.switching(activate, deactivate, strictness))
         return bool(answer.ok), str(answer.message)
 
     def set_from_text(self, node: str, name: str, text: str) -> bool:
-        """Set a parameter from YAML text, like the spawner."""
+        """Set a parameter from YAML text, as the spawner does."""
         parameter = Parameter("any", value="").to_parameter_msg()
         parameter.name, parameter.value = name, get_parameter_value(string_value=text)
         (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[parameter]).results
@@ -130,7 +130,7 @@ class ManagerClient:
         assert self.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
     def spin_until(self, ready: Callable[[], object], instead: Callable[[], object] = str) -> None:
-        """Spin until a condition is true. Fail after a timeout, with ``instead`` as the actual state."""
+        """Spin until a condition is true. Fail after a timeout, and report ``instead`` as the actual state."""
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready():
             assert time.monotonic() < deadline_s, f"never came: {instead()}"

@@ -39,7 +39,8 @@ def wait_for_planner(server: StackProcess, namespace: str = "") -> None:
 
 
 def program(*command: str) -> str:
-    """Run a Python program and return its output. Fail with its errors if it fails."""
+    """Run a Python program and return its output. The call fails with the program's error output if the program
+    fails."""
     ran = subprocess.run([sys.executable, *command], capture_output=True, text=True, timeout=PROGRAM_S, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     return ran.stdout

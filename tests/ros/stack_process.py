@@ -41,7 +41,7 @@ class StackProcess:
         until(path.exists, lambda: self.process.poll() is not None and self.words)
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """Send a signal if the process still runs, wait for its end, and return the exit status."""
+        """Send a signal if the process is still running, wait for its end, and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(PATIENCE_S)
@@ -93,7 +93,7 @@ class ArmClient:
         assert self._client.wait_for_server(PATIENCE_S)
 
     def send(self, positions: Sequence[float], seconds: int = 2) -> Future:
-        """Send a single-point goal and return the future of its (status, error_code, error_string)."""
+        """Send a goal with one point, and return the future of its (status, error_code, error_string)."""
         goal = FollowJointTrajectory.Goal()
         goal.trajectory.joint_names = list(JOINTS)
         point = JointTrajectoryPoint(positions=list(positions))

@@ -30,7 +30,7 @@ CYCLE_S = 0.05
 
 
 class EmptyRobot:
-    """A robot state publisher without joints, with the number of its reads of the scene."""
+    """A robot state publisher without joints that counts how often it reads the scene."""
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         self.looks = 0

@@ -115,7 +115,7 @@ def test_action_exists_only_while_configured(client: ManagerClient) -> None:
 
 @pytest.mark.row("cm-configure", "cm-cleanup")
 def test_node_exists_from_load_to_unload_and_publishes_every_transition(client: ManagerClient) -> None:
-    """A client that has discovered the node once can use it through all configurations."""
+    """A client that has discovered the node once can use it after every new configuration."""
     assert client.get("/hand_controller", "interface_name") == ["position"]
     with client.hearing(TransitionEvent, "/hand_controller/transition_event") as received:
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")

@@ -31,7 +31,8 @@ def local() -> Iterator[PageServer]:
 
 @pytest.fixture(scope="module")
 def open_to_others() -> Iterator[PageServer]:
-    """Serve at an address of this machine that is not one of its host names, as all of 127.x.x.x are."""
+    """Serve the page at an address of this machine that is not one of its host names, as all addresses of 127.x.x.x
+    are."""
     server = PageServer("127.0.0.2", port=0)
     yield server
     server.stop()
@@ -44,7 +45,7 @@ def get(server: PageServer, path: str = "/", **headers: str) -> http.client.HTTP
 
 
 def websocket(server: PageServer, origin: str, **headers: str) -> int:
-    """Return the HTTP status of a request for a websocket; 101 if it is opened."""
+    """Return the HTTP status of a request for a websocket; the status is 101 if the websocket is opened."""
     url = f"ws://{server.get_host()}:{server.get_port()}"
     try:
         with connect(url, origin=Origin(origin), subprotocols=[PROTOCOL], additional_headers=headers):

@@ -1,4 +1,4 @@
-"""Client of a move_group node. Its own thread spins the client, so that every call can wait."""
+"""Client of a move_group node. A separate thread spins the client, so that every call can wait."""
 
 import atexit
 import os
@@ -25,13 +25,13 @@ RESPONSE_S: Final = 5.0
 EXECUTION_MARGIN_S: Final = 15.0
 """Maximum time for an execution, in addition to twice the duration of the trajectory, in seconds."""
 GONE_S: Final = 2.0
-"""Time for which the server must be missing before a wait for its result ends, in seconds."""
+"""Time for which the server must be missing before a wait for its result is given up, in seconds."""
 POLL_S: Final = 0.05
 EXECUTE_ACTION: Final = "execute_trajectory"
 
 
 class MoveGroupClient:
-    """Client of a move_group node in a context of its own, so that ``rclpy.init`` of the program is independent."""
+    """Client of a move_group node in a separate context, so that it is independent of the program's ``rclpy.init``."""
 
     def __init__(self, node_name: str) -> None:
         stay_on_this_machine(os.environ)

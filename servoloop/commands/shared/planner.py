@@ -1,4 +1,4 @@
-"""What the commands for the motion planner share: the client of move_group, and options of poses."""
+"""Parts that the commands for the motion planner share: the client of move_group, and options of poses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
