@@ -86,7 +86,8 @@ class ManagerNode:
     def _declare(self, parameters: Mapping[str, Any]) -> None:
         """Declare the parameters of the controllers file, as ros2_control does, and the robot description in use."""
         rate = round(1.0 / self._stack.loop.period_s)
-        for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
+        fixed = {"update_rate": rate, "robot_description": self._stack.description.xml, "enforce_command_limits": True}
+        for name, value in fixed.items():
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
         self._limit_messages(parameters)
         for name, value in _flat(parameters):

@@ -39,7 +39,7 @@ CONTROLLERS = """
 controller_manager:
   ros__parameters:
     update_rate: 50
-    enforce_command_limits: true
+    enforce_command_limits: {enforced}
     lift_controller: {{type: {kind}}}
 lift_controller:
   ros__parameters: {{{parameters}}}
@@ -62,9 +62,11 @@ def urdf(*commands: str, kind: str = "revolute") -> str:
 class Stack:
     """Stack with one joint of a mock component and one controller."""
 
-    def __init__(self, folder: Path, text: str, kind: str, parameters: str) -> None:
+    def __init__(self, folder: Path, text: str, kind: str, parameters: str, enforced: str = "true") -> None:
         (folder / "arm.urdf").write_text(text)
-        (folder / "controllers.yaml").write_text(CONTROLLERS.format(kind=kind, parameters=parameters))
+        (folder / "controllers.yaml").write_text(
+            CONTROLLERS.format(kind=kind, parameters=parameters, enforced=enforced)
+        )
         self.files: Files = read_files(folder / "arm.urdf", folder / "controllers.yaml")
         clock, files = SimulatedClock(), self.files
         hardware = build(HardwareKind.MOCK, files, {}, clock).hardware
@@ -99,9 +101,13 @@ def test_a_trajectory_beyond_the_range_is_refused_but_one_to_its_limit_arrives(t
     assert stack.loop.command[0] == pytest.approx(0.5)
 
 
-def test_a_forwarded_position_is_limited_to_the_range(tmp_path: Path) -> None:
-    kind = ForwardCommandController.kind
-    stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, "joints: [lift], interface_name: position")
+@pytest.mark.parametrize("enforced", ["true", "false"])
+def test_a_forwarded_position_is_limited_to_the_range(
+    enforced: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    kind, parameters = ForwardCommandController.kind, "joints: [lift], interface_name: position"
+    stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, parameters, enforced)
+    assert ("enforce_command_limits: false has no effect" in caplog.text) is (enforced == "false")
     assert stack.sent([2.0]) == pytest.approx(0.5)
     assert stack.sent([-2.0]) == pytest.approx(-0.25)
 
