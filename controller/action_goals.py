@@ -4,7 +4,8 @@ from enum import Enum
 from typing import Final
 
 LONGEST_STEP: Final = 2.0
-"""Maximum time by which one cycle advances a goal, in periods. It prevents a leap after the loop has stalled."""
+"""Maximum time by which one cycle advances a goal, in periods. This limit prevents a leap after the loop has stalled.
+"""
 
 NOT_RUNNING: Final = "Can't accept new action goals. Controller is not running."
 DEACTIVATED: Final = "Current goal cancelled during deactivate transition."

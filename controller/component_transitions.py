@@ -1,4 +1,4 @@
-"""Change the state of hardware components while the loop runs, on request or because a component is lost."""
+"""Change the state of hardware components while the loop runs, at a client's request or after a component is lost."""
 
 import logging
 from collections import deque
@@ -22,11 +22,11 @@ LOG = logging.getLogger("servoloop.controller")
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 
 BackgroundWorker = Callable[[Callable[[], None]], None]
-"""Function that runs work longer than a cycle. Except in tests, the work runs in another thread."""
+"""Function that runs work that takes longer than a cycle. Except in tests, the work runs in another thread."""
 
 
 def run_at_once(work: Callable[[], None]) -> None:
-    """Run the work in the calling thread. This is the background worker when there is no other thread."""
+    """Run the work in the calling thread. This replaces the background worker when there is no other thread."""
     work()
 
 
@@ -35,13 +35,14 @@ class TransitionRules:
     """Rules for the transitions of components while the loop runs."""
 
     keep_alive: bool = False
-    """Whether the loop continues after the last component is lost, until a client activates it again."""
+    """Whether the loop continues after the last component is lost, so that a client can activate the component again.
+    """
     background_worker: BackgroundWorker = run_at_once
     """Runs work that takes longer than a cycle."""
 
 
 NO_BACKGROUND: Final = TransitionRules()
-"""The loop ends with its last component, and all work runs in the thread of the loop."""
+"""Default rules: the loop ends when its last component is lost, and all work runs in the thread of the loop."""
 
 
 class ComponentTransition(Request[None]):
@@ -109,7 +110,7 @@ class ComponentTransitions:
         self.returned: deque[tuple[Component, ComponentTransition]] = deque()
         """Components that have finished their work in the background. Background threads append, the loop removes."""
         self.arrived: list[tuple[Component, ComponentTransition]] = []
-        """Activated components that the loop takes over at their next measured positions."""
+        """Activated components that the loop will take over at their next measured positions."""
         self.leaving: list[_Leaving] = []
         self._hardware = hardware
         self._manager = manager
@@ -142,9 +143,9 @@ class ComponentTransitions:
             self._begin(self.asked.popleft())
 
     def after_read(self, state: JointState) -> None:
-        """Include activated components in the cycle and drop failed ones.
+        """Include activated components in the cycle and drop failed components.
 
-        Raises the error of the last component if it is lost and the loop is not kept alive.
+        If the last component is lost and the loop is not kept alive, raise the error of this component.
         """
         for component, transition in self.arrived:
             self._take_in(component, transition, state)
@@ -223,7 +224,7 @@ class ComponentTransitions:
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
-        if component.error is not None:  # Joints that cannot be reached cannot be relieved.
+        if component.error is not None:  # Joints that cannot be reached cannot be relieved either.
             return self._manager.stops.holds(own)
         return not self._manager.cycle.at_rest(own)
 
@@ -280,7 +281,7 @@ class ComponentTransitions:
     def _switch_off(self, component: Component, undo: bool) -> None:
         """Deactivate a component that cannot be commanded.
 
-        ``undo``: Whether to disable only the torque that the activation enabled.
+        ``undo``: whether to disable only the torque that the activation has enabled.
         """
         try:
             problems = undo_activation(component.hardware) if undo else component.hardware.deactivate(relax=False)
@@ -310,7 +311,7 @@ class ComponentTransitions:
 def _bring(component: Component, transition: ComponentTransition) -> None:
     """Bring a component to its target state step by step.
 
-    Raises the error of a step that fails. Earlier steps are not undone.
+    If a step fails, its error is raised, and earlier steps are not undone.
     """
     hardware, target = component.hardware, transition.target
     if hardware.state is UNCONFIGURED and target in CONFIGURED:

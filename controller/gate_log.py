@@ -1,4 +1,4 @@
-"""Log the safety gate's changes. Joints that the gate stops for the same reason in one cycle share one line."""
+"""Log the safety gate's changes. Joints that the gate limits for the same reason in one cycle share one line."""
 
 import logging
 from collections.abc import Mapping

@@ -8,9 +8,12 @@ from hal.types import FloatArray
 
 HORIZON_S: Final = 0.3
 """Time by which the set point is ahead of the joints, in seconds. Each command ends at rest at the set point, so the
-joints stop within this time after the last command, even if the operator's program has died."""
+joints stop within this time after the last command, even if the operator's program has crashed.
+"""
 FURTHEST: Final = 0.15
-"""Maximum distance of a set point from the measured joint, in rad or m. It limits the force on a blocked joint."""
+"""Maximum distance of a set point from the measured joint, in rad or m. This distance limits the force on a blocked
+joint.
+"""
 NEAR: Final = 2e-3
 """Distance within which a joint has reached its target, in rad or m."""
 
@@ -41,8 +44,8 @@ class GuidedMotion:
     def go(self, velocity: FloatArray, passed_s: float, at: JointPositions) -> FloatArray:
         """Advance the set point at a velocity and return it.
 
-        The set point stays within reach of the joints. If they do not follow it, because of a fault, a stop or an
-        obstacle, it waits for them. The joints then do not jump when they follow it again.
+        The set point stays within reach of the joints. If the joints do not follow because of a fault, a stop or an
+        obstacle, the set point waits for them. They then do not jump when they can follow again.
 
         Args:
             velocity: Velocities (n,), in rad/s or m/s.

@@ -64,7 +64,7 @@ class ControllerType(Protocol):
             The controller, not yet active.
 
         Raises:
-            ValueError: The parameters do not fit the robot. The message explains the correction.
+            ValueError: The parameters do not fit the robot. The message tells the user what to correct.
         """
         ...
 
@@ -133,16 +133,16 @@ class Controller(Protocol):
         ...
 
     def settled(self) -> bool:
-        """Return whether the joints have arrived at their command or can move no further.
+        """Return whether the joints have reached their command or cannot move further.
 
         Returns:
-            Whether other controllers need not wait for this one.
+            Whether other controllers need not wait for this controller.
         """
         ...
 
 
 class Relieving(Controller, Protocol):
-    """A controller that, after its deactivation, lets its joints yield until they no longer press on an obstacle."""
+    """A controller that can relieve its joints after its deactivation, so that they do not press on an obstacle."""
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
         """Begin the relief. The joints are at rest, and no other controller commands them.

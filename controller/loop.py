@@ -26,13 +26,13 @@ LOG = logging.getLogger("servoloop.controller")
 REMEMBERED: Final = 0.95
 """Factor by which the longest time after the read decays in each cycle."""
 LEAST_RESERVE: Final = 0.1
-"""Minimum share of the period that the read leaves to the other steps, even if they were shorter so far."""
+"""Minimum share of the period that the read leaves to the other steps, even if they have been shorter so far."""
 
 
 class ControlLoop:
-    """Fixed-rate loop. One thread owns it.
+    """Fixed-rate loop, owned by one thread.
 
-    ``step`` runs one cycle, which tests call directly. ``run`` calls ``step`` at the fixed rate.
+    ``step`` runs one cycle, and tests call it directly. ``run`` calls ``step`` at the fixed rate.
 
     """
 
@@ -116,7 +116,7 @@ class ControlLoop:
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Set the last command of an activated component to its measured positions.
 
-        A position slightly outside the limits also becomes the last command: the safety gate returns from there
+        A position slightly outside the limits also becomes the last command. From there, the safety gate returns
         slowly.
 
         Args:
@@ -217,7 +217,7 @@ class ControlLoop:
         """
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
-        # The command of a joint that was never measured or commanded is still NaN. Components skip it.
+        # The command of a joint that was never measured or commanded is still NaN. Components skip NaN.
         self.previous_command, self.command = self.command, gated.values
         self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
@@ -237,7 +237,7 @@ class ControlLoop:
             due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s, computed_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
-        """Log each change by the gate once, not in every cycle in which it continues."""
+        """Log each change by the gate once, not in every cycle in which the change continues."""
         if new := sorted(reasons.keys() - self._gated.keys()):
             log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

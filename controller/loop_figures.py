@@ -15,7 +15,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class LoopFigures:
-    """Figures since the loop started. A cycle is missed if the cycle before it ends after its due time."""
+    """Statistics since the loop started. A cycle is missed if the previous cycle ends after its due time."""
 
     cycles: int = 0
     missed: int = 0
@@ -35,7 +35,7 @@ class LoopFigures:
     _return_logged_s: float = -math.inf
     """Time at which the log last reported that joints are measured again, in seconds."""
     _unlogged_returns: int = 0
-    """Number of episodes without a measurement that ended since then."""
+    """Number of episodes without a measurement that have ended since that report."""
     recent: MissedCycles = field(default_factory=MissedCycles, compare=False)
     """Missed cycles since the last report, and the highest rate of the recent cycles."""
 

@@ -9,11 +9,11 @@ from drivers.printable import counted
 REPORT_AGAIN_S: Final = 1.0
 """Minimum time between two reports, in seconds. More log lines would make the loop even later."""
 REMEMBERED_CYCLES: Final = 1000
-"""Number of recent cycles from which the highest rate follows."""
+"""Number of recent cycles from which the highest rate is computed."""
 FEWEST_CYCLES: Final = 200
-"""Minimum number of cycles from which the highest rate follows."""
+"""Minimum number of cycles from which the highest rate is computed."""
 KEPT_SHARE: Final = 0.995
-"""Share of the recent cycles that must be on time at a rate that the machine sustains."""
+"""Share of the recent cycles that must be on time at a rate for the machine to sustain this rate."""
 
 
 class CycleTimes(NamedTuple):
@@ -22,7 +22,7 @@ class CycleTimes(NamedTuple):
     machine_s: float
     """Time for which the thread was ready but did not run."""
     bus_s: float
-    """Duration of the read. It includes waiting for the servos."""
+    """Duration of the read, including the wait for the servos."""
     computing_s: float
     """Processor time of all steps after the read."""
 
@@ -62,7 +62,7 @@ class MissedCycles:
         self._durations_s.append(duration_s)
 
     def miss(self, missed: int, times: CycleTimes) -> None:
-        """Count cycles that were missed because the cycle that was added last took these times."""
+        """Count cycles that were missed because of the last added cycle, with the ``times`` of that cycle."""
         self._missed += missed
         self._sums = CycleTimes(*map(sum, zip(self._sums, times, strict=True)))
         self._slowest = max(self._slowest, times, key=lambda one: one.total_s)

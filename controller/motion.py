@@ -102,7 +102,7 @@ def motion_to(
 def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
     """Plan the fastest stop that the acceleration and jerk limits of each joint allow. Raises MotionError."""
     task = _task(start, limits)
-    task.synchronization = Synchronization.No  # A joint that waited for the others would move further.
+    task.synchronization = Synchronization.No  # A joint that waited for the other joints would move further.
     task.control_interface = ControlInterface.Velocity
     task.target_velocity = [0.0] * len(limits)
     task.target_acceleration = [0.0] * len(limits)
@@ -160,8 +160,8 @@ def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, per
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper positions (n,) between which a path may be planned.
 
-    The positions are slightly outside the limits, because a swing that the encoder hardly resolves must not reject a
-    path. A joint that starts outside its limits may return. The sampler keeps the commands within the limits.
+    The positions are slightly outside the limits, because an overshoot that the encoder hardly resolves must not make a
+    path invalid. A joint that starts outside its limits may return. The sampler keeps the commands within the limits.
     """
     ends = [(limit.lower, limit.upper, AT_LIMIT * (limit.upper - limit.lower) + _ROUNDING) for limit in limits]
     lower, upper, slack = np.array(ends).T

@@ -39,7 +39,7 @@ def _value_mistake(value: Any) -> str | None:
 
 
 class Parameters(BaseModel):
-    """Parameters of a node. Names match those of ros2_control."""
+    """Parameters of a node. The names are the same as in ros2_control."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -64,7 +64,7 @@ class Parameters(BaseModel):
         return cls.model_construct(**values)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the required parameters that have no value. Until they are set, no controller can be built.
+        """Return the required parameters that have no value. No controller can be built until all of them are set.
 
         Returns:
             Names of the parameters.
@@ -81,8 +81,9 @@ class Parameters(BaseModel):
         return ()
 
     def unused(self) -> list[str]:
-        """Return the parameters without effect. Unknown parameters may be upstream's, so they are logged and not
-        refused.
+        """Return the parameters without effect.
+
+        They are logged and not rejected, because they may be parameters of ros2_control.
 
         Returns:
             Names of the parameters, sorted.

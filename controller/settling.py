@@ -18,7 +18,7 @@ class Settling:
     """Detector that reports whether the joints of a controller have settled."""
 
     def __init__(self, joints: Sequence[str], limits: Sequence[JointLimits], index: Sequence[int]) -> None:
-        """Watch joints with their ``limits``. ``index`` holds their indices in the hardware's joint order."""
+        """Watch joints with these ``limits``. ``index`` holds their indices in the hardware's joint order."""
         self.settled = True
         self._joints = tuple(joints)
         self._index = list(index)
@@ -36,7 +36,7 @@ class Settling:
         self.settled, self._still_s, self._fresh = False, 0.0, True
 
     def update(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> None:
-        """Evaluate one cycle. The joints move to ``goal`` (n,), and ``command`` (n,) is the current step to it."""
+        """Evaluate one cycle. The joints move to ``goal`` (n,), and ``command`` (n,) is the current step on the way."""
         # The last known position of an unmeasured joint cannot show an arrival or a stall.
         if not self.settled and not any(joint in state.faults for joint in self._joints):
             # A state measured before the command cannot show a stall.
@@ -51,7 +51,7 @@ class Settling:
     def _stalled(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> bool:
         position = state.position[self._index]
         slow = np.abs(state.velocity[self._index]) <= self._slow
-        # Fingers that held an object stay at rest until the command has returned from inside the object to them.
+        # When fingers release an object, they stay at rest until the command has returned from inside the object.
         driven = (command - position) * np.sign(goal - position) > 0.0
         still = bool((slow & (driven | (np.abs(position - goal) <= self._near))).all())
         self._still_s = self._still_s + period_s if still else 0.0

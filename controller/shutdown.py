@@ -17,7 +17,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, joints_of
 
 ARRIVE_S = 0.2
-"""Time for which the end of a motion is held so that the servos can reach it, in seconds."""
+"""Time for which the last command of a motion is held so that the servos can reach it, in seconds."""
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -42,7 +42,7 @@ def shut_down(
         park: Park pose in rad or m, by joint name. None skips parking.
         velocity_scale: Share of the velocity limits used for parking.
         hurry: Returns whether to skip the motion to the park pose (after a second signal).
-        settle: Waits for the background work, which may take seconds. The joints are at rest by then.
+        settle: Waits for the background work, which may take seconds. The joints are at rest during this wait.
     """
     problems: list[str] = []
     parked: list[bool] = []
@@ -100,7 +100,10 @@ def _stop(loop: ControlLoop) -> None:
 
 
 def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
-    """Relieve joints that keep their torque, so that they press against no obstacle. All joints are at rest by now."""
+    """Relieve joints that keep their torque, so that they do not press against an obstacle.
+
+    All joints are at rest by now.
+    """
     leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
     loop.manager.stops.moving.clear()
     leaving.restart()
@@ -112,7 +115,7 @@ def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
 
 
 def _check_torque(loop: ControlLoop) -> None:
-    """Ask the servos for their torque, so that the log names joints that have lost it just now."""
+    """Ask the servos whether their torque is enabled, so that the log also names joints that have just lost it."""
     for component in loop.hardware.components:
         if component.active:
             loop.hardware.ask_for_torque(component)

@@ -59,7 +59,7 @@ class _Stopping:
 class DecelerationStops:
     """Stops of joints whose controller was deactivated during a motion.
 
-    No other controller commands a joint before it is at rest.
+    No other controller commands a joint before the joint is at rest.
     """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:

@@ -22,18 +22,20 @@ class Unmeasured:
     def reset(self) -> None:
         """Reset all counts when the controller starts again."""
         self.cycles = 0
-        """Number of consecutive cycles in which no joint was measured, kept until the joints reach the last command."""
+        """Number of consecutive cycles in which no joint was measured. The count is kept until the joints reach the
+        last command.
+        """
         self.waits = False
         """Whether the goal waits in this cycle. A single lost answer does not pause the goal."""
         self._measured_s = 0.0
-        """Time since the joints are measured again, in seconds."""
+        """Time since the joints have been measured again, in seconds."""
 
     def step_s(
         self, faults: Mapping[str, JointFault], step_s: float, arrived: Callable[[], bool] = lambda: True
     ) -> float:
         """Return the time (s) by which the goal advances in a cycle that took ``step_s``.
 
-        ``arrived`` returns whether joints that are measured again have reached the last command, which may have
+        ``arrived`` returns whether joints that are measured again have reached the last command. This command may have
         arrived late.
         """
         if all(joint in faults and faults[joint].kind != "no_torque" for joint in self._joints):

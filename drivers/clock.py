@@ -45,7 +45,7 @@ def computing_time(clock: Clock) -> Callable[[], float]:
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """Return the offset from ``clock`` to the time of day, in seconds, from the fastest of five readings."""
+    """Return the offset from ``clock`` to the time of day, in seconds. The fastest of five measurements counts."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
     before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall_s - 0.5 * (before_s + after_s)

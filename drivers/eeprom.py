@@ -5,7 +5,7 @@
 
 The lock is opened before the first necessary write, and it is closed when the ``with`` block ends for any reason.
 Every write is verified by a read and not by its reply, so that a lost reply does not cause a second EEPROM write. A
-write that did not arrive is repeated.
+write that did not reach the servo is repeated.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,7 +23,7 @@ LARGEST_ID = 253
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 """Settings that cannot be read back because the servo can no longer be reached on this bus."""
 ANSWERS_NO_READ = {"status_return_level": 0}
-"""Values at which a Dynamixel servo answers only pings, so the value cannot be read back or reset."""
+"""Values that make a Dynamixel servo answer only pings. Such a value cannot be read back or reset."""
 TRIES = 3
 """Number of attempts to write or close the lock and to find a servo with a new ID. These attempts do not wear out the
 EEPROM.
@@ -67,7 +67,7 @@ class Eeprom:
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
     _becoming: tuple[Register, int] | None = None
-    """ID register and new ID while the ID is written. After an interrupt, the servo may have the old or the new ID."""
+    """ID register and new ID while the ID is written. If this write is interrupted, the servo may have either ID."""
 
     def read(self, register: Register) -> int:
         """Read a setting."""
@@ -217,8 +217,8 @@ class Eeprom:
 def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     """Return a context manager for writing the settings of one servo.
 
-    If the block raises and the lock cannot be closed either, a note is added to the exception. If an interrupt such as
-    a second Ctrl-C arrives while the lock is being closed, closing it is repeated a few times.
+    If the block raises an exception and the lock cannot be closed, a note is added to the exception. If an interrupt
+    such as a second Ctrl-C arrives while the lock is being closed, closing is retried a few times.
 
     Raises:
         EepromError: A setting cannot be read or written. The message names the servo and the register.
@@ -278,7 +278,7 @@ def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Regis
 
 
 def add_notes(error: BaseException, changes: Iterable[Change]) -> None:
-    """Add a note to an exception for each change that was written before it."""
+    """Add a note to an exception for each change that was written before the exception."""
     for change in changes:
         error.add_note(f"written before this error: {change}")
 

@@ -4,9 +4,9 @@ import logging
 from typing import Final
 
 LONGEST_LINE: Final = 500
-"""Maximum number of characters printed of a line. The rest is cut off, and the length of the line is printed."""
+"""Maximum number of characters of a line that are printed. Longer lines are cut off, and their length is printed."""
 MOST_LINES: Final = 200
-"""Maximum number of lines printed of a text."""
+"""Maximum number of lines of a text that are printed."""
 
 
 def printable(text: str) -> str:
@@ -30,7 +30,7 @@ def _escaped(letter: str) -> str:
 
 
 class PrintableFormatter(logging.Formatter):
-    """Formatter for log records. It indents continuation lines so that they cannot be mistaken for new messages."""
+    """Formatter for log records that indents continuation lines, which then cannot be mistaken for new messages."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = printable(record.message).replace("\n", "\n    ")

@@ -14,7 +14,7 @@ from drivers.errors import PortLost
 
 
 class HalError(Exception):
-    """Base class of all errors of this package. The message describes a remedy."""
+    """Base class of all errors of this package. The message tells the user what to do."""
 
 
 class DescriptionError(HalError):

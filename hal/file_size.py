@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 LARGEST_BYTES: Final = 2_000_000
-"""Maximum size of a text file. A URDF with a hundred joints has a tenth of this size."""
+"""Maximum size of a text file. A URDF with a hundred joints takes a tenth of this size."""
 LARGEST_SHAPE_BYTES: Final = 20_000_000
 """Maximum size of a mesh or a picture. A binary STL file of this size has 400,000 triangles."""
 SHORTEN: Final = "shorten it, or choose another file"
@@ -35,7 +35,7 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
 
 
 def check_existing(path: Path, error: type[Exception]) -> None:
-    """Check the size of a text file if it exists. The library that reads the file reports a missing file."""
+    """Check the size of a text file if it exists. A missing file is reported by the library that reads it."""
     with suppress(OSError, ValueError):
         check_size(path, error)
 

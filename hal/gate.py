@@ -23,7 +23,7 @@ RETURN_SHARE: Final = 0.1
 
 
 def clipped(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the values (n,) within the limits (n,), as ``np.clip`` does. It takes a third of the time of ``np.clip``.
+    """Clamp values (n,) to limits (n,), as ``np.clip`` does, in a third of its time.
 
     Args:
         values: Values of shape (n,).
@@ -66,7 +66,7 @@ class SafetyGate:
         self._held = np.array([kind == "position" for kind in kinds], dtype=bool)
         self._speeds = [i for i, kind in enumerate(kinds) if kind == "velocity"]
         self._each = [] if self._speeds else bounds
-        """Lower and upper limit and rate of each interface, if a value can be checked without the position."""
+        """Lower limit, upper limit and rate of each interface. Empty if there are velocity interfaces."""
         self._ends = np.array([(limits[i].lower, limits[i].upper) for i in self._speeds]).reshape(-1, 2)
 
     def limit(self, wanted: FloatArray, last: FloatArray, period_s: float, measured: FloatArray | None = None) -> Gated:
@@ -102,7 +102,7 @@ class SafetyGate:
         return Gated(safe, {})
 
     def _within(self, wanted: FloatArray, last: FloatArray, period_s: float) -> bool:
-        """Return whether no rule changes a command, which is usual. Plain floats are faster here than arrays."""
+        """Return whether no rule changes a command, the usual case. Plain floats are faster here than arrays."""
         for value, former, (lower, upper, rate) in zip(wanted.tolist(), last.tolist(), self._each, strict=False):
             reach = rate * period_s
             inside = lower <= value <= upper and lower <= former <= upper

@@ -31,7 +31,7 @@ class Hardware(Protocol):
         ...
 
     def configure(self) -> None:
-        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and torque stays as it was.
+        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and the torque is not switched.
 
         Raises:
             DriverError: The hardware cannot be opened, or differs from its description.
@@ -146,19 +146,19 @@ class Reactivating(Protocol):
         Raises:
             ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay without
                 torque.
-            DriverError: The hardware does not answer. The state is as for ActivationError.
+            DriverError: The hardware does not answer. The state is the same as after ActivationError.
         """
         ...
 
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Hardware that must poll its joints for lost torque. It polls them in turn, a few in each cycle."""
+    """Hardware that must poll its joints for lost torque, in turn, a few in each cycle."""
 
     def ask_for_torque(self) -> frozenset[str]:
         """Poll all joints of the active hardware, and update ``without_torque``.
 
-        It is called between two cycles and may take as long as a late cycle.
+        This is called between two cycles and may take as long as a late cycle.
 
         Returns:
             The names of the joints that did not answer.

@@ -23,13 +23,13 @@ class Joint:
     transmission: float = 1.0
     """Joint units per radian of the servo's shaft: 1.0 for a revolute joint without gear, m/rad if it is prismatic."""
     reduction: float = 1.0
-    """Turns of the servo per turn of the output of its gear. ``transmission`` contains it."""
+    """Turns of the servo per turn of the output of its gear. ``transmission`` includes this reduction."""
     homing_offset: int | None = None
-    """Homing offset of the servo for which ``zero_counts`` is valid; None if it is not checked."""
+    """Homing offset of the servo for which ``zero_counts`` is valid; None if the offset is not checked."""
     extended: bool = False
     """Whether the servo, a Dynamixel X, must be in extended position mode because the joint passes its last count."""
     seam_inside: bool = False
-    """Whether the joint may pass from the servo's last count to its first, as before a calibration."""
+    """Whether the joint may pass from the servo's last count to the first, as is possible before a calibration."""
     torque_limit: float = 1.0
     """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""
@@ -37,7 +37,7 @@ class Joint:
     position_p: int | None = None
     """Position P gain of the servo, if the robot file sets one."""
     firmware: int | None = None
-    """Firmware version of the virtual servo, a Dynamixel X; None for the usual one."""
+    """Firmware version of the virtual servo, a Dynamixel X; None for the usual version."""
     settings: tuple[tuple[str, int], ...] = ()
     """Names and values of the EEPROM registers that the robot file sets."""
     gravity_compensation: bool = True
@@ -48,7 +48,7 @@ class Joint:
 
     _units_per_count: float = field(init=False, repr=False, compare=False)
     _counts_range: tuple[int, int] | None = field(init=False, repr=False, compare=False, default=None)
-    """Range of the servo within the limits, once it is known: each cycle needs it."""
+    """Cached range of the servo within the limits, because each cycle needs it."""
 
     def __post_init__(self) -> None:
         units = self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn

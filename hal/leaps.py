@@ -57,7 +57,7 @@ class Plausibility:
 
     @classmethod
     def of_limits(cls, limits: JointLimits) -> Self:
-        """Create the check for a joint of which only the limits are known."""
+        """Create the check for a joint if only its limits are known."""
         endless = math.isinf(limits.upper - limits.lower)
         slack = SLACK_SHARE * min(limits.upper - limits.lower, math.tau)
         return cls(OVERSPEED * limits.velocity, BY_HAND_RAD_S, slack, math.tau if endless else math.inf)
@@ -85,7 +85,10 @@ class Plausibility:
         return away
 
     def _distance(self, start: float, end: float) -> float:
-        """Return the signed distance between two readings; if positions repeat, the shorter one."""
+        """Return the signed distance between two readings.
+
+        If positions repeat after a turn, this is the shorter distance.
+        """
         distance = end - start
         return distance if self._straight or math.isnan(distance) else math.remainder(distance, self._turn)
 

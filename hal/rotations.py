@@ -7,7 +7,7 @@ import numpy as np
 from hal.types import FloatArray
 
 SMALL_RAD: Final = 1e-4
-"""Angle below which series replace quotients of small numbers. Their error is below 1e-8."""
+"""Angle below which power series replace quotients of small numbers. The error of the series is below 1e-8."""
 NEARLY_HALF_TURN: Final = -0.9
 """Cosine of the angle above which the sine is too inaccurate to find the axis of a rotation."""
 
@@ -24,7 +24,7 @@ def matrices(quaternions: FloatArray) -> FloatArray:
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3). Their w is at least 0."""
+    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), with w at least 0."""
     r = np.asarray(rotations)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     x_y, x_z, y_z = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
@@ -60,7 +60,7 @@ def rotation_vectors(rotations: FloatArray) -> FloatArray:
 def vector_rates(vectors: FloatArray) -> FloatArray:
     """Return the matrices (k, 3, 3) that convert an angular velocity to the rate of a rotation vector (k, 3).
 
-    The angular velocity is in the frame that turns.
+    The angular velocity is given in the rotating frame.
     """
     angle_rad = np.sqrt((vectors * vectors).sum(axis=1))
     small = angle_rad < SMALL_RAD
@@ -86,8 +86,8 @@ def euler_angles(rotations: FloatArray) -> FloatArray:
 def euler_rates(angles: FloatArray) -> FloatArray:
     """Return the matrices (k, 3, 3) that convert an angular velocity to the rates of Euler angles (k, 3).
 
-    The angular velocity is in the frame that turns. Near 90 degrees about y, where the rates grow beyond all limits,
-    they are limited.
+    The angular velocity is given in the rotating frame. The rates are limited near 90 degrees about y, where they would
+    become infinite.
     """
     (_, sin_y, sin_z), (_, cos_y, cos_z) = np.sin(angles).T, np.cos(angles).T
     cos_y = np.maximum(cos_y, SMALL_RAD)

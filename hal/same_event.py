@@ -9,7 +9,7 @@ _FIGURE: Final = re.compile(r"(?<![\w.-])[+-]?\d+(?:\.\d+)?(?!\w|\.\d)")
 
 
 def event_of(text: str) -> tuple[str, ...]:
-    """Return the parts of a message between its numbers. Messages with the same parts belong to one event."""
+    """Return the parts of a message between its numbers. Messages with equal parts belong to the same event."""
     return tuple(_FIGURE.split(text))
 
 

@@ -37,7 +37,7 @@ def read_xml(path: Path, error: type[Exception], kind: str = "") -> str:
         kind: Kind of file, which precedes the path in a message.
 
     Raises:
-        error: As for ``read_text``, or the declared encoding is unknown.
+        error: The file cannot be read (see ``read_text``), or the declared encoding is unknown.
     """
     data = _read(path, error, f"{kind} ".lstrip())
     declared, shown = _DECLARED.match(data), _encoding(data)

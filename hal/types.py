@@ -16,9 +16,9 @@ FloatArray = NDArray[np.float64]
 
 
 AT_LIMIT: Final = 1e-3
-"""Distance beyond a limit at which a joint still counts as at the limit, as a share of its range.
-
-It covers two or three counts of 4096, and sag."""
+"""Distance beyond a limit up to which a joint counts as at the limit, as a share of its range. This distance covers two
+or three counts of 4096, and sag.
+"""
 
 
 class Interface(NamedTuple):
@@ -31,7 +31,7 @@ class Interface(NamedTuple):
 
     @classmethod
     def parse(cls, name: str) -> "Interface":
-        """Split the name of an interface, such as ``joint1/position``."""
+        """Parse the name of an interface, such as ``joint1/position``."""
         joint, _, kind = name.rpartition("/")
         return cls(joint, kind)
 
@@ -40,7 +40,7 @@ class Interface(NamedTuple):
 
 
 def joints_of(interfaces: Iterable[str]) -> list[str]:
-    """Return the joint of each interface, in their order."""
+    """Return the joint of each interface, in the order of the interfaces."""
     return [Interface.parse(name).joint for name in interfaces]
 
 
@@ -96,12 +96,13 @@ class Stall(NamedTuple):
 
 
 OUTSIDE_TOLERANCE: Final = 0.05
-"""Distance by which a joint may be outside its limits at activation, as a share of its range. It covers backlash, soft
-end stops and sag."""
+"""Distance by which a joint may be outside its limits at activation, as a share of its range. This distance covers
+backlash, soft end stops and sag.
+"""
 
 
 def apart(value: float, limit: float) -> tuple[str, str]:
-    """Format a value and its limit with at least four decimals, and more if they would look equal or like 0."""
+    """Format a value and its limit with at least four decimals, and with more if the two would look equal or like 0."""
     for digits in range(4, 16):
         shown, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
         vanish = any(number and not float(text) for text, number in ((shown, value), (end, limit)))

@@ -34,7 +34,7 @@ _WORDS: Final = {
     "a valid list": "a list",
     "a valid boolean": "true or false",
 }
-"""Words of pydantic, and the words of this project."""
+"""Terms in messages of pydantic, and their replacements."""
 _SHOWN: Final = 50
 """Maximum number of characters of a value in a message."""
 
@@ -73,7 +73,7 @@ def mistakes(file: YamlPlaces, error: ValidationError, within: Sequence[int | st
 
 
 def error_text(item: ErrorDetails) -> str:
-    """Return the message of a pydantic error in the words of this project, to follow the name of a key.
+    """Return a plain message for a pydantic error, worded to follow the name of a key.
 
     Args:
         item: The error.

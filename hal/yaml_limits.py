@@ -1,4 +1,4 @@
-"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading takes only seconds."""
+"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading takes at most seconds."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -18,7 +18,7 @@ class TooLarge(Exception):
 
 
 class TooDeep(Exception):
-    """Values are nested too deeply or contain themselves. The message is the line number."""
+    """Values are nested too deeply or contain themselves. The message holds only the line number."""
 
 
 def check_size(events: Iterable[yaml.Event]) -> list[int]:

@@ -68,7 +68,8 @@ class YamlFile:
             for start, value in found:
                 yield from self._reached(value, location[1:], depth + 1, start)
             if not found and any(value.value == location[0] for _, value in node.value):
-                # Pydantic adds the discriminator of a union to the location. It is the value of a key, not a key.
+                # Pydantic adds the discriminator of a union to the location. The discriminator is the value of a key,
+                # not a key.
                 yield from self._reached(node, location[1:], depth, line)
         elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
             part = node.value[int(location[0])]

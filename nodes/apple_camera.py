@@ -1,6 +1,7 @@
 """Run the node ``apple_camera``, which grades apples with a camera.
 
-Usage: ``python -m nodes.apple_camera [--network] --ros-args -p source:=/dev/video0 …``. The node is in perception/.
+Usage: ``python -m nodes.apple_camera [--network] --ros-args -p source:=/dev/video0 …``. The implementation of the node
+is in perception/.
 """
 
 import sys

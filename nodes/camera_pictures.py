@@ -27,7 +27,7 @@ STAMP_AT: Final = 4
 
 
 def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
-    """Pass every picture to ``store``: its stamp in ns of ROS time, and its encoded message."""
+    """Pass the stamp (in ns of ROS time) and the encoded message of every picture to ``store``."""
 
     def on_message(data: bytes) -> None:
         seconds, nanoseconds = STAMP.unpack_from(data, STAMP_AT)

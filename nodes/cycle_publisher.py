@@ -1,4 +1,4 @@
-"""Publish the cycles of the control loop in a thread of their own, which the loop wakes without waiting."""
+"""Publish the cycles of the control loop in a separate thread, which the loop wakes without waiting for it."""
 
 import threading
 from collections import deque
@@ -9,23 +9,25 @@ from typing import Final
 from hal.types import JointState
 
 KEPT_CYCLES: Final = 100
-"""Maximum number of cycles that wait for their publication. Older cycles are not published."""
+"""Maximum number of cycles that wait for their publication. Older cycles are discarded without being published."""
 STOP_S: Final = 1.0
-"""Maximum time to wait for the thread at its end, in seconds."""
+"""Maximum time to wait for the thread to end, in seconds."""
 
 
 class CyclePublisher:
     """Thread that publishes the posted cycles. The loop thread calls ``post``."""
 
     def __init__(self, publish: Callable[[Sequence[JointState]], None]) -> None:
-        """Create the thread. ``publish`` publishes one or more cycles in their order and raises no exception."""
+        """Create the thread. The function ``publish`` publishes one or more cycles in order and must not raise an
+        exception."""
         self._publish = publish
         self._cycles: deque[JointState] = deque(maxlen=KEPT_CYCLES)
         self._posted = self._published = 0
-        """Numbers of posted and published cycles. Each counter is written by one thread only."""
+        """Numbers of posted and published cycles. Each of these counters is written by one thread only."""
         self._caught_up = threading.Condition()
         self._idle = threading.Lock()
-        """Held until a cycle is posted. The loop thread only releases it, so it never waits for this thread."""
+        """Lock that is held until a cycle is posted. The loop thread only releases this lock, so it never waits for
+        this thread."""
         self._idle.acquire()
         self._ended = False
         self._thread = threading.Thread(target=self._work, name="cycle publisher", daemon=True)
@@ -41,7 +43,8 @@ class CyclePublisher:
         self._wake()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all posted cycles are published, and return whether they are."""
+        """Wait at most ``longest_s`` seconds until all posted cycles are published, and return whether this was done in
+        time."""
         with self._caught_up:
             return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
 

@@ -3,11 +3,12 @@
 By default (SUBNET), ROS 2 connects all programs of a domain on the whole network. In a classroom, every program could
 command every arm. The nodes are therefore limited to this machine unless the environment or ``--network`` opens them.
 
-ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST alone does not achieve this. With rmw_fastrtps of Jazzy (Fast DDS 2.14) it only
-disables multicast reception. The unicast sockets remain bound to all interfaces, and a host that lists this machine in
-its ROS_STATIC_PEERS can connect (measured between two network namespaces). ROS_LOCALHOST_ONLY=1 has the same effect,
-but ignores the static peers of the process. The profile this_machine.xml binds the sockets to the loopback interface.
-It also shortens the announcement period from 3 s to 0.5 s, so that programs find each other sooner.
+ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST alone does not achieve this. With rmw_fastrtps of Jazzy (Fast DDS 2.14) this
+setting only disables multicast reception. The unicast sockets remain bound to all interfaces, and a host that lists
+this machine in its ROS_STATIC_PEERS can connect (as measured between two network namespaces). ROS_LOCALHOST_ONLY=1 has
+the same effect, but ignores the static peers of the process. The profile this_machine.xml binds the sockets to the
+loopback interface. The profile also shortens the announcement period from 3 s to 0.5 s, so that programs find each
+other sooner.
 """
 
 from collections.abc import Mapping, MutableMapping
@@ -20,7 +21,7 @@ PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILE: Final = Path(__file__).with_name("this_machine.xml")
 
 _OWN_SETTINGS: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
-"""Settings by which a user chooses peers or a transport. If one of them is set, the profile is not used."""
+"""Settings by which a user chooses peers or a transport. If one of these variables is set, the profile is not used."""
 _FAST_DDS: Final = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 _WHOLE_NETWORK: Final = ("SUBNET", "SYSTEM_DEFAULT")
 
@@ -38,7 +39,7 @@ def open_to_network(environment: MutableMapping[str, str]) -> None:
     if environment.get(RANGE) not in _WHOLE_NETWORK:
         environment[RANGE] = "SUBNET"
     environment.pop(LOCALHOST_ONLY, None)
-    if environment.get(PROFILES) == str(PROFILE):  # A parent process of this project has set it.
+    if environment.get(PROFILES) == str(PROFILE):  # A parent process of this project has set the variable.
         del environment[PROFILES]
 
 

@@ -1,4 +1,4 @@
-"""Convert life cycle states and transitions to lifecycle_msgs messages."""
+"""Convert lifecycle states and transitions to lifecycle_msgs messages."""
 
 from lifecycle_msgs.msg import State, TransitionEvent
 from lifecycle_msgs.msg import Transition as TransitionMessage
@@ -16,7 +16,7 @@ _VERBS = {
 
 
 def state_message(state: LifecycleState) -> State:
-    """Convert a life cycle state to a ROS message."""
+    """Convert a lifecycle state to a ROS message."""
     return State(id=state.value, label=state.name.lower())
 
 

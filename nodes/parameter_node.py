@@ -17,21 +17,22 @@ from nodes.ros_time import RosTime
 from nodes.set_parameters import answering
 
 NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
-"""Event callbacks without warnings about incompatible subscribers. These would add one more event to each wait."""
+"""Event callbacks without warnings about incompatible subscribers. The omitted callbacks would add one more event to
+each wait."""
 
 
 class ParameterNode(Node):
     """A node whose parameters respond like those of rclcpp and whose clock follows the control loop.
 
-    The parameter ``use_sim_time`` reports whether the time of the loop is simulated. Setting it has no effect, because
-    stamps of another clock would not match those of the loop.
+    The parameter ``use_sim_time`` reports whether the time of the loop is simulated. Setting ``use_sim_time`` has no
+    effect, because stamps of another clock would not match those of the loop.
     """
 
     def __init__(self, name: str, ros_time: RosTime, allow_undeclared_parameters: bool = False, **more: Any) -> None:
         self._ros_time = ros_time
         self._undeclared_allowed = allow_undeclared_parameters
         self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
-        """Parameter callbacks of the node, each as a pair of its removal method and the callback."""
+        """Parameter callbacks of the node, each as a pair of the method that removes it and the callback."""
         super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
         if ros_time.simulated:
             self.set_parameters([Parameter(USE_SIM_TIME_NAME, value=True)])
@@ -47,7 +48,7 @@ class ParameterNode(Node):
 
     @property
     def parameter_names(self) -> frozenset[str]:
-        """Names of all parameters that have a value or were declared."""
+        """Names of all parameters that have a value or have been declared."""
         return frozenset(self.get_parameters_by_prefix(""))
 
     def forget_parameter(self, name: str) -> None:
@@ -61,7 +62,7 @@ class ParameterNode(Node):
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         if self._ros_time.simulated and isinstance(getattr(callback, "__self__", None), TimeSource):
-            return  # It would subscribe every node to the /clock of this process.
+            return  # The parameter would subscribe every node to the /clock of this process.
         super().add_on_set_parameters_callback(callback)
         self.parameter_callbacks.append((self.remove_on_set_parameters_callback, callback))
 
@@ -88,7 +89,7 @@ class ParameterNode(Node):
         new = [parameter.name for parameter in parameter_list if not self.has_parameter(parameter.name)]
         result: SetParametersResult = super().set_parameters_atomically(parameter_list)
         for name in new if result.successful else ():
-            if self.has_parameter(name):  # Its type was not declared, so the next value may have another type.
+            if self.has_parameter(name):  # Its type was not declared, so the next value may differ in type.
                 self.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
         return result
 
@@ -98,7 +99,8 @@ class ParameterNode(Node):
         return known if known.name else ParameterDescriptor(name=name, type=self.get_parameter_type(name))
 
     def get_parameter_type(self, name: str) -> int:
-        """Return the type as a number. For an unknown parameter, rclpy returns an enum, which the service rejects."""
+        """Return the type of the parameter as a number. For an unknown parameter, rclpy returns an enum, which the
+        service rejects."""
         kind: int | Parameter.Type = super().get_parameter_type(name)
         return kind.value if isinstance(kind, Parameter.Type) else kind
 

@@ -13,9 +13,10 @@ LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
 LATCHED_WHILE_NEW: Final = QoSProfile(depth=1, durability=LATCHED.durability, lifespan=Duration(seconds=0.5))
 """Like LATCHED, for topics published only while there are subscribers: an old message expires after 0.5 s."""
 ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Subscriber profile of ros2_control. It also accepts best-effort publishers: the next command replaces a lost one."""
+"""Subscriber profile of ros2_control. The subscriber also accepts best-effort publishers: the next command replaces a
+lost command."""
 EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""Service profile that keeps every call of a burst."""
+"""Service profile that keeps every request of a burst."""
 
 
 def numbers(values: FloatArray) -> "array[float]":
@@ -28,13 +29,14 @@ EARLY = 0.25
 
 
 class RateLimiter:
-    """Rate limiter for a publisher. On average it allows the given rate, but at most the rate of the cycles."""
+    """Rate limiter for a publisher. On average, the limiter allows the given rate, but at most the rate of the
+    cycles."""
 
     def __init__(self) -> None:
         self._next_s = self._last_s = float("-inf")
 
     def due(self, now_s: float, rate_hz: float) -> bool:
-        """Return True if the next message is due. The limiter restarts if time jumps back, as in a simulation."""
+        """Return whether the next message is due. The limiter restarts if time jumps backward, as in a simulation."""
         interval_s = 1.0 / rate_hz
         if now_s < self._last_s:
             self._next_s = now_s

@@ -1,7 +1,7 @@
 """Publish ``robot_description``, ``/tf`` and ``/tf_static`` for the links of the arm and the objects in the scene.
 
-The node behaves like ROS 2's robot_state_publisher, with three differences. It reads the joint states in the process
-instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The
+The node behaves like ROS 2's robot_state_publisher, with three differences. The node reads the joint states within the
+process instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The
 ``robot_description`` cannot be changed, because the stack drives the robot with which it was started.
 """
 
@@ -30,11 +30,12 @@ NAME: Final = "robot_state_publisher"
 
 _BASE: Final = "base_link"
 _IDLE_SCENE_HZ: Final = 1.0
-"""Rate at which the scene is read while /tf has no subscriber. An unread scene feed disconnects."""
+"""Rate at which the scene is read while /tf has no subscriber, in Hz. The scene feed disconnects if it is not read."""
 
 
 class RobotStateParameters(BaseModel):
-    """Parameters with the names of ROS 2. The controllers file may set them in a section ``robot_state_publisher``."""
+    """Parameters of the node, with the names of ROS 2. The controllers file may set the parameters in a section
+    ``robot_state_publisher``."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -44,7 +45,8 @@ class RobotStateParameters(BaseModel):
 
 
 class RobotStatePublisher:
-    """Node that publishes fixed joints once and moving joints after each cycle, at most at ``publish_frequency``."""
+    """Node that publishes fixed joints once, and moving joints after each cycle but at most at
+    ``publish_frequency``."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         self.node = ParameterNode(NAME, ros_time)

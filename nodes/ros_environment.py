@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Final
 
 RCLPY: Final = "7.1."
-"""Version prefix of rclpy in ROS 2 Jazzy. nodes/rclpy_patches/ replaces parts that differ in other versions."""
+"""Version prefix of rclpy in ROS 2 Jazzy. The patches in nodes/rclpy_patches/ replace parts that differ in other
+versions."""
 PACKAGES: Final = (
     "rclpy",
     "apple_quality_msgs",
@@ -24,26 +25,27 @@ PACKAGES: Final = (
 )
 """Required Python packages: the client library and the message packages of interfaces/."""
 PLANNING_PACKAGES: Final = ("moveit_msgs", "object_recognition_msgs", "octomap_msgs", "shape_msgs")
-"""Further packages that the planning server requires."""
+"""Additional packages that the planning server requires."""
 INSTALL: Final = "run 'make setup' and use .venv/bin/servoloop, or source the workspace that contains the package"
-"""Remedy for a missing package."""
+"""Remedy if a package is missing."""
 LAST_DOMAIN: Final = 232
-"""Highest domain ID that has UDP ports (DDSI-RTPS, 9.6.1.1)."""
+"""Highest domain ID for which UDP ports exist (DDSI-RTPS, 9.6.1.1)."""
 
 
 class RosError(Exception):
-    """ROS 2 is missing, belongs to another distribution, or has invalid settings. The message contains the remedy."""
+    """Error if ROS 2 is missing, belongs to another distribution, or has invalid settings. The message contains the
+    remedy."""
 
 
 class RosMissing(RosError):
-    """rclpy is not installed. Programs that can work without ROS continue without it."""
+    """rclpy is not installed. Programs that can work without ROS continue after this error."""
 
 
 def require_ros(further: Sequence[str] = ()) -> None:
     """Check ROS 2 and the environment of this process before nodes/ is imported.
 
     Args:
-        further: Required packages besides ``PACKAGES``.
+        further: Packages that are required in addition to ``PACKAGES``.
 
     Raises:
         RosMissing: rclpy is not installed.
@@ -65,7 +67,7 @@ def require_ros(further: Sequence[str] = ()) -> None:
 def _check_distribution() -> None:
     try:
         found = version("rclpy")
-    except PackageNotFoundError:  # An rclpy built from source has no metadata.
+    except PackageNotFoundError:  # An rclpy that was built from source has no metadata.
         return
     if not found.startswith(RCLPY):
         raise RosError(

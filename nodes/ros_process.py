@@ -31,7 +31,7 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
     goals could not be ended.
 
     Returns:
-        A sentence that names the programs that can command the arm.
+        The result is a sentence that names the programs that can command the arm.
 
     Raises:
         RosError: rcl rejects a setting or an argument.
@@ -44,7 +44,8 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
 
 @contextmanager
 def rcl_errors() -> Iterator[None]:
-    """Convert errors of rcl to RosError, without file positions in its sources. Other errors pass unchanged."""
+    """Convert errors of rcl to RosError, without file positions in its sources. Other errors are passed on
+    unchanged."""
     try:
         yield
     except (RuntimeError, NameValidationException) as error:
@@ -64,9 +65,9 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
     """Spin an executor until a future is done or the timeout has passed, and return whether the future is done.
 
     rclpy's ``spin_until_future_complete`` adds a callback to the future for every event it handles and finally turns
-    each callback into a task. A node that has run for a day has millions of them, and a burst of responses takes
-    minutes. All turns use the same timeout, because rclpy restarts its task queue when the timeout changes. A waiting
-    task would then starve the others.
+    each callback into a task. A node that has run for a day then has millions of tasks, and a burst of responses takes
+    minutes. All turns use the same timeout, because rclpy restarts its task queue when the timeout changes. With other
+    timeouts, a waiting task would block the other tasks.
     """
     end_s, turn_s = (inf, None) if timeout_s is None else (monotonic() + timeout_s, _TURN_S)
     while not future.done() and monotonic() < end_s:
@@ -79,7 +80,7 @@ def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
     """Terminate the process with status 1 and a traceback if the body takes longer than ``seconds``.
 
     Fast DDS (2.14) can deadlock if two participants leave at the same moment, for example on Ctrl-C in a launch file:
-    ``DomainParticipant::set_listener`` holds the lock that it waits for. Because the GIL may be held during the
+    ``DomainParticipant::set_listener`` waits for a lock that it already holds. Because the GIL may be held during the
     deadlock, the watchdog is a thread in C.
     """
     faulthandler.dump_traceback_later(seconds, exit=True)

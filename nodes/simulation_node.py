@@ -22,7 +22,7 @@ REPEAT_S: Final = 0.1
 
 
 class SimulationNode:
-    """Node for simulated time. All methods run in the ROS thread."""
+    """Node for simulated time. All methods must be called from the ROS thread."""
 
     def __init__(self, simulation: Simulation, ros_time: RosTime, pending: PendingRequests) -> None:
         self.node = ParameterNode(NAME, ros_time)
@@ -31,7 +31,7 @@ class SimulationNode:
         self._pending = pending
         self._clock = self.node.create_publisher(ClockMessage, "/clock", 10)
         self.node.create_timer(REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        group = ReentrantCallbackGroup()  # Others are served while one waits for steps.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request waits for steps.
         for kind, name, serve in (
             (SetPause, "set_pause", self._set_pause),
             (StepSimulation, "step_simulation", self._step),

@@ -1,4 +1,4 @@
-"""Monitor the jobs that start from what a camera sees, through the topics of the sorting cell."""
+"""Monitor the jobs that are started by camera pictures, through the topics of the sorting cell."""
 
 import json
 from collections import deque
@@ -15,14 +15,14 @@ from pick_place.job import JobPhase
 from pick_place.settings import normal_grade
 
 KEPT: Final = 100
-"""Number of messages with a graded apple that are kept between two jobs."""
+"""Number of messages with a graded apple that are stored between two jobs."""
 ENDS: Final = (JobPhase.DONE, JobPhase.ERROR)
 """Phases that end a job."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeenApple:
-    """The first apple with a grade in one message. Its stamp is the time of the picture, in ROS time."""
+    """The first apple with a grade in a message. The stamp of the apple is the time of the picture, in ROS time."""
 
     stamp_s: float
     grade: str
@@ -38,16 +38,16 @@ class SortingJob:
     request_id: int
     grade: str
     started_s: float
-    """ROS time of its first state."""
+    """ROS time of the first state of the job."""
     apple: SeenApple | None = None
-    """Apple that started the job: the first one of this grade after the previous job. Its message can arrive later than
-    the first state of the job."""
+    """Apple that started the job: the first apple with this grade after the previous job. The message with this apple
+    can arrive later than the first state of the job."""
     phase: str = ""
     message: str = ""
 
     @property
     def ended(self) -> bool:
-        """Whether the job is done or has failed."""
+        """Whether the job has succeeded or failed."""
         return self.phase in ENDS
 
     @property
@@ -63,7 +63,8 @@ class SortingJob:
 
 @dataclass(slots=True)
 class SortingMonitor:
-    """Subscriber to the states of the jobs and to the apples. It receives messages only while the caller spins."""
+    """Subscriber to the states of the jobs and to the apples. The subscriber receives messages only while the caller
+    spins."""
 
     jobs: list[SortingJob] = field(default_factory=list)
     """All jobs since the start, oldest first."""
@@ -79,7 +80,7 @@ class SortingMonitor:
         node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
 
     def receive_pictures(self, store: Callable[[int, bytes], None]) -> None:
-        """Pass every compressed picture to ``store``: its stamp in ns of ROS time, and its encoded message."""
+        """Pass the stamp (in ns of ROS time) and the encoded message of every compressed picture to ``store``."""
         if self._node is not None:
             subscribe_pictures(self._node, store)
 
@@ -105,7 +106,7 @@ class SortingMonitor:
         job = self.jobs[-1]
         job.apple = job.apple or self._cause(job)
         job.phase, job.message = state["phase"], state["message"]
-        if job.ended:  # An idle node starts the next job with the first apple from now on.
+        if job.ended:  # An idle node starts the next job with the first apple that arrives from now on.
             self._seen.clear()
 
     def _cause(self, job: SortingJob) -> SeenApple | None:

@@ -1,4 +1,4 @@
-"""Start rclpy with the patches of this rclpy version, and serve nodes although a callback may fail."""
+"""Start rclpy with the patches for this rclpy version, and keep serving nodes even if a callback fails."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -15,9 +15,9 @@ from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.ros_process import init_rclpy
 
 FINISH_S: Final = 0.2
-"""Time in which clients are still served after the control loop has ended, in seconds."""
+"""Time for which clients are still served after the control loop has ended, in seconds."""
 WAKE_S: Final = 0.1
-"""Time after which the executor wakes without a reason, in seconds, to check for the end and to send late answers."""
+"""Time after which the executor wakes by itself, in seconds, to check whether to end and to send delayed answers."""
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -34,13 +34,14 @@ def start_rclpy() -> Callable[[], None]:
 
 
 def executor_of(node: Node, turn: AbstractContextManager[object]) -> CycleExecutor:
-    """Create the executor of ``node`` and of nodes that are added later. It holds ``turn`` while callbacks run."""
+    """Create the executor for ``node`` and for nodes that are added later. The executor holds ``turn`` while callbacks
+    run."""
     supported = cycle_executor.PATCH in usable_patches()
     return cycle_executor.CycleExecutor(turn) if supported else PlainExecutor(node, turn)
 
 
 def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> None:
-    """Run steps in turn until ``stop`` returns True or rclpy shuts down. An error in a step is logged."""
+    """Run the steps in turn until ``stop`` returns True or rclpy shuts down. An error in a step is logged."""
     while not stop() and rclpy.ok():
         try:
             for step in steps:
@@ -52,7 +53,8 @@ def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> No
 
 @contextmanager
 def errors_logged() -> Iterator[None]:
-    """Log errors, so that an unusual request of one client does not end the service for the others."""
+    """Log errors instead of raising them, so that an unusual request of one client does not end the service for the
+    others."""
     try:
         yield
     except ExternalShutdownException:

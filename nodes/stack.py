@@ -25,7 +25,7 @@ class Simulation(Protocol):
         ...
 
     def step(self, cycles: int) -> Request[None]:
-        """Run a number of cycles of a paused simulation. The request is done after the last cycle."""
+        """Run a number of cycles of a paused simulation. The request is done after the last of these cycles."""
         ...
 
 
@@ -49,4 +49,4 @@ class Stack:
     publish_transforms: bool = True
     """Whether to publish ``robot_description`` and the transforms of the links."""
     simulation: Simulation | None = None
-    """Control of simulated time. None if the loop runs in real time."""
+    """Control of simulated time. This attribute is None if the loop runs in real time."""

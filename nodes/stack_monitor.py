@@ -1,4 +1,4 @@
-"""Monitor a running stack through its topics, for the live view and the report."""
+"""Monitor a running stack through its topics, for the browser view and the report."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ LOOP_STATUS = "servoloop: control loop"
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """State of the arm controller in one cycle. Arrays have shape (n,), in rad and rad/s; the stamp is ROS time."""
+    """State of the arm controller in one cycle. The arrays have shape (n,), in rad and rad/s; the stamp is ROS time."""
 
     stamp_s: float
     reference: FloatArray
@@ -35,9 +35,9 @@ class NewestMessages:
     velocity: dict[str, float] = field(default_factory=dict)
     error: dict[str, float] = field(default_factory=dict)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Values of each status by status name, including its text under the key ``message``."""
+    """Values of each diagnostic status by its name; the key ``message`` contains its text."""
     samples: list[Sample] = field(default_factory=list)
-    """Samples of all cycles since the caller last emptied the list."""
+    """Samples of all cycles since the caller last cleared the list."""
 
     @property
     def loop(self) -> dict[str, str]:
@@ -53,7 +53,7 @@ class NewestMessages:
 
 
 class StackMonitor:
-    """Subscriber to the topics of a stack. It receives messages only while the caller spins."""
+    """Subscriber to the topics of a stack. The subscriber receives messages only while the caller spins."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, arm: str) -> None:
         self.newest = NewestMessages()
@@ -64,7 +64,7 @@ class StackMonitor:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def spin(self, seconds: float) -> None:
-        """Receive messages, waiting at most ``seconds`` for one."""
+        """Receive messages, and wait at most ``seconds`` for one."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:

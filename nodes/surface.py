@@ -1,7 +1,7 @@
-"""Run all ROS nodes of a stack on one executor, and publish the cycles of the control loop beside it.
+"""Run all ROS nodes of a stack on one executor, and publish the cycles of the control loop in a second thread.
 
-The executor wakes only when a client sends something or expects an answer. Its callbacks and the publication of cycles
-take turns, so that both can use the nodes.
+The executor wakes only when a client sends something or expects an answer. Callbacks of the executor and the
+publication of cycles take turns, so that both can use the nodes.
 """
 
 import threading
@@ -31,21 +31,22 @@ from nodes.stack import Stack
 class Surface:
     """ROS 2 interface of one stack.
 
-    The loop thread calls ``post`` and ``wait_until_published``. A thread of its own publishes the cycles. All other
-    methods belong to the ROS thread.
+    The loop thread calls ``post`` and ``wait_until_published``. A separate thread publishes the cycles. All other
+    methods must be called from the ROS thread.
     """
 
     def __init__(self, stack: Stack) -> None:
         self._send_delayed = start_rclpy()
         self._stack = stack
         self._turn = threading.Lock()
-        """Held by the thread that uses the nodes: the executor in its callbacks, or the publisher of cycles."""
+        """Lock that is held by the thread that uses the nodes: the executor in its callbacks, or the publisher of
+        cycles."""
         self._publisher = CyclePublisher(self._publish_cycles)
         self._woken = False
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        with rcl_errors():  # If the first node starts, the others start too.
+        with rcl_errors():  # If the first node starts, the other nodes start too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         self._executor = executor_of(self._manager.node, self._turn)
         HardwareServices(self._manager.node, stack, self._pending)
@@ -62,7 +63,7 @@ class Surface:
         self._publisher.start()
 
     def post(self, state: JointState) -> None:
-        """Pass a completed cycle to its publisher, without blocking."""
+        """Pass a completed cycle to its publisher without blocking."""
         self._publisher.post(state)
 
     def wake(self) -> None:
@@ -74,12 +75,12 @@ class Surface:
         """Wait until all posted cycles are published, so that a simulated loop cannot outrun its clients.
 
         Returns:
-            Whether they were published within ``longest_s`` seconds.
+            Return whether the cycles were published within ``longest_s`` seconds.
         """
         return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
+        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end this loop."""
         serve(stop, (partial(self._executor.serve, WAKE_S), self._respond, self._send_delayed))
 
     def finish(self) -> None:
@@ -102,7 +103,7 @@ class Surface:
             rclpy.try_shutdown()
 
     def _publish_cycles(self, states: Sequence[JointState]) -> None:
-        """Publish cycles, and wake the executor if clients expect an answer or nodes have to be made."""
+        """Publish cycles, and wake the executor if clients expect an answer or nodes must be created."""
         with errors_logged(), self._turn:
             self._publish(states)
         with errors_logged(), self._turn:
@@ -114,7 +115,7 @@ class Surface:
     def _publish(self, states: Sequence[JointState]) -> None:
         offset_s = self._ros_time.offset_s()
         cycles = [(state, self._ros_time.stamp(state.stamp_s + offset_s)) for state in states]
-        state, stamp = cycles[-1]  # If the ROS thread lags, only joint states are published for every cycle.
+        state, stamp = cycles[-1]  # If the ROS thread lags behind, only joint states are published for every cycle.
         if self._simulation is not None:
             self._simulation.advance(stamp)
         self._controllers.publish(stamp, cycles)
@@ -142,6 +143,6 @@ class Surface:
                 for c in self._controllers.controllers
                 if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
             ]
-        finally:  # Clients wait for their responses even if a step above has failed.
+        finally:  # Clients wait for their responses even if one of the steps above has failed.
             if complete:
                 self._pending.resume_done()

@@ -18,7 +18,7 @@ from drivers.errors import DriverError
 
 PATIENCE_S: Final = 30.0
 POLL_S: Final = 0.05
-"""Interval at which a wait checks whether it should end, in seconds."""
+"""Interval at which a wait checks whether to end, in seconds."""
 
 
 @dataclass(slots=True)
@@ -31,14 +31,14 @@ class Promptness:
     stamps_s: list[float] = field(default_factory=list)
     """Stamps of /joint_states in ROS time, recorded while ``recording`` is True."""
     ages_s: list[float] = field(default_factory=list)
-    """Age of each of these messages when the client received it."""
+    """Age of each recorded message when the client received it, in seconds."""
     goals: int = 0
     failed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class TimedController:
-    """Joint trajectory controller whose response is timed."""
+    """Joint trajectory controller whose response times are measured."""
 
     joints: Sequence[str]
     """Names of the controller's joints."""
@@ -48,7 +48,8 @@ class TimedController:
 
 
 class TimingClient:
-    """Client of a joint trajectory controller with one goal at a time. The caller's thread spins ``executor``."""
+    """Client that sends goals to a joint trajectory controller, one at a time. The caller's thread must spin
+    ``executor``."""
 
     def __init__(
         self,
@@ -64,7 +65,7 @@ class TimingClient:
             node: Node of the client.
             executor: Executor of the node, spun by this client.
             controller: The controller.
-            noted: Object that receives the measurements.
+            noted: Object that stores the measurements.
             stop: Function that ends every wait when it returns True.
 
         Raises:
@@ -83,7 +84,7 @@ class TimingClient:
             raise DriverError(f"no node offers the action {action}: start the stack first")
 
     def spin(self, seconds: float) -> None:
-        """Serve callbacks for ``seconds``, or until ``stop`` returns True."""
+        """Serve callbacks for ``seconds`` or until ``stop`` returns True."""
         end_s = time.perf_counter() + seconds
         while (left_s := end_s - time.perf_counter()) > 0.0 and not self._stop():
             self._executor.spin_once(timeout_sec=min(left_s, POLL_S))

@@ -1,4 +1,4 @@
-"""Compute the transforms of a robot's links. Constant parts are computed once, the others in every cycle."""
+"""Compute the transforms of a robot's links. Constant parts are computed once, and the other parts in every cycle."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,7 +23,8 @@ class MovingTransforms:
         self._messages: list[tuple[int, Mimic | None, Place, TransformStamped]] = []
 
     def transforms(self, names: Sequence[str], positions: Sequence[float], stamp: Time) -> list[TransformStamped]:
-        """Return the transforms of the joints in ``names`` and of joints that mimic them, except for NaN positions."""
+        """Return the transforms of the joints in ``names`` and of the joints that mimic them, except for NaN
+        positions."""
         if names is not self._names:
             self._names, self._messages = names, list(self._among(names))
         shown = []
@@ -78,7 +79,8 @@ def _slide(start: Sequence[float], along: Sequence[float]) -> Place:
 
 
 def _turn(at_rest: Sequence[float], turned: Sequence[float]) -> Place:
-    """Rotate by an angle: cos(angle/2) of the quaternion at rest plus sin(angle/2) of the turned quaternion."""
+    """Rotate by an angle: the result is cos(angle/2) times the quaternion at rest plus sin(angle/2) times the turned
+    quaternion."""
     (ax, ay, az, aw), (bx, by, bz, bw) = at_rest, turned
 
     def place(transform: Transform, angle_rad: float) -> None:

@@ -1,1 +1,1 @@
-"""See with a camera: camera sources, calibration, and grading of apples. This package does not use ROS."""
+"""Camera sources, camera calibration and grading of apples. This package does not use ROS."""

@@ -1,4 +1,4 @@
-"""A calibrated camera above a plane: from pixels to rays and points in base_link, and back."""
+"""Convert between pixels of a calibrated camera above a plane and rays or points in base_link."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
 
 LOWEST_SLOPE: Final = 0.05
-"""Smallest downward slope of a ray that is intersected with the plane. Flatter rays meet the plane too far away."""
+"""Smallest downward slope of a ray that is intersected with the plane. A flatter ray meets the plane too far away."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +35,13 @@ class CameraPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraView:
-    """Intrinsics and pose of a camera."""
+    """Calibrated camera with its intrinsics and its pose."""
 
     intrinsics: Intrinsics
     pose: CameraPose
 
     def rays(self, pixels: FloatArray) -> FloatArray:
-        """Return the unit directions (n, 3) in base_link of pixels (n, 2)."""
+        """Return the unit vectors (n, 3) in base_link from the camera toward pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(points, self.intrinsics.matrix, self.intrinsics.distortion).reshape(-1, 2)
         rays = np.column_stack([flat, np.ones(len(flat))]) @ self.pose.rotation.T
@@ -49,7 +49,10 @@ class CameraView:
         return directions
 
     def pixels(self, points_m: FloatArray) -> FloatArray:
-        """Return the pixels (n, 2) of points (n, 3) in base_link, in m. Points behind the camera are NaN."""
+        """Return the pixels (n, 2) of points (n, 3) in base_link, in m.
+
+        The result is NaN for points behind the camera.
+        """
         local = (np.atleast_2d(points_m) - self.pose.position_m) @ self.pose.rotation
         ahead = local[:, 2] > 1e-6
         pixels = np.full((len(local), 2), np.nan)
@@ -61,7 +64,10 @@ class CameraView:
         return pixels
 
     def on_plane(self, pixels: FloatArray) -> FloatArray:
-        """Return the points (n, 3) of the plane at pixels (n, 2), in m. Pixels beside the plane are NaN."""
+        """Return the points (n, 3) of the plane at pixels (n, 2), in m.
+
+        The result is NaN for pixels that do not show the plane.
+        """
         rays = self.rays(pixels)
         down = np.where(rays[:, 2] < -LOWEST_SLOPE, rays[:, 2], np.nan)
         lengths_m = (self.pose.plane_height_m - self.pose.position_m[2]) / down
@@ -97,13 +103,13 @@ def read_pose(path: Path, camera: str) -> CameraPose:
         camera: Name of the camera in its intrinsics.
 
     Raises:
-        CameraFileError: The file has mistakes, or belongs to another camera.
+        CameraFileError: The file has mistakes, or belongs to a different camera.
     """
     file = load(path, _PoseFile, CameraFileError)
     if file.camera_name != camera:
         raise CameraFileError(
-            f"{path} is the pose of the camera {file.camera_name}, but the intrinsics are those of {camera}: "
-            "name the two files of one camera"
+            f"{path} is the pose of camera {file.camera_name}, but the intrinsics are those of {camera}: name two "
+            f"files of the same camera"
         )
     quaternion = np.array(file.orientation_xyzw)
     return CameraPose(
@@ -126,7 +132,7 @@ def pose_text(pose: CameraPose) -> str:
 
 
 def looking_at(position_m: FloatArray, target_m: FloatArray, plane_height_m: float) -> CameraPose:
-    """Return the pose of a camera that looks at a target, with the far side of the plane at the top of the picture.
+    """Return the pose of a camera that looks at a target. The far side of the plane is at the top of the picture.
 
     Args:
         position_m: Position (3,) of the camera in base_link, in m.

@@ -19,7 +19,7 @@ from hal.errors import HalError
 
 
 class PerceptionError(HalError):
-    """Base class of all errors of this package. The message describes a remedy."""
+    """Base class of all errors of this package. The message tells the user what to do."""
 
 
 class CameraError(PerceptionError):

@@ -15,7 +15,7 @@ class Frame:
     """One picture of a camera."""
 
     rgb: Picture
-    """The picture (height, width, 3). Its owner does not change it any more."""
+    """The picture (height, width, 3), which its owner must no longer change."""
     stamp_s: float
     """Time of capture, in seconds on the clock of the source."""
     number: int
@@ -28,7 +28,7 @@ class Frame:
 
 
 class CameraSource(Protocol):
-    """A camera, a recording or a virtual camera. One thread uses it."""
+    """A camera, a recording or a virtual camera. Only one thread may use it."""
 
     @property
     def name(self) -> str:
@@ -41,15 +41,11 @@ class CameraSource(Protocol):
         ...
 
     def open(self) -> None:
-        """Open the source.
-
-        Raises:
-            CameraError: The source cannot be used. The message describes a remedy.
-        """
+        """Open the source. Raises: CameraError: The source cannot be used. The message tells the user what to do."""
         ...
 
     def read(self, timeout_s: float) -> Frame:
-        """Wait for a frame that is newer than the previous one.
+        """Wait for a frame that is newer than the previous frame.
 
         Args:
             timeout_s: Maximum time to wait, in seconds.

@@ -1,4 +1,4 @@
-"""Read a camera and grade its frames, again and again; open the camera again after a failure."""
+"""Read frames from a camera and grade them in a loop. The camera is opened again after a failure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from perception.grading.grader import GradedApple
 RETRY_S: Final = 1.0
 """Time between two attempts to open a camera, in seconds."""
 Grading = Callable[[Picture], Sequence[GradedApple]]
-"""Function that grades a picture. It raises a PerceptionError if it cannot."""
+"""Function that grades a picture, or raises a PerceptionError."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Seen:
 
     frame: Frame
     apples: tuple[GradedApple, ...] | None
-    """The apples; None if the picture could not be graded."""
+    """The apples in the picture; None if the picture could not be graded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class GradingStatus:
 
 
 class GradingLoop:
-    """Steps of a loop that grades. One thread calls them."""
+    """Loop that grades frames step by step. Only one thread may use it."""
 
     def __init__(self, source: CameraSource, grading: Grading, clock: Clock) -> None:
         self._source, self._grading, self._clock = source, grading, clock
@@ -67,11 +67,8 @@ class GradingLoop:
     def step(self, timeout_s: float) -> Seen | None:
         """Read and grade the next frame.
 
-        Args:
-            timeout_s: Maximum time to wait, in seconds.
-
-        Returns:
-            The frame; None if there is none. ``status`` has the reason.
+        Args: timeout_s: Maximum time to wait, in seconds. Returns: The frame. None if there is no frame; ``status`` has
+        the reason.
         """
         if not self._open and not self._opened(timeout_s):
             return None

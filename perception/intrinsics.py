@@ -1,4 +1,4 @@
-"""Intrinsics of a camera, in the file layout of camera_calibration (camera.yaml)."""
+"""Read and write the intrinsics of a camera in the file layout of camera_calibration (camera.yaml)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -98,10 +98,7 @@ class _CameraFile(BaseModel):
 
 
 def read_intrinsics(path: Path) -> Intrinsics:
-    """Read a camera.yaml.
-
-    Args:
-        path: The file, as camera_calibration or ``servoloop camera calibrate`` writes it.
+    """Read a camera.yaml. Args: path: File that camera_calibration or ``servoloop camera calibrate`` has written.
 
     Raises:
         CameraFileError: The file has mistakes. The message lists all of them with their lines.
@@ -112,7 +109,7 @@ def read_intrinsics(path: Path) -> Intrinsics:
 
 
 def intrinsics_text(intrinsics: Intrinsics) -> str:
-    """Return the content of a camera.yaml, which ``read_intrinsics`` and ROS read."""
+    """Return the content of a camera.yaml that ``read_intrinsics`` and ROS can read."""
     content = {
         "image_width": intrinsics.width,
         "image_height": intrinsics.height,

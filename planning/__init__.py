@@ -1,1 +1,4 @@
-"""Motion planning: search, collision checks and timing. This package has no ROS, no threads and no clock of its own."""
+"""Motion planning: search, collision checks and timing.
+
+This package does not use ROS, and has no threads and no clock of its own.
+"""

@@ -33,9 +33,9 @@ class Follower(NamedTuple):
     joint: int
     """Number of the mimic joint in the model."""
     leader: int
-    """Number of the joint that it follows."""
+    """Number of the joint that the mimic joint follows."""
     coefficients: FloatArray
-    """Polynomial (5,), lowest power first: distance from the initial position as a function of the leader's."""
+    """Polynomial (5,), lowest power first, from the leader's distance from its initial position to the follower's."""
 
 
 class ArmModel:
@@ -43,8 +43,8 @@ class ArmModel:
 
     Args:
         model: Compiled scene (mujoco.MjModel), which this object keeps.
-        limits: Limits of the planned joints by name. Their order is the order of all joint vectors (n,).
-            A continuous joint has infinite position limits.
+        limits: Limits of the planned joints by name. All joint vectors (n,) have the same order. A continuous joint has
+            infinite position limits.
 
     Raises:
         PlanningError: A planned joint is missing, follows another joint, or is neither a hinge nor a slide.
@@ -92,7 +92,7 @@ class ArmModel:
         mujoco.mj_kinematics(self.model, self.data)
 
     def set_others(self, positions: Mapping[str, float]) -> None:
-        """Move joints by name, such as the hand's, which no plan moves. Raises PlanningError for an unknown name."""
+        """Move joints that no plan moves, such as the hand's, by name. Raise PlanningError for an unknown name."""
         for name, position in positions.items():
             self.data.qpos[self.model.jnt_qposadr[self._joint(name)]] = position
         self._follow()
@@ -112,7 +112,7 @@ class ArmModel:
         return self.bodies[self.links.index(link)]
 
     def colliding_geoms(self, bodies: Iterable[int]) -> list[int]:
-        """Return the geoms of bodies that collide with anything (contype or conaffinity)."""
+        """Return the geoms of bodies that can collide (contype or conaffinity)."""
         wanted, model = set(bodies), self.model
         collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         return [geom for geom in range(model.ngeom) if collides[geom] and int(model.geom_bodyid[geom]) in wanted]
@@ -133,7 +133,7 @@ class ArmModel:
     def adjacent(self) -> frozenset[Pair]:
         """Return the pairs of links that a single joint connects, directly or through links welded to them.
 
-        MuJoCo leaves out the same pairs. Such links may touch each other.
+        Such links may touch each other. MuJoCo also excludes these pairs.
         """
         model, welds = self.model, self.model.body_weldid
         groups = dict[int, list[str]]()
@@ -146,12 +146,15 @@ class ArmModel:
         return frozenset(pairs)
 
     def everything(self) -> frozenset[Pair]:
-        """Return all pairs of links and world objects, for a scene in which contacts do not matter."""
+        """Return all pairs of links and world objects, to ignore all contacts in a scene."""
         names = [*self.links, *self.world_geoms()]
         return frozenset(pair(one, other) for one in self.links for other in names if one != other)
 
     def outside(self, positions: FloatArray) -> str:
-        """Describe the first joint whose position is not a number or outside its limits; empty if all are inside."""
+        """Describe the first joint whose position is not finite or outside its limits.
+
+        The text is empty if there is none.
+        """
         for name, position, limit in zip(self.joints, positions, self.limits, strict=True):
             if not math.isfinite(position):
                 return f"{name} is at {position}: give a finite position"

@@ -1,4 +1,4 @@
-"""Clearances of an arm in a scene, for poses and for edges (straight lines between two poses of the joints)."""
+"""Compute the clearances of an arm in a scene, at poses and along edges (straight lines in joint space)."""
 
 import itertools
 import math
@@ -17,7 +17,7 @@ from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3
-"""Smallest clearance of a pose by default, in m. The links of the arm keep at most this distance from each other."""
+"""Default minimum clearance of a pose, in m. The padding between links of the arm is never larger than this."""
 TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
 ROUNDING_M: Final = 1e-6
@@ -28,19 +28,19 @@ INFINITE_M: Final = 1e9
 
 
 class Clearance(NamedTuple):
-    """Smallest distance of a pose."""
+    """Smallest distance at a pose."""
 
     distance_m: float
-    """Distance in m; infinite if nothing can touch. It is not positive in contact, and then not a depth."""
+    """Distance in m; infinite if nothing can touch. In contact it is 0 or negative, and does not measure the depth."""
     pair: tuple[str, str]
     """Names of the two links or objects, the link first."""
 
 
 class Contact(NamedTuple):
-    """Place at which an edge comes too near to something."""
+    """Point of an edge at which the arm comes too near to something."""
 
     part: float
-    """Part of the edge, from 0 to 1."""
+    """Position on the edge, from 0 to 1."""
     pair: tuple[str, str]
     """Names of the two links or objects, the link first."""
 
@@ -49,8 +49,8 @@ class Contact(NamedTuple):
 class Margins:
     """Distances of the checks.
 
-    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. The check of
-    an edge never advances by less than the part in which links move by ``tolerance_m``.
+    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. In each step,
+    the check of an edge advances at least as far as links need to move by ``tolerance_m``.
     """
 
     padding_m: float = PADDING_M
@@ -64,28 +64,28 @@ class Margins:
             )
 
     def within(self, clearance_m: float) -> "Margins":
-        """Return margins that a pose with a clearance has; its edges keep at least half of it."""
+        """Return margins for a pose with this clearance. Its edges keep at least half of the clearance."""
         padding_m = min(self.padding_m, clearance_m)
         return self if padding_m == self.padding_m else Margins(padding_m, min(self.tolerance_m, padding_m / 2.0))
 
     def for_parts(self) -> "Margins":
         """Return margins that every part of an accepted edge has.
 
-        Between its checked poses, an accepted edge may be nearer than the padding. A second check of a part with the
-        same margins could therefore refuse it.
+        Between its checked poses, an accepted edge may be closer to something than the padding. A second check of a
+        part with the same margins could therefore refuse it.
         """
         padding_m = max(self.padding_m - self.tolerance_m - ROUNDING_M, ROUNDING_M)
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
 MARGINS: Final = Margins()
-"""Distances of all checks by default."""
+"""Default distances of all checks."""
 
 
 class Collisions:
     """Collision checks of an arm in a scene.
 
-    The object keeps the positions that joints other than the planned ones have now. One thread may use it at a time.
+    The object stores the present positions of joints that are not planned. Only one thread at a time may use it.
 
     Args:
         arm: The arm.
@@ -114,18 +114,18 @@ class Collisions:
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether the arm is ``padding_m`` away from objects, and at most that from itself."""
+        """Return whether the arm keeps ``padding_m`` from objects, and the padding of links from itself."""
         return self.contact(positions, padding_m) is None
 
     def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
-        """Return the nearest pair at positions (n,) if it is nearer than the padding, or None."""
+        """Return the closest pair at positions (n,) if it is closer than the padding, or else None."""
         self.poses_checked += 1
         own_m = self._pad(padding_m)
         pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), own_m)[1]
         return Contact(0.0, self._named(pair)) if pair >= 0 else None
 
     def nearer(self, positions: FloatArray, below_m: float) -> list[Clearance]:
-        """Return the pairs of names that are nearer than ``below_m`` at positions (n,), the nearest first."""
+        """Return the pairs of names that are closer than ``below_m`` at positions (n,), closest pair first."""
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
@@ -136,7 +136,10 @@ class Collisions:
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
     def room_m(self, positions: FloatArray, padding_m: float) -> float:
-        """Return the largest padding up to ``padding_m`` that positions (n,) have, in m. Contacts have less than 0."""
+        """Return the largest padding that positions (n,) satisfy, at most ``padding_m``, in m.
+
+        It is negative in contact.
+        """
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
@@ -144,9 +147,9 @@ class Collisions:
         return min(padding_m, float(distances[counts].min(initial=np.inf)))
 
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
-        """Return where an edge comes nearer to something than the padding, or None if it is free.
+        """Return where an edge comes closer to something than the padding, or None if the edge is free.
 
-        An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
+        An edge that needs more than 2,000 poses, because it stays very close to something, counts as not free.
 
         Args:
             start: Positions at the start (n,), in rad or m.
@@ -155,14 +158,17 @@ class Collisions:
         """
         ends = np.array([start, end], dtype=float)
         padding_m, tolerance_m = self._pad(margins.padding_m), margins.tolerance_m
-        if padding_m < margins.padding_m:  # the tolerance fits the padding of objects, but not that of links
+        if padding_m < margins.padding_m:  # the tolerance suits the padding of objects, but not the padding of links
             tolerance_m = min(tolerance_m, padding_m / 2.0)
         part, pair, checked = edge_contact(self._chains, self._pairs, self._now, ends, padding_m, tolerance_m)
         self.poses_checked += checked
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
     def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too."""
+        """Return the first contact of the edges between points (m, n), or None.
+
+        Its ``part`` includes the previous edges.
+        """
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
                 return Contact(index + contact.part, contact.pair)
@@ -173,7 +179,7 @@ class Collisions:
         return float(np.abs(moved) @ self.levers_m)
 
     def _pad(self, padding_m: float) -> float:
-        """Set the padding of pairs with objects, and return that of pairs of links."""
+        """Set the padding of pairs with objects, and return the padding of pairs of links."""
         own_m = min(padding_m, PADDING_M)
         self._pairs.extra[:] = (padding_m - own_m) * self._to_world
         return own_m
@@ -183,7 +189,7 @@ class Collisions:
 
 
 def warm_up() -> None:
-    """Compile the checks, which takes about 20 s once for each installation. Call this before time limits count."""
+    """Compile the checks, which takes about 20 s once for each installation. Call this before a time limit starts."""
     one = '<geom size="0.1"/><body name="b"><joint name="j"/><geom type="box" size="0.1 0.1 0.1" pos="1 0 0"/></body>'
     scene = f'<mujoco><worldbody><body name="a">{one}</body></worldbody></mujoco>'
     arm = ArmModel.from_string(scene, {"j": JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)})

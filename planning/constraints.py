@@ -16,15 +16,19 @@ from planning.kinematics.goals import PoseGoal
 from planning.scene import Scene
 
 STEP_RAD: Final = 0.02
-"""Largest motion of a joint between two checked points of an edge, in rad or m. Between them, a pose may leave its
-region by the part that this motion causes."""
+"""Largest motion of a joint between two checked points of an edge, in rad or m. Between these points, a pose may leave
+its region by as much as this motion can cause.
+"""
 CONSTRAINT: Final = "path constraint"
-"""Name that stands for the other object if a link leaves its region."""
+"""Name used in place of the other object if a link leaves its region."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRegion:
-    """Region in which a link stays. A region of orientations has a wide region of positions, or the reverse."""
+    """Region in which a link stays.
+
+    To constrain only the orientation, make the region of positions wide, and vice versa.
+    """
 
     goal: PoseGoal
     link: str | None = None
@@ -38,7 +42,9 @@ class PathConstraints:
     """Constraints of a motion."""
 
     joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Lowest and highest positions by joint, in rad or m. All joints of an edge keep them if its ends do."""
+    """Lowest and highest positions by joint, in rad or m. If both ends of an edge are within these ranges, the whole
+    edge is.
+    """
     regions: Sequence[LinkRegion] = ()
     """Regions of links, checked at steps of ``STEP_RAD``."""
 
@@ -46,7 +52,7 @@ class PathConstraints:
         """Return limits that are narrowed to the ranges of the joints.
 
         Raises:
-            PlanningError: A range and the limits have no position in common.
+            PlanningError: A range does not overlap the limits.
         """
         narrowed = dict(limits)
         for joint, (lower, upper) in self.joints.items():
@@ -64,7 +70,7 @@ class PathConstraints:
         return narrowed
 
     def broken_range(self, state: Mapping[str, float]) -> str:
-        """Describe the first joint of a state that is outside its range; empty if all are inside."""
+        """Describe the first joint of a state that is outside its range. The text is empty if there is none."""
         for joint, (lower, upper) in self.joints.items():
             if joint in state and not lower - STEP_RAD <= state[joint] <= upper + STEP_RAD:
                 return f"{joint} is at {state[joint]:.4f}, outside its path constraint {lower:.4f} to {upper:.4f}"
@@ -86,7 +92,7 @@ class Region:
         return -1 if inside.all() else int(np.argmin(inside))
 
     def text(self, positions: FloatArray) -> str:
-        """Describe how far the link is outside the region at positions (n,); empty if it is inside."""
+        """Describe how far the link is outside the region at positions (n,). The text is empty if it is inside."""
         if self.broken(positions[None]) < 0:
             return ""
         distance_m, angle_rad = self.goal.distances(self.chain.transforms(positions[None, self.own]))[0].tolist()
@@ -95,18 +101,18 @@ class Region:
 
 
 class ConstrainedCollisions(Collisions):
-    """Collision checks that also refuse poses and edges outside the regions of links."""
+    """Collision checks that also reject poses and edges outside the regions of links."""
 
     def __init__(self, arm: ArmModel, scene: Scene, regions: Sequence[Region]) -> None:
         super().__init__(arm, scene)
         self._regions = regions
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether everything is at least ``padding_m`` apart at positions (n,), and links in their regions."""
+        """Return whether positions (n,) have a clearance of ``padding_m`` and all links are in their regions."""
         return not self.broken_region(positions) and super().is_clear(positions, padding_m)
 
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
-        """Return where an edge comes nearer to something than the padding or leaves a region, or None."""
+        """Return where an edge comes closer to something than the padding or leaves a region, or None."""
         count = max(1, math.ceil(float(np.abs(np.subtract(end, start)).max()) / STEP_RAD))
         shares = np.linspace(0.0, 1.0, count + 1)
         points = np.asarray(start) + shares[:, None] * np.subtract(end, start)
@@ -116,5 +122,5 @@ class ConstrainedCollisions(Collisions):
         return super().edge_contact(start, end, margins)
 
     def broken_region(self, positions: FloatArray) -> str:
-        """Describe the first link outside its region at positions (n,); empty if all are inside."""
+        """Describe the first link outside its region at positions (n,). The text is empty if there is none."""
         return next((text for region in self._regions if (text := region.text(positions))), "")

@@ -1,4 +1,4 @@
-"""Errors of planning, with MoveIt's names for the codes."""
+"""Errors of planning, with the names of MoveIt's error codes."""
 
 from typing import Literal
 
@@ -23,7 +23,7 @@ Code = Literal[
 
 
 class PlanningError(Exception):
-    """No plan. The message names the joint, link or object, and the remedy."""
+    """There is no plan. The message names the joint, link or object, and what to do."""
 
     def __init__(self, code: Code, message: str) -> None:
         super().__init__(message)

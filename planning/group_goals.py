@@ -14,12 +14,12 @@ from planning.kinematics.inverse import InverseKinematics, Remaining, Valid
 from planning.motion import Goal, JointGoal, no_goal
 
 SAMPLES: Final = 16
-"""Number of random positions that stand for a joint goal with tolerances, besides the goal itself."""
+"""Number of random positions, in addition to the goal itself, that represent a joint goal with tolerances."""
 WIDE: Final = 1e-3
 """Tolerance from which a joint goal counts as a range of positions, in rad or m."""
 
 ChainOf = Callable[[str | None, Sequence[float]], Chain]
-"""Returns the chain of a link, or of the group's tip, and an offset (3,) in m."""
+"""Function that returns the chain of a link, or of the group's tip if None, with an offset (3,) in m."""
 
 
 class GroupGoals:
@@ -48,12 +48,10 @@ class GroupGoals:
     def positions(
         self, goals: Sequence[Goal], start: FloatArray, collisions: Collisions, margins: Margins
     ) -> list[FloatArray]:
-        """Return positions (n,) of which each reaches one of the goals.
+        """Return positions (n,), each of which reaches one of the goals.
 
-        A goal that cannot be reached is left out if another one can be reached.
-
-        Raises:
-            PlanningError: No goal can be reached. The error is that of the first goal.
+        A goal that cannot be reached is left out if another goal can be reached. Raises: PlanningError: No goal can be
+        reached. This is the error of the first goal.
         """
         found: list[FloatArray] = []
         errors: list[PlanningError] = []
@@ -73,9 +71,9 @@ class GroupGoals:
     def of_pose(
         self, chain: Chain, goal: PoseGoal, start: FloatArray, checks: tuple[Collisions, Margins] | None
     ) -> list[FloatArray]:
-        """Return positions (n,) of all joints of the group that bring a link to a pose, the nearest ones first.
+        """Return positions (n,) of the group's joints that bring a link to a pose, closest positions first.
 
-        Solutions nearer to something than the padding are used if there are no others. Raises PlanningError.
+        Solutions closer to something than the padding are used only if there are no others. Raises PlanningError.
         """
         own = [self._joints.index(name) for name in chain.names]
 
@@ -104,8 +102,8 @@ class GroupGoals:
                 raise
             one, other = contacts[0].pair
             raise CollidingError(
-                f"in every position found that reaches the goal there is a contact, such as {one} touches {other}: "
-                "move the goal or the obstacle",
+                f"every position found for the goal is in contact, for example {one} touches {other}: move the goal "
+                f"or the obstacle",
                 error.positions,
             ) from error
 
@@ -115,7 +113,7 @@ class GroupGoals:
             if name not in self._joints:
                 raise PlanningError(
                     "INVALID_GOAL_CONSTRAINTS",
-                    f"the goal has the joint {name}, which is not in the group: choose from {', '.join(self._joints)}",
+                    f"the goal names joint {name}, which is not in the group: choose from {', '.join(self._joints)}",
                 )
             if not np.isfinite(position):
                 raise PlanningError(
@@ -127,7 +125,10 @@ class GroupGoals:
         return self._within(target, below, above)
 
     def _within(self, target: FloatArray, below: FloatArray, above: FloatArray) -> list[FloatArray]:
-        """Return the goal, at the limits if the tolerances reach them, and random positions within wide tolerances."""
+        """Return the goal and random positions within wide tolerances.
+
+        A goal outside the limits moves to them if it may.
+        """
         lowest, highest = np.maximum(target - below, self._lower), np.minimum(target + above, self._upper)
         possible = lowest <= highest
         nearest = np.where(possible, np.clip(target, np.minimum(lowest, highest), highest), target)

@@ -1,4 +1,4 @@
-"""Plans of one group of joints: free motions, straight motions and inverse kinematics."""
+"""Plan for one group of joints: free motions, straight motions and inverse kinematics."""
 
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -36,22 +36,24 @@ from planning.scene import Scene
 THINNING_M: Final = 2e-4
 """Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
 ROUNDING_M: Final = 1e-6
-"""The same for points on the straight edges of a motion."""
+"""Largest motion of any geometry between a point and a straight edge at which the point counts as on it, in m."""
 SLOWER: Final = 1.5
-"""Factor up to which a straight motion may take longer along a spline, which is nearer to the line than blends are."""
+"""Largest factor by which a spline may be slower than blends. It follows the line of a straight motion better.
+"""
 NEAR: Final = Margins(1e-3, 5e-4)
-"""Distances that count as a contact of a motion under way."""
+"""Distances at which a motion under way counts as in contact."""
 
 
 class GroupPlanner:
-    """Plans motions of one group. It never changes: each call has its own data.
+    """Planner for one group.
 
-    OMPL's random generator is global in a process, so one thread at a time may run ``plan``.
+    The object never changes, and each call has its own data. OMPL's random generator is global in a process, so only
+    one thread at a time may run ``plan``.
 
     Args:
         model: Compiled scene (mujoco.MjModel).
         limits: Limits of all driven joints by name.
-        group: The group. All its joints are in ``limits``.
+        group: The group. All joints of the group are in ``limits``.
     """
 
     def __init__(self, model: Any, limits: Mapping[str, JointLimits], group: Group) -> None:
@@ -64,10 +66,10 @@ class GroupPlanner:
         self._others = tuple(joint for joint in limits if joint not in self.limits)
 
     def plan(self, request: MotionRequest) -> Motion:
-        """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
+        """Plan a motion without contact, within the limits of velocity, acceleration and jerk.
 
         Raises:
-            PlanningError: The start or all goals are not possible, or no motion was found in time.
+            PlanningError: The start or all goals are invalid, or no motion was found in time.
         """
         return self._within(request.constraints, request.start)._plan(request)
 
@@ -130,8 +132,8 @@ class GroupPlanner:
         Args:
             goal: Link and region of poses.
             state: Positions of all driven joints. The joints of other groups stay there.
-            scene: Scene in which the state touches nothing; None: contacts do not matter.
-            margins: Distances that the state keeps if it can.
+            scene: Scene in which the state must be free of contact; None to ignore contacts.
+            margins: Distances that the state keeps if possible.
             seed: Seed of all random numbers.
 
         Raises:
@@ -145,7 +147,7 @@ class GroupPlanner:
         return with_positions(state, self.joints, found[0])
 
     def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
-        """Describe the first path constraint that a state breaks; empty if it breaks none.
+        """Describe the first path constraint that a state violates. The text is empty if there is none.
 
         Raises:
             PlanningError: The link of a region does not exist.
@@ -157,7 +159,7 @@ class GroupPlanner:
         return next((text for text in texts if text), "")
 
     def clearance(self, state: State, scene: Scene) -> Clearance:
-        """Return the smallest distance of the links that the group moves, to the robot itself and to all objects."""
+        """Return the smallest distance between the links that the group moves and the robot itself or any object."""
         return Collisions(self._arm(state), scene).clearance(np.array(positions_of(state, self.joints)))
 
     def future_contact(
@@ -210,7 +212,7 @@ class GroupPlanner:
         return [self.joints.index(name) for name in chain.names]
 
     def _within(self, constraints: PathConstraints, start: State) -> "GroupPlanner":
-        """Return a planner whose limits are those of the path constraints. Raises PlanningError."""
+        """Return a planner whose limits are narrowed to the path constraints. Raise PlanningError."""
         if not constraints.joints:
             return self
         if text := constraints.broken_range(start):
@@ -220,7 +222,7 @@ class GroupPlanner:
         return narrowed
 
     def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
-        """Return the checks of a request. Raises PlanningError if the start breaks a constraint."""
+        """Return the checks of a request. Raise PlanningError if the start violates a constraint."""
         if not constraints.regions:
             return Collisions(arm, scene)
         collisions = ConstrainedCollisions(arm, scene, self._regions(constraints, start))
@@ -261,7 +263,7 @@ class GroupPlanner:
 
 
 def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
-    """Return the goals (n,) that keep the constraints. Raises PlanningError if none does."""
+    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if there are none."""
     if not isinstance(collisions, ConstrainedCollisions):
         return list(goals)
     texts = [collisions.broken_region(goal) for goal in goals]

@@ -1,4 +1,4 @@
-"""Groups of joints, end effectors and named states of an arm, as MoveIt's SRDF files define them."""
+"""Groups of joints, end effectors and named states of an arm, as in MoveIt's SRDF files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +9,9 @@ from hal.types import AT_LIMIT
 from planning.errors import PlanningError
 
 ARM: Final = "arm"
-"""Name of the derived group of the joints that move the tool."""
+"""Name of the derived group with the joints that move the tool."""
 HAND: Final = "hand"
-"""Name of the derived group of all other joints, and of its end effector."""
+"""Name of the derived group with all other joints, and of its end effector."""
 
 States = Mapping[str, Mapping[str, float]]
 """Joint positions by state and joint, in rad or m."""
@@ -23,9 +23,9 @@ class Group:
 
     name: str
     joints: tuple[str, ...]
-    """Joints with a position of their own: without fixed, passive and mimic joints."""
+    """Joints with a position of their own: all except fixed, passive and mimic joints."""
     tip: str | None = None
-    """Last link of the group, if its joints form a chain, or the link that carries its end effector."""
+    """Last link of the group if its joints form a chain, otherwise the link that carries its end effector."""
     states: States = field(default_factory=dict)
     """Named states."""
 
@@ -45,9 +45,9 @@ class EndEffector:
     group: str
     """Group of its joints."""
     parent_link: str
-    """Link of the arm that carries it."""
+    """Link of the arm that carries the hand."""
     parent_group: str = ""
-    """Group of the arm; empty if it is not given."""
+    """Group of the arm; empty if the SRDF does not name one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def derive_groups(description: Description, driven: Sequence[str], tool: str, st
         driven: Names of the driven joints.
         tool: Link that carries the hand. The driven joints between the base and this link form the group ``arm``,
             the others form the group ``hand``.
-        states: Poses of the arm by name. Positions of joints of both groups become a state of each.
+        states: Poses of the arm by name. A pose with joints of both groups becomes a state of each group.
 
     Raises:
         PlanningError: A name is not in the description, no joint moves the tool, or a position is outside its limits.
@@ -101,7 +101,7 @@ def derive_groups(description: Description, driven: Sequence[str], tool: str, st
 
 
 def _states_of(joints: Sequence[str], states: States) -> States:
-    """Return the states that have positions for all of these joints, without other joints."""
+    """Return the states that have positions for all of these joints, with only these joints."""
     return {
         name: {joint: positions[joint] for joint in joints}
         for name, positions in states.items()
@@ -121,7 +121,7 @@ def _check_states(description: Description, driven: Sequence[str], states: State
 
 
 def outside(joint: UrdfJoint, position: float) -> str:
-    """Describe a position outside the limits of a joint; empty if it is inside."""
+    """Describe a position outside the limits of a joint. The text is empty if the position is inside."""
     slack = AT_LIMIT * (joint.upper - joint.lower)
     if joint.kind == "continuous" or joint.lower - slack <= position <= joint.upper + slack:
         return ""

@@ -41,7 +41,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     try:
         model = spec.compile()
     except ValueError as error:
-        raise MeshFileError(f"{path} is no mesh with a volume: {_reason(error)}; save it as a binary STL") from error
+        raise MeshFileError(f"{path} is not a mesh with a volume: {_reason(error)}; save it as a binary STL") from error
     return Mesh(_original(model), np.array(model.mesh_face, dtype=np.int64))
 
 
@@ -51,7 +51,7 @@ def _reason(error: ValueError) -> str:
 
 
 def _original(model: Any) -> FloatArray:
-    """Return the vertices (v, 3) in the frame of the file. MuJoCo moves them to the center of mass."""
+    """Return the vertices (v, 3) in the frame of the file. MuJoCo moves the origin to the center of mass."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, model.mesh_quat[0])
     vertices: FloatArray = np.array(model.mesh_vert, dtype=float) @ matrix.reshape(3, 3).T + model.mesh_pos[0]

@@ -20,12 +20,13 @@ State = Mapping[str, float]
 
 @dataclass(frozen=True, slots=True)
 class JointGoal:
-    """Positions of some joints of a group. The other joints of the group keep their positions of the start."""
+    """Positions of some joints of a group. The other joints of the group keep their start positions."""
 
     positions: Mapping[str, float]
     """Positions by joint, in rad or m."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Largest deviation below and above the position by joint, in rad or m. Joints without one have no tolerance."""
+    """Largest deviation below and above the position, by joint, in rad or m. Joints without an entry have no tolerance.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +45,7 @@ Goal = JointGoal | ToolGoal
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """MoveIt's scaling factors of a motion, above 0 and at most 1."""
+    """MoveIt's scaling factors for a motion, above 0 and at most 1."""
 
     velocity: float = 1.0
     acceleration: float = 1.0
@@ -65,7 +66,7 @@ class MotionRequest:
     planner_id: str = ""
     """MoveIt's planner id; RRT-Connect by default."""
     searches: int = 2
-    """Maximum number of searches, of which the shortest path counts."""
+    """Maximum number of searches, from which the shortest path is taken."""
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
     """Distances that the motion keeps from obstacles."""
@@ -104,7 +105,7 @@ class Motion:
     search_s: float = 0.0
     """Time spent on inverse kinematics and the search, in seconds."""
     timing_s: float = 0.0
-    """Time spent on the times along the path, in seconds."""
+    """Time spent on computing the times along the path, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,9 +115,9 @@ class LineMotion:
     motion: Motion | None
     """The motion up to the point where it ends; None if not even the first step is possible."""
     fraction: float
-    """Share of the waypoints' path that was reached, from 0 to 1."""
+    """Share of the path through the waypoints that was reached, from 0 to 1."""
     reason: str = ""
-    """Why the motion ends early; empty if it does not."""
+    """Reason why the motion ends early; empty if it is complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +127,7 @@ class Touch:
     one: str
     other: str
     distance_m: float
-    """Distance in m; not positive in contact, and then not a depth."""
+    """Distance in m. In contact it is 0 or negative, and does not measure the depth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,21 +135,21 @@ class Validity:
     """Check of one state."""
 
     touches: tuple[Touch, ...]
-    """Pairs in contact, nearest first."""
+    """Pairs in contact, closest first."""
     outside: str
-    """Description of the first joint outside its limits; empty if all are inside."""
+    """Description of the first joint outside its limits; empty if there is none."""
     clearance_m: float
     """Smallest distance, in m; infinite if nothing can touch."""
 
     @property
     def is_valid(self) -> bool:
-        """Whether the state is inside the limits and touches nothing."""
+        """Whether the state is inside the limits and without contact."""
         return not self.touches and not self.outside
 
 
 @dataclass(frozen=True, slots=True)
 class FutureContact:
-    """Place at which a timed motion comes too near to something."""
+    """Point of a timed motion at which the arm comes too near to something."""
 
     time_s: float
     """Time since the start of the motion, in seconds."""
@@ -167,5 +168,5 @@ def positions_of(state: State, joints: Sequence[str]) -> list[float]:
 
 
 def with_positions(state: State, joints: Sequence[str], positions: FloatArray) -> dict[str, float]:
-    """Return a state with other positions (n,) of some joints."""
+    """Return a state in which some joints have new positions (n,)."""
     return {**state, **dict(zip(joints, positions.tolist(), strict=True))}

@@ -1,8 +1,8 @@
 """Parse MoveIt's ``.scene`` files, which RViz's panel saves.
 
-A file has the name of the scene, then for each object: ``*`` and its name, its pose, the number of its shapes, the
-shapes with their poses and colors, and the number of its subframes with their poses. In the older format there are
-neither poses of objects nor subframes.
+A file begins with the name of the scene. Each object has a line with ``*`` and its name, its pose, the number of its
+shapes, the shapes with their poses and colors, and the number of its subframes with their poses. The older format has
+no poses of objects and no subframes.
 """
 
 import math
@@ -46,14 +46,14 @@ def parse_moveit_scene(text: str, file: str) -> list[SceneObject]:
         name = reader.rest_of_line()
         if not name or name in objects:
             raise reader.error(
-                f"object {name} is there twice: rename one" if name else "the object has no name: add it"
+                f"two objects are named {name}: rename one" if name else "the object has no name: add it"
             )
         objects[name] = _object(reader, name)
     return list(objects.values())
 
 
 class _Reader:
-    """Words of a file with their lines."""
+    """Words of a file with their line numbers."""
 
     def __init__(self, text: str, file: str) -> None:
         self._lines = text.splitlines()
@@ -71,7 +71,7 @@ class _Reader:
         return SceneFileError(f"{self._file}, line {min(self._line + 1, max(1, len(self._lines)))}: {text}")
 
     def word(self, what: str) -> str:
-        """Return the next word. ``what`` names it in the message of an error."""
+        """Return the next word. ``what`` is its name in error messages."""
         while not self._words:
             if self._line + 1 >= len(self._lines):
                 raise self.error(f"the file ends where {what} is expected: complete it")
@@ -85,7 +85,7 @@ class _Reader:
         return rest
 
     def count(self, what: str) -> int:
-        """Return the next word as a number of things."""
+        """Return the next word as a count."""
         word = self.word(f"the number of {what}")
         if not word.isascii() or not word.isdigit() or int(word) > MOST:
             raise self.error(f"the number of {what} must be a whole number up to {MOST}, not {word}")

@@ -19,12 +19,12 @@ from planning.world_objects import world_objects
 
 
 class PlanningRobot:
-    """Everything that plans of one robot have in common. It never changes, and several threads may use it.
+    """Data that all plans of one robot share.
 
-    OMPL's random generator is global in a process: one thread at a time may run ``GroupPlanner.plan``.
-
-    Poses of links are in the frame of ``frame``, the body on which the arm stands. Poses of objects of a ``Scene`` are
-    in the world of the scene file; ``origin`` is the pose of ``frame`` there.
+    The object never changes, and several threads may use it. OMPL's random generator is global in a process, so only
+    one thread at a time may run ``GroupPlanner.plan``. Poses of links are in the frame of ``frame``, the body on which
+    the arm is mounted. Poses of objects of a ``Scene`` are in the world of the scene file; ``origin`` is the pose of
+    ``frame`` there.
 
     Args:
         model: Compiled scene (mujoco.MjModel), which this object keeps.
@@ -54,15 +54,15 @@ class PlanningRobot:
         self.links = arm.links
         """Names of the robot's links."""
         self.objects = tuple(arm.world_geoms())
-        """Names of the objects of the scene file, including those with shapes that ``scene`` does not have."""
+        """Names of all objects of the scene file, including objects with shapes that ``scene`` does not support."""
         root = int(model.body_rootid[arm.bodies[0]])
         self.frame = str(model.body(root).name)
-        """Frame of the poses of links."""
+        """Frame in which poses of links are given."""
         self.origin = Pose(*arm.link_pose(self.frame))
         """Pose of ``frame`` in the world of the scene."""
         own = world_objects(arm)
         self.scene = Scene(objects=own, allowed=frozenset(allowed), removed=frozenset(own))
-        """Scene with the objects of the scene file, from which all scenes are made."""
+        """Scene with the objects of the scene file, from which all other scenes are derived."""
         self.rest: State = dict(zip(self.limits, arm.positions.tolist(), strict=True))
         """Positions of the driven joints in the scene file."""
         self._planners = {
@@ -78,7 +78,7 @@ class PlanningRobot:
         return ArmModel(self.model, self.limits)
 
     def state(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Check positions of a client and return the state of the driven joints.
+        """Check positions that a client sent, and return the state of the driven joints.
 
         Mimic joints and other joints that are not driven are left out.
 
@@ -117,12 +117,12 @@ class PlanningRobot:
         """Return the pose of a frame in the world of the scene.
 
         Args:
-            name: A link, an object of the scene, an attached object, or "world". An empty name is ``frame``.
+            name: A link, an object of the scene, an attached object, or "world". An empty name means ``frame``.
             state: Positions of all driven joints.
             scene: Scene with the objects; without objects if None.
 
         Raises:
-            PlanningError: The frame does not exist. The message lists those that exist.
+            PlanningError: The frame does not exist. The message lists the existing frames.
         """
         scene = scene or self.scene
         if not name:

@@ -1,7 +1,7 @@
 """The planning scene: world objects, objects attached to links, and pairs that may touch.
 
-A scene never changes. Its methods return changed copies, so that a plan keeps the scene with which it began.
-Meshes count as their convex hulls.
+A scene never changes. Its methods return changed copies, so that a plan keeps the scene with which it began. A mesh is
+replaced with its convex hull.
 """
 
 import math
@@ -18,7 +18,7 @@ from planning.arm_model import Pair, pair
 from planning.errors import PlanningError
 
 FLAT_M: Final = 1e-6
-"""Extent below which a mesh counts as flat, in m. A flat mesh has no volume and no hull."""
+"""Extent below which a mesh counts as flat, in m. A flat mesh has no volume and therefore no hull."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +106,12 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A mesh, which counts as the convex hull of its vertices."""
+    """A mesh, represented by the convex hull of its vertices."""
 
     vertices_m: FloatArray
     """Vertices (v, 3), in m."""
     triangles: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    """Indices of the corners of each triangle (t, 3), for pictures only."""
+    """Indices of the corners of each triangle (t, 3), used only for display."""
 
     def sides_m(self) -> tuple[float, ...]:
         """Return the lengths that must be positive: the extents along the principal axes of the vertices."""
@@ -143,7 +143,7 @@ class Attached:
     item: SceneObject
     link: str
     touch_links: frozenset[str] = frozenset()
-    """Links that may touch the object. The link to which it is attached always may."""
+    """Links that may touch the object. The link to which the object is attached may always touch it."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Scene:
     attached: Mapping[str, Attached] = field(default_factory=dict)
     allowed: frozenset[Pair] = frozenset()
     removed: frozenset[str] = frozenset()
-    """Names of world objects of the arm's scene file that are not obstacles."""
+    """Names of world objects of the arm's scene file that were removed and are not obstacles."""
 
     def with_object(self, item: SceneObject) -> "Scene":
         """Return a scene with an object, which replaces an object of the same name.
@@ -182,7 +182,7 @@ class Scene:
         return replace(self.without(item.name), attached={**self.attached, item.name: held})
 
     def detach(self, name: str, pose: Pose) -> "Scene":
-        """Return a scene in which an attached object is a world object at a pose in the world.
+        """Return a scene in which an attached object becomes a world object at a pose in the world.
 
         Raises:
             PlanningError: No object of this name is attached.
@@ -197,7 +197,7 @@ class Scene:
         return replace(self, allowed=self.allowed | {pair(one, other)})
 
     def forbid(self, one: str, other: str) -> "Scene":
-        """Return a scene in which two links or objects must not touch. Adjacent links still may."""
+        """Return a scene in which two links or objects must not touch. Adjacent links may still touch."""
         return replace(self, allowed=self.allowed - {pair(one, other)})
 
 

@@ -16,7 +16,7 @@ A YAML file has one entry for each object::
         - sphere: {radius_m: 0.02}
           position_m: [0.0, 0.0, 0.1]
 
-Poses are in the planning frame; those of shapes are in the frame of their object.
+Poses of objects are in the planning frame. Poses of shapes are in the frame of their object.
 """
 
 import math
@@ -59,7 +59,7 @@ class SpherePart(_Part):
 
 
 class MeshPart(_Part):
-    """A mesh in a file, which counts as its convex hull."""
+    """A mesh in a file, represented by its convex hull."""
 
     file: str
     """Path of an STL or OBJ file, relative to the scene file."""
@@ -168,7 +168,7 @@ def read_scene_file(path: Path) -> list[SceneObject]:
         The objects, with their poses in the planning frame.
 
     Raises:
-        SceneFileError: The file has mistakes. The message has their lines.
+        SceneFileError: The file has mistakes. The message has the line of each mistake.
     """
     if path.suffix.lower() == ".scene":
         return parse_moveit_scene(read_text(path, SceneFileError), str(path))

@@ -16,7 +16,7 @@ from planning.errors import PlanningError
 from planning.groups import EndEffector, Group, Groups, outside, path_to
 
 OWN_POSITION: Final = ("revolute", "continuous", "prismatic")
-"""Types of joints with a position of their own."""
+"""Types of joints that have a position of their own."""
 
 
 class SrdfError(PlanningError):
@@ -27,7 +27,7 @@ class SrdfError(PlanningError):
 
 
 def read_srdf(path: Path, description: Description) -> Groups:
-    """Read an SRDF file. Raises SrdfError.
+    """Read an SRDF file. Raise SrdfError.
 
     Args:
         path: The file.
@@ -65,7 +65,7 @@ def _root(xml: str, file: str) -> Element:
 
 
 def read_pairs(path: Path) -> dict[Pair, str]:
-    """Read the pairs of links that an SRDF file leaves out of collision checks. Raises SrdfError."""
+    """Read the pairs of links that an SRDF file excludes from collision checks. Raise SrdfError."""
     return parse_pairs(read_xml(path, SrdfError), str(path))
 
 
@@ -77,7 +77,7 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
         file: Name of the file, for messages.
 
     Returns:
-        The reason of each pair of links, such as "Adjacent" or "Never"; empty if the element has none.
+        The reason for each pair of links, such as "Adjacent" or "Never". It is empty if the element has none.
 
     Raises:
         SrdfError: The text is not XML, or an element names fewer than two links.
@@ -92,7 +92,7 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
 
 
 class _Reader:
-    """Reads one document and collects its mistakes."""
+    """Reader of one document, which collects the mistakes."""
 
     def __init__(self, robot: Element, description: Description) -> None:
         self._robot = robot
@@ -144,7 +144,7 @@ class _Reader:
         return joint.kind in OWN_POSITION and joint.mimic is None and name not in self._passive
 
     def _members(self, name: str, elements: Mapping[str, Element], inside: tuple[str, ...]) -> Iterator[str]:
-        """Yield the joints of a group and of the groups in it, which are part of the groups ``inside``."""
+        """Yield the joints of a group and of its subgroups. ``inside`` holds the groups that contain this group."""
         if name in inside:
             self._problem(elements[name], f"group {name} contains itself: remove it from {inside[-1]}")
             return
@@ -190,7 +190,9 @@ class _Reader:
             if group not in groups:
                 self._unknown(element, "group", group, groups)
             elif not name or name in found[group]:
-                self._problem(element, f"a state of {group} has no name of its own: name it, or rename one")
+                self._problem(
+                    element, f"a state of {group} has no name, or the name of another state: give it its own name"
+                )
             else:
                 found[group][name] = self._state(element, groups[group])
         return {name: replace(group, states=found[name]) for name, group in groups.items()}
@@ -202,7 +204,7 @@ class _Reader:
             if name not in self._description.joints:
                 self._unknown(joint, "joint", name, dict.fromkeys(group.joints))
             elif not self._has_own_position(name):
-                continue  # MoveIt writes the mimic joints of a state, too
+                continue  # MoveIt also writes the mimic joints of a state
             elif name not in group.joints:
                 self._problem(joint, f"{name} is not in group {group.name}: remove it from the state")
             elif (position := self._position(joint)) is not None:
@@ -210,7 +212,7 @@ class _Reader:
         return positions
 
     def _position(self, element: Element) -> float | None:
-        """Return the position of a joint in a state, or None if it has a mistake."""
+        """Return the position of a joint in a state, or None if the element has a mistake."""
         name, text = element.get("name", ""), element.get("value", "")
         position = _number(text)
         if not math.isfinite(position):

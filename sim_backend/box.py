@@ -1,7 +1,7 @@
 """A box of factory-new servos on one line. A script can connect single servos or the whole chain.
 
-All have ID 1. As delivered, they delay each reply by 500 us, which the set-up of LeRobot changes. A 7.4 V servo allows
-at most 8 V; this is assumed because such servos report a wrong input voltage at 12 V.
+All have ID 1. As delivered, the servos delay each reply by 500 us, a setting that LeRobot's set-up changes. A 7.4 V
+servo allows at most 8 V; this is assumed because such servos report a wrong input voltage at 12 V.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,15 +25,15 @@ SMALL_SERVO_MAX_VOLTAGE: Final = 80
 
 
 class VirtualBox:
-    """The servos, indexed by their number in the box from 0. At first, none is connected."""
+    """The servos, indexed by their number in the box from 0. At first, no servo is connected."""
 
     def __init__(
         self, models: Sequence[ServoModel], plant: Plant | None = None, supply: Supply | None = None, seed: int = 0
     ) -> None:
         """Create the servos.
 
-        ``plant`` is what the shafts drive; all its couplings must have the factory ID. Without it, each shaft turns
-        freely, and ``seed`` determines its first angle.
+        ``plant`` is the mechanism that the shafts drive. All its couplings must have the factory ID. Without a plant,
+        each shaft turns freely, and ``seed`` determines its first angle.
         """
         usual = Supply(min(model.rated_voltage_v for model in models))
         servos = [_as_delivered(model) for model in models]
@@ -42,11 +42,11 @@ class VirtualBox:
 
     @property
     def servos(self) -> tuple[PacketServo, ...]:
-        """All servos, connected or not."""
+        """All servos, whether they are connected or not."""
         return self.line.servos
 
     def connect(self, *numbers: int) -> None:
-        """Connect these servos and disconnect all others. A servo that stays connected keeps its power."""
+        """Connect these servos and disconnect all other servos. A servo that stays connected keeps its power."""
         for number, servo in enumerate(self.servos):
             (self.line.plug if number in numbers else self.line.unplug)(servo)
 
@@ -66,8 +66,8 @@ class VirtualBox:
 def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
     """Connect or disconnect servos as ``servoloop hand`` requests, and let ``hand`` handle all other commands.
 
-    The answer also has the ID of each joint's servo, and whether the servo is connected. ``joints`` are the names of
-    the joints by number of the servo. Raises ValueError for an unknown joint.
+    The answer also contains the ID of each joint's servo, and whether the servo is connected. ``joints`` are the names
+    of the joints, in the order of the servos' numbers. Raises ValueError for an unknown joint.
     """
     what, wanted = command.get("do"), command.get("joints") or []
     if what not in ("connect", "disconnect"):
@@ -92,7 +92,7 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Return free shafts at random angles. Two servos with identical replies could not be told apart."""
+    """Return free shafts at random angles. If two servos sent identical replies, they could not be told apart."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

@@ -1,25 +1,26 @@
-"""A clock that does not wait. Its time advances only when the program sleeps."""
+"""A clock that does not wait. The time of this clock advances only when the program sleeps."""
 
 from collections.abc import Callable
 from math import inf
 
 
 class Hang(BaseException):
-    """A simulated program that does not end. It is not an Exception, so that no program under test catches it."""
+    """Raised when a simulated program does not end. Hang is not an Exception, so that the program under test cannot
+    catch it."""
 
 
 class SimulatedClock:
     """A ``drivers.clock.Clock`` whose ``sleep_until`` advances the time at once.
 
-    It starts at ``start_s``, in seconds.
+    The clock starts at ``start_s``, in seconds.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s
         self.last_s = inf
-        """The time after which ``sleep_until`` raises Hang."""
+        """Time after which ``sleep_until`` raises Hang."""
         self.on_time: Callable[[float], None] | None = None
-        """Called with each new time."""
+        """Function that is called with each new time."""
 
     def now(self) -> float:
         return self._now_s

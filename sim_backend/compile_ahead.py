@@ -20,7 +20,7 @@ PICTURED: Final = """<mujoco><worldbody>
 </worldbody></mujoco>"""
 """The smallest scene that can be drawn.
 
-It is not in a file because some tests run in a partial copy of this project.
+The scene is not in a file, because some tests run in a partial copy of this project.
 """
 
 

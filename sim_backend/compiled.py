@@ -10,14 +10,14 @@ from numba.core import event
 Function = TypeVar("Function", bound=Callable[..., object])
 
 COMPILES: Final = "numba:compile"
-"""Event with which numba begins to compile. A function that is loaded from the cache does not trigger it."""
+"""Event that numba emits when it begins to compile. Loading a function from the cache does not emit the event."""
 COMPILING: Final = (
     "compiling the simulation into machine code; this happens once for each installation and takes about 20 s"
 )
 
 
 def compiled(function: Function) -> Function:
-    """Compile ``function`` and cache its machine code on disk. ``.py_func`` is the original function."""
+    """Compile ``function`` and cache its machine code on disk. ``.py_func`` of the result is the original function."""
     return cast(Function, numba.njit(cache=True)(function))
 
 
@@ -38,6 +38,6 @@ class _Announcement(event.Listener):
 
 @contextmanager
 def compilation_announced(announce: Callable[[str], None]) -> Iterator[None]:
-    """Within the block, announce the first compilation, if any function has to be compiled."""
+    """Within the block, announce the first compilation, if there is one."""
     with event.install_listener(COMPILES, _Announcement(announce)):
         yield

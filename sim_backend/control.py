@@ -1,6 +1,7 @@
-"""Commands to a running emulator, on a Unix socket next to the bus. They stand for manual actions at the bench.
+"""Commands to a running emulator, over a Unix socket next to the bus. The commands stand for manual actions at a
+workbench.
 
-A command is one JSON line, and so is its answer. The emulator's loop polls the socket and never waits.
+Each command is one line of JSON, and so is each answer. The loop of the emulator polls the socket and never waits.
 """
 
 import contextlib
@@ -29,12 +30,12 @@ def control_path(link: Path) -> Path:
 
 
 class ControlServer:
-    """Server of the command socket; a context manager. Call ``tick`` in the emulator's loop."""
+    """Server of the command socket; a context manager. The loop of the emulator must call ``tick``."""
 
     def __init__(self, path: Path, handle: Handler) -> None:
         """Listen at ``path``.
 
-        ``handle`` executes a command and returns its result; it raises ValueError for an invalid one.
+        ``handle`` executes a command and returns its result; it raises ValueError for an invalid command.
         """
         self.path = path
         self._handle = handle
@@ -95,7 +96,7 @@ class ControlServer:
 def ask(path: Path, command: Command) -> dict[str, Any]:
     """Send a command to the emulator at ``path`` and return its answer.
 
-    Raises PortError, or ValueError if it refuses.
+    Raises PortError if no emulator answers, or ValueError if it refuses the command.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(ANSWER_S)

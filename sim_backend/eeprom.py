@@ -1,4 +1,4 @@
-"""A YAML file that keeps the EEPROM of virtual servos between runs. It has one entry for the servo of each joint.
+"""A YAML file that keeps the EEPROM of virtual servos between runs. The file has one entry for the servo of each joint.
 
 Entries are named by joint, because the ID is part of the EEPROM, and all factory-new servos have the same ID.
 """
@@ -24,7 +24,7 @@ _HEADER: Final = (
 
 
 class EepromFileError(DriverError):
-    """The EEPROM file is broken, belongs to another arm, or cannot be written."""
+    """Error if the EEPROM file is broken, belongs to another arm, or cannot be written."""
 
 
 class _Entry(BaseModel):
@@ -34,7 +34,7 @@ class _Entry(BaseModel):
     model: str
     registers: dict[str, RegisterValue]
     bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
-    """Bytes that have no register name, by address."""
+    """Bytes at addresses without a register name, by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
     """Settings that a factory reset restores, in hexadecimal; empty for the factory values."""
 
@@ -83,7 +83,7 @@ class EepromFile:
     """The EEPROM file and its servos."""
 
     def __init__(self, path: Path, owners: list[_Owner]) -> None:
-        """Load the file, if it exists, and write it. Raises EepromError."""
+        """Load the file if it exists, and then write it. Raises EepromError."""
         self._path, self._owners = path, owners
         if path.exists():
             self._read()
@@ -105,9 +105,9 @@ class EepromFile:
                 raise EepromFileError(f"{place}: {entry.joint}: {error}. Correct the file, or choose another") from None
 
     def save_changes(self) -> None:
-        """Write the file if anything has changed.
+        """Write the file if any value has changed.
 
-        The text goes to a temporary file first, so the file is always complete.
+        The text is first written to a temporary file, so the EEPROM file is always complete.
         """
         flash = [owner.servo.memory.flash for owner in self._owners]
         if flash == self._written:

@@ -1,8 +1,8 @@
-"""Serve virtual buses in real time, each on a pseudo-terminal, in the thread of the caller.
+"""Serve virtual buses in real time in the thread of the caller, each on a pseudo-terminal.
 
-The emulator sleeps between events. It advances the physics before every reply and at least every 5 ms. Replies less
-than 1 ms apart reach the client together, at the time of the last one. A USB adapter also delivers once per frame, and
-this saves wake-ups on both sides.
+The emulator sleeps between events. The emulator advances the physics before every reply and at least every 5 ms.
+Replies that are less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also
+delivers bytes once per frame, and fewer deliveries save wake-ups on both sides.
 """
 
 from collections import deque
@@ -34,7 +34,7 @@ def serve(
 
     ``on_tick(reached_s)`` is called at least every 5 ms with the time that the world has reached, and must not block.
     ``on_ready()`` is called once, when clients can open the link. Raises PortBusy if ``link`` is taken. A signal
-    handler only needs to make ``stop()`` true.
+    handler only has to make ``stop()`` return True.
     """
     serve_all({PtyAdapter(link): bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
 
@@ -59,7 +59,8 @@ def serve_all(
             for emulator in emulators:
                 emulator.turn()
             if on_tick is not None:
-                # Report the time that the world has reached: if this process was held up, it is not yet the present.
+                # Report the time that the world has reached, which is not yet the present time if this process was
+                # delayed.
                 on_tick(max(bus.reached_s for bus in buses.values()))
 
 
@@ -75,7 +76,7 @@ class Emulator:
         bus.advance(clock.now())
 
     def patience_s(self) -> float:
-        """Return how long there is nothing to do unless a client writes, in seconds."""
+        """Return the time in seconds until there is work, unless a client writes before."""
         due_s = min(self._next_tick_s, self._burst_end_s()) if self._coming else self._next_tick_s
         return max(0.0, due_s - self._clock.now())
 
@@ -92,7 +93,7 @@ class Emulator:
             self._coming += self._bus.receive(data, now_s, self._line.baud)
 
     def _burst_length(self) -> int:
-        """Return the number of pending replies that are delivered together."""
+        """Return the number of pending replies to deliver together."""
         coming = self._coming
         length = 1
         while length < len(coming) and (coming[length].due_s - coming[length - 1].due_s < USB_FRAME_S):

@@ -11,9 +11,9 @@ class Flash:
     """Bytes that survive power-off."""
 
     settings: bytes
-    """The table as it is after power-on. Its volatile bytes are ignored."""
+    """The table after power-on. Volatile bytes of this table are ignored."""
     defaults: bytes = b""
-    """Settings that a factory reset restores, for servos on which they can be changed."""
+    """Settings that a factory reset restores, for servos on which these settings can be changed."""
 
 
 class Kept:
@@ -33,11 +33,12 @@ class Kept:
         }
 
     def nameless(self, settings: bytes) -> dict[int, int]:
-        """Return the bytes that belong to no register, by address. Bytes with the value 0 are left out."""
+        """Return the bytes that do not belong to a register, by address. Bytes with the value 0 are omitted."""
         return {at: settings[at] for at in self._nameless if settings[at]}
 
     def settings(self, base: bytes, words: Mapping[str, int], nameless: Mapping[int, int]) -> bytes:
-        """Return ``base`` with these values. Raises ValueError for a value that does not fit or that is not kept."""
+        """Return a copy of ``base`` with these values. Raises ValueError for a value that does not fit, or for a
+        register that does not survive power-off."""
         unknown = [*sorted(words.keys() - self._registers.keys()), *sorted(nameless.keys() - set(self._nameless))]
         if unknown:
             raise ValueError(f"the servo does not keep {', '.join(map(str, unknown))}")

@@ -70,11 +70,15 @@ def _scene(data: Any, allowed: frozenset[Pair]) -> Scene:
     scene = Scene(allowed=allowed)
     for item in data["world"]["collision_objects"]:
         shapes = tuple(
-            (_shape(primitive), Pose.from_quaternion(pose["position"], pose["orientation"]))
+            (_shape(primitive), _pose(pose))
             for primitive, pose in zip(item["primitives"], item["primitive_poses"], strict=True)
         )
-        scene = scene.with_object(SceneObject(item["id"], shapes))
+        scene = scene.with_object(SceneObject(item["id"], shapes, _pose(item["pose"]) if "pose" in item else Pose()))
     return scene
+
+
+def _pose(data: Any) -> Pose:
+    return Pose.from_quaternion(data["position"], data["orientation"])
 
 
 def _shape(primitive: Any) -> Shape:

@@ -68,7 +68,10 @@ class BroadcasterParameters(Parameters):
         return super().unused() + unused
 
     def source(self, field: str) -> str:
-        """Return the state interface for a field. As in ros2_control, a field in ``interfaces`` is not mapped."""
+        """Return the state interface for a field.
+
+        As in ros2_control, a field that is listed in ``interfaces`` is not mapped.
+        """
         return field if self.joints and field in self.interfaces else self.map_interface_to_joint_state.of(field)
 
     def chosen(self, available: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
@@ -170,10 +173,10 @@ class JointStateBroadcaster:
     def settled(self) -> bool:
         return True
 
-    # The ROS thread calls the following methods, so they take no time in the loop.
+    # The ROS thread calls the following methods, so they do not take time from the loop.
 
     def sample(self, state: JointState) -> JointStates:
-        """Return the values to publish for one cycle. They are computed once for all nodes."""
+        """Return the values to publish for one cycle. The values are computed once for all nodes."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
             state = replace(state, position=self._at_limits(state.position))
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
@@ -182,8 +185,9 @@ class JointStateBroadcaster:
     def _at_limits(self, position: FloatArray) -> FloatArray:
         """Clip positions that are slightly beyond a limit to the limit.
 
-        Sag and the encoder's resolution can leave a joint slightly beyond the limit that it was commanded to. Planners
-        (MoveIt's CheckStartStateBounds) do not start outside the limits. ``values`` returns the measured positions.
+        A joint that was commanded to a limit can end slightly beyond it, because of sag and the encoder's resolution.
+        Planners (MoveIt's CheckStartStateBounds) do not start outside the limits. ``values`` returns the measured
+        positions.
         """
         inside = np.clip(position, self._lower, self._upper)
         return np.where(np.abs(inside - position) <= self._slack, inside, position)
@@ -207,7 +211,7 @@ class _Column:
         hardware_joints: Sequence[str],
         zeros: int,
     ) -> None:
-        """Create a column for ``joints`` and their interfaces, followed by a number of ``zeros``."""
+        """Create a column for ``joints`` with the given interfaces. ``zeros`` is the number of zeros that follow."""
         self._interface = interface
         self._count, self._size = len(joints), len(joints) + zeros
         following = [mimics.get(joint, Mimic(joint, 1.0, 0.0)) for joint in joints]

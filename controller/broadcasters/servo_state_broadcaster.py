@@ -12,7 +12,7 @@ from hal.plausible import Rate
 from hal.types import FloatArray, JointState
 
 ROUNDING = 1e-6
-"""Rounding tolerance of times, in periods. It keeps a due cycle from being delayed by a rounding error."""
+"""Rounding tolerance of times, in periods, so that a rounding error does not delay a due cycle."""
 
 
 class ServoStateParameters(Parameters):
@@ -74,7 +74,7 @@ class ServoStateBroadcaster:
         return True
 
     def values(self, state: JointState) -> list[list[float]]:
-        """Return the values of every interface of every joint, in the order of ``interfaces``; NaN without a servo."""
+        """Return all values of every joint, in the order of ``interfaces``. A joint without a servo has NaN."""
         return [[read(state) for read in own] for own in self._readers]
 
 

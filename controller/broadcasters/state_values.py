@@ -33,9 +33,7 @@ _COUNTERS: Final[dict[str, str]] = {
     "implausible": "implausible",
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
-"""Interfaces of a servo.
-
-They hold the values of the servo (°C, V, share of full drive, A, number of alarms), its fault state (1 or 0) and the
+"""Interfaces of a servo: its values (°C, V, share of full drive, A, number of alarms), its fault state (1 or 0) and the
 counters of its bus.
 """
 

@@ -12,7 +12,7 @@ ROUNDING: Final = 1e-9
 
 
 class Approach:
-    """Commands of n joints. They never pass the goal unless it comes closer than the joints can brake.
+    """Commands of n joints. A command never passes its goal, unless the goal comes closer than the joint can brake.
 
     A goal that a joint at rest can reach in one period is commanded at once. A command follows a moving goal at a
     distance in which the joint can brake, because each goal may be the last one.
@@ -30,7 +30,7 @@ class Approach:
         self.command, self._velocity = command.copy(), np.zeros(len(command))
 
     def resting_points(self, period_s: float) -> FloatArray:
-        """Return the positions (n,) at which the joints come to rest if they brake from the coming period on."""
+        """Return the positions (n,) at which the joints come to rest if they start to brake in the coming period."""
         change = self._acceleration * period_s
         speed = np.abs(self._velocity)
         braking = np.floor(speed / change)
@@ -59,7 +59,7 @@ class Approach:
 
 
 def _arriving(room: FloatArray, change: FloatArray, period_s: float) -> FloatArray:
-    """Return the speeds (n,) from which joints arrive at rest after ``room``, if they brake in each later period.
+    """Return the speeds (n,) from which joints come to rest after ``room`` if they brake in every later period.
 
     With m braking periods a joint travels ``period_s * ((m + 1) * speed - m * (m + 1) / 2 * change)``.
 

@@ -1,7 +1,7 @@
 """Define the parameters and the command inbox of the forward command controllers.
 
-Unlike ros2_control, a controller drops a message of the wrong length and stays active, so that one bad message does not
-release the hand. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
+Unlike in ros2_control, a controller that receives a message of the wrong length drops it and stays active, so that one
+bad message does not end the control of the joints. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
 """
 
 from collections import deque
@@ -69,7 +69,7 @@ class Inbox:
         return newest
 
     def clear(self) -> None:
-        """Drop the waiting command, at an activation or a deactivation."""
+        """Drop the waiting command, because the controller is activated or deactivated."""
         self._commands.clear()
 
     def __bool__(self) -> bool:

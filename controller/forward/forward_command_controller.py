@@ -65,7 +65,7 @@ class ForwardCommandController:
         return made
 
     def reconfigure(self, parameters: ForwardParameters) -> None:
-        """Reject a change with ValueError, because the settable parameters do not apply to positions."""
+        """Reject every change with ValueError, because the settable parameters do not apply to positions."""
         raise ValueError("positions have no timeout: command_timeout is for velocities and efforts")
 
     def submit(self, values: Sequence[float]) -> str | None:
@@ -110,7 +110,7 @@ class PositionGroupParameters(ForwardParameters):
 
 
 class JointGroupPositionController(ForwardCommandController):
-    """Forward command controller for positions under its ros2_control type."""
+    """Forward command controller for positions, under the type name of ros2_control."""
 
     kind: ClassVar[str] = "position_controllers/JointGroupPositionController"
     parameters_type: ClassVar[type[Parameters]] = PositionGroupParameters
@@ -124,7 +124,7 @@ class VelocityGroupParameters(ForwardParameters):
 
 
 class JointGroupVelocityController(ForwardCommandController):
-    """Forward command controller for velocities under its ros2_control type."""
+    """Forward command controller for velocities, under the type name of ros2_control."""
 
     kind: ClassVar[str] = "velocity_controllers/JointGroupVelocityController"
     parameters_type: ClassVar[type[Parameters]] = VelocityGroupParameters
@@ -137,7 +137,7 @@ class EffortGroupParameters(ForwardParameters):
 
 
 class JointGroupEffortController(ForwardCommandController):
-    """Forward command controller for efforts under its ros2_control type."""
+    """Forward command controller for efforts, under the type name of ros2_control."""
 
     kind: ClassVar[str] = "effort_controllers/JointGroupEffortController"
     parameters_type: ClassVar[type[Parameters]] = EffortGroupParameters

@@ -19,16 +19,16 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class RateCommandController:
-    """Controller of velocities or efforts.
+    """Controller for velocities or efforts, which commands 0 until the first message.
 
-    It commands 0 until the first message. Velocities change within the acceleration limits of the joints.
+    Velocities change within the acceleration limits of the joints.
     """
 
     parameters_type: ClassVar[type[Parameters]] = ForwardParameters
     settable: ClassVar[frozenset[str]] = frozenset({"command_timeout"})
 
     def __init__(self, kind: str, name: str, parameters: ForwardParameters, limits: Sequence[JointLimits]) -> None:
-        """Create a controller. ``limits`` are in the order of its joints."""
+        """Create a controller. ``limits`` are in the order of the joints."""
         self.kind = kind
         self.name = name
         self.parameters = parameters
@@ -48,7 +48,7 @@ class RateCommandController:
     def build_as(
         cls, kind: str, name: str, parameters: ForwardParameters, context: ControllerContext
     ) -> "RateCommandController":
-        """Build the controller from its parameters and the robot, under the type ``kind``."""
+        """Build a controller of type ``kind`` from its parameters and the robot."""
         return cls(kind, name, parameters, limits_of(parameters.joints, context.limits))
 
     def reconfigure(self, parameters: ForwardParameters) -> None:

@@ -23,7 +23,7 @@ class GripperParameters(Parameters):
     stall_velocity_threshold: Speed = 0.001
     stall_timeout: Time = 1.0
     max_velocity: Speed = 0.0
-    """Maximum velocity for goals without one. 0 means the limit of the joint; ros2_control's default is 0.1."""
+    """Maximum velocity for goals that contain none. 0 means the limit of the joint. ros2_control's default is 0.1."""
     max_effort: Effort = 0.0
     state_interfaces: tuple[str, ...] = ("position", "velocity")
     max_effort_interface: str = ""
@@ -93,7 +93,7 @@ class GripperHandle:
 
 
 def reason_to_reject(goal: GripperGoal, joint: str, limits: JointLimits, parameters: GripperParameters) -> str | None:
-    """Return why a goal is rejected, with the values, or None."""
+    """Return the reason why a goal is rejected, with the wrong values, or None."""
     if not isfinite(goal.position):
         return f"the position of {joint} must be finite, not {goal.position}"
     if not limits.lower <= goal.position <= limits.upper:

@@ -1,7 +1,7 @@
 """Implement parallel_gripper_action_controller/GripperActionController.
 
 Unlike in ros2_control, the fingers move within the velocity, acceleration and jerk limits of the joint. Goals beyond
-the position limits are rejected, and a canceled goal stops the fingers without a step back.
+the position limits are rejected. A canceled goal stops the fingers without a jump.
 """
 
 import logging
@@ -74,13 +74,13 @@ class GripperActionController:
     # Any thread may call the following methods.
 
     def check(self, goal: GripperGoal) -> str | None:
-        """Return why a goal is rejected, or None."""
+        """Return the reason why a goal is rejected, or None."""
         if not self._running:
             return NOT_RUNNING
         return reason_to_reject(goal, self.joint, self._limits, self.parameters)
 
     def submit(self, goal: GripperGoal) -> GripperHandle:
-        """Start a goal that ``check`` has accepted. It takes effect in the next cycle."""
+        """Start a goal that ``check`` has accepted. The goal takes effect in the next cycle."""
         handle = GripperHandle(goal)
         self._inbox.append(handle)
         if not self._running:  # The controller may have been deactivated since the check.
@@ -92,7 +92,7 @@ class GripperActionController:
         self._cancels.append(handle)
 
     def reconfigure(self, parameters: GripperParameters) -> None:
-        """Set the settable parameters, which apply at once."""
+        """Set the parameters that can be changed at run time. They take effect at once."""
         self.parameters = parameters
 
     # Only the thread of the loop may call the following methods.
@@ -196,7 +196,7 @@ class GripperActionController:
         if fault := self._fault_timeout.lasting(state.faults, period_s):
             self._give_up(handle, self._sample(0.0), fault)
         elif self.joint in state.faults:
-            return  # The last known position of unmeasured fingers does not show a stall.
+            return  # If the fingers are not measured, their last known position does not show a stall.
         elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
             self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
         elif self._stalls(self.state, before, step_s):
@@ -225,6 +225,6 @@ class GripperActionController:
 
 
 class PositionGripperActionController(GripperActionController):
-    """The same controller with ros2_control's older action, GripperCommand."""
+    """The same controller with the older action of ros2_control, GripperCommand."""
 
     kind: ClassVar[str] = "position_controllers/GripperActionController"

@@ -1,1 +1,1 @@
-"""Follow the joint commands of another controller manager, which runs in another program."""
+"""Follow the joint commands of a controller manager that runs in another program."""

@@ -1,4 +1,4 @@
-"""Follow the positions that another controller manager sends, and hold the arm when they end."""
+"""Follow the positions that another controller manager sends, and hold the arm when the messages end."""
 
 import logging
 import math
@@ -21,13 +21,13 @@ LOG = logging.getLogger("servoloop.controller")
 Flags = NDArray[np.bool_]
 
 MAX_SILENCE_S: Final = 0.2
-"""Maximum time without a command while a joint is on its way, and without a measurement, in seconds."""
+"""Maximum time without a command while a joint is on its way, and maximum time without a measurement, in seconds."""
 NEAR: Final = 0.02
-"""Distance at which a first command counts as near the joint, as a share of the joint's range. It covers sag."""
+"""Distance at which a first command counts as near the joint, as a share of the joint's range. This covers sag."""
 SLOW: Final = 0.1
 """Share of the velocity limit with which a joint approaches a first command that is not near."""
 JOINED: Final = 0.002
-"""Distance at which a slow approach has ended, as a share of the joint's range. A slow joint can brake in it."""
+"""Distance at which a slow approach has ended, as a share of the joint's range. A slow joint can brake within it."""
 
 
 class HostPhase(StrEnum):
@@ -42,10 +42,10 @@ class HostPhase(StrEnum):
 class HostController:
     """Controller of n joints that another program commands, in messages at its own rate.
 
-    The commands approach the newest message within the velocity and acceleration limits. The first command of a joint,
-    at the start or after a silence, is approached slowly if it is away from the measured position. If the messages end
-    while a joint is on its way, if their sender leaves or if a joint is not measured, the joints brake and hold. The
-    next message begins again.
+    The commands approach the newest message within the velocity and acceleration limits. At the start or after a
+    silence, a joint approaches its first command slowly if the command is not near the measured position. The joints
+    brake and hold if the messages end while a joint is on its way, if the sender leaves, or if a joint is not measured.
+    They follow again from the next message on.
 
     NaN in a message means that no controller of the sender commands the joint. A message without a joint means the
     same.
@@ -77,7 +77,7 @@ class HostController:
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.reason = ""
-        """Why the joints hold their positions; empty if they do not."""
+        """Reason why the joints hold their positions; empty if they do not."""
         self._messages = JointCommands(joints, others)
         self._inbox: deque[FloatArray] = deque(maxlen=1)
         self._losses: deque[str] = deque(maxlen=1)
@@ -93,7 +93,8 @@ class HostController:
         self._beyond = np.zeros(len(joints), dtype=bool)
         """Whether the last command of each joint was outside the limits."""
         self._followed = np.zeros(len(joints), dtype=bool)
-        """Whether each joint follows its commands. Other joints hold, and their next command counts as their first."""
+        """Whether each joint follows its commands. The other joints hold, and their next command counts as their first.
+        """
         self._slow = np.zeros(len(joints), dtype=bool)
         """Whether each joint still approaches its first command."""
         self._age_s = np.zeros(len(joints))
@@ -143,7 +144,7 @@ class HostController:
         return HostPhase.HOLDING if self.reason else HostPhase.WAITING
 
     def _unmeasured(self, state: JointState, period_s: float) -> str:
-        """Return why the joints must hold because of missing measurements, or an empty string."""
+        """Return the reason why missing measurements make the joints hold, or an empty string."""
         if not state.faults:
             self._unmeasured_s[:] = 0.0
             return ""
@@ -166,7 +167,10 @@ class HostController:
         self._age_s[given] = 0.0
 
     def _hold_if_silent(self, period_s: float) -> None:
-        """Brake and hold if no command comes although joints are on their way. Silence at the command is normal."""
+        """Brake and hold if no command comes although joints are on their way.
+
+        Silence after the joints have arrived is normal.
+        """
         ways = np.abs(self._goal - self.command)
         silent: Flags = self._followed & (self._age_s > MAX_SILENCE_S)
         if (silent & (ways > ROUNDING)).any():

@@ -8,7 +8,7 @@ from hal.types import FloatArray
 
 
 class RefusedCommandError(ValueError):
-    """A message is not a command for this arm. The text explains the correction."""
+    """A message is not a command for this arm. The text tells the user what to correct."""
 
 
 class JointCommands:

@@ -1,1 +1,1 @@
-"""Load, configure and switch the controllers of one robot, as ros2_control's controller manager does."""
+"""Load, configure and switch the controllers of one robot, like the controller manager of ros2_control."""

@@ -1,4 +1,7 @@
-"""Call the controller manager from another thread. Calls return at once and are served between two cycles."""
+"""Call the controller manager from another thread.
+
+Calls return at once, and the loop serves them between two cycles.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,8 +25,8 @@ class ManagerClient:
     """Client of the controller manager, for use in one thread other than the loop's.
 
     Slow work, such as reading files and loading plug-ins, runs in the calling thread. A call raises the errors that
-    it finds itself. ``result()`` of the returned request raises the errors that occur in the loop. A call that raises
-    an error changes nothing.
+    occur in the calling thread. ``result()`` of the returned request raises the errors that occur in the loop. A call
+    that raises an error changes nothing.
     """
 
     def __init__(self, loop: ControlLoop, factory: Factory) -> None:

@@ -1,4 +1,4 @@
-"""Define the spec of a controller, which comes from a controllers file or a spawner."""
+"""Define the spec of a controller. A spec comes from a controllers file or a spawner."""
 
 import re
 from collections.abc import Sequence
@@ -11,7 +11,10 @@ ROS_ARGUMENTS: Final = "--ros-args"
 
 
 def name_mistake(name: str) -> str | None:
-    """Return why a controller cannot have this name, or None. The name is also the name of its ROS node."""
+    """Return the reason why a controller cannot have this name, or None.
+
+    The controller's ROS node has the same name.
+    """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         return None
     return "is not a valid controller name: use letters, digits and _, and do not start with a digit"

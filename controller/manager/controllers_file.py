@@ -1,4 +1,4 @@
-"""Read and check a controllers file in ros2_control's format. Every mistake is reported with its line."""
+"""Read and check a controllers file in the format of ros2_control. Every mistake is reported with its line."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overr
 DEFAULTS = "controller_defaults"
 """Key of the robot file for default parameters of controllers."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
-"""Manager parameters that have an effect or that every node has."""
+"""Parameters of the manager that have an effect or that every node has."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
 """Default parameter values, by controller name and parameter name."""
@@ -165,7 +165,7 @@ class _Source:
     def parameters(self, name: str, settings: ManagerSettings) -> tuple[YamlFile, Content, dict[str, Any]]:
         """Return the file with the highest priority, its content, and the merged parameters of a controller.
 
-        Raises ControllersFileError or ValueError.
+        Raise ControllersFileError or ValueError.
         """
         given, paths = parameters_in(settings.node_arguments, name), settings.files
         for path in files_in(settings.node_arguments):
@@ -190,7 +190,7 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one file, with the mistakes found so far."""
+    """Reader of one controllers file. It collects the mistakes."""
 
     file: YamlFile
     content: Content
@@ -298,7 +298,7 @@ class _Reader:
             LOG.info(text, name, ", ".join(missing))
         else:
             self._check_use(name, checked)
-        if name in settings.fallback and not self.complete:  # For the controllers file, ``controllers`` checks this.
+        if name in settings.fallback and not self.complete:  # In the controllers file, ``controllers`` checks this.
             self.report(
                 name, "fallback_controllers", f"names {name} itself: name another controller or remove the entry"
             )
@@ -312,7 +312,7 @@ class _Reader:
 
     @staticmethod
     def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:
-        """Return the entries of a list that are the controller itself or not a controller of the file."""
+        """Return the entries of a list that name the controller itself or a controller that is not in the file."""
         listed = others if isinstance(others, list | tuple) else ()
         return [other for other in listed if other == name or other not in known]
 

@@ -33,8 +33,8 @@ class ControllerCycle:
         """Run one cycle and return the command (n,) of all interfaces.
 
         An interface without a controller keeps its ``last`` command. A controller that fails is deactivated, and the
-        others continue. A controller whose joints are still stopping from another controller's motion starts after
-        they are at rest.
+        others continue. If joints of a controller are still stopping from another controller's motion, the controller
+        starts after they are at rest.
         """
         self.seen = state
         wanted = last.copy()
@@ -55,7 +55,10 @@ class ControllerCycle:
         return wanted
 
     def sent(self, command: FloatArray, last: FloatArray) -> None:
-        """Record the last two commands (n,) after the safety gate, from which joints stop without a controller."""
+        """Record the last two commands (n,) after the safety gate.
+
+        Joints that lose their controller stop from these commands.
+        """
         self._command, self._last = command, last
 
     def settled(self, name: str) -> bool:
@@ -67,7 +70,7 @@ class ControllerCycle:
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """End the relief of the interfaces at ``index``, because a controller takes them. Their joints stop first."""
+        """End the relief of the interfaces at ``index``, because a controller claims them. Their joints stop first."""
         for ended in self.leaving.end(index):
             self.stop(ended)
 

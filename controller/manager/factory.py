@@ -29,7 +29,10 @@ class Factory:
         return load_controller(self.file, name, settings, self.context.component)
 
     def make(self, spec: ControllerSpec) -> Controller:
-        """Build an inactive controller. Raises ValueError if it does not fit the robot or lacks parameters."""
+        """Build an inactive controller.
+
+        Raise ValueError if the controller does not fit the robot or lacks parameters.
+        """
         if missing := spec.parameters.missing():
             them = "them" if len(missing) > 1 else "it"
             raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node /{spec.name}")

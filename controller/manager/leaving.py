@@ -1,4 +1,4 @@
-"""Run deactivated controllers that still relieve their joints, until another controller takes these joints."""
+"""Run deactivated controllers that still relieve their joints, until another controller claims these joints."""
 
 import logging
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ class _Leaving:
 
 
 class LeavingControllers:
-    """Deactivated controllers that relieve their joints. They start in the loop after the joints are at rest."""
+    """Deactivated controllers that relieve their joints. The loop starts them after the joints are at rest."""
 
     def __init__(self, stops: DecelerationStops) -> None:
         self.entries: list[_Leaving] = []
-        """Controllers in progress. While this list is empty, the cycle calls no method of this class."""
+        """Controllers that relieve their joints. While this list is empty, the cycle calls no method of this class."""
         self._stops = stops
 
     def add(self, controller: Relieving, index: list[int]) -> None:
@@ -37,7 +37,7 @@ class LeavingControllers:
         return any(i in entry.index for entry in self.entries for i in index)
 
     def end(self, index: Sequence[int]) -> list[list[int]]:
-        """End every relief that uses an interface at ``index``, because a controller takes it.
+        """End every relief that uses an interface at ``index``, because a controller claims this interface.
 
         Returns the indices of all interfaces of each ended relief.
         """

@@ -48,8 +48,7 @@ class ControllerManager:
         Returns:
             Summary of the switched controllers.
 
-        Raises:
-            SwitchError: Nothing was switched, or not all former controllers could be activated again.
+        Raises: SwitchError: Nothing was switched, or not all previous controllers could be activated again.
         """
         plan = plan_switch(self.registry.loaded, request, self._hardware)
         for name in plan.deactivate:
@@ -117,7 +116,7 @@ class ControllerManager:
         Args:
             interfaces: Names of the interfaces.
             reason: Why the controllers are deactivated, for the log and the results of goals.
-            states: Whether to deactivate also controllers that use one of them as a state interface.
+            states: Whether to also deactivate controllers that use one of the interfaces as a state interface.
 
         Returns:
             Names of the deactivated controllers.

@@ -10,7 +10,7 @@ from typing import Any
 from controller.manager.parameter_file import ALL, PARAMETERS, parse_value
 
 Content = Mapping[str, Mapping[str, Any]]
-"""The nodes (or node patterns) of a file in its order, each with its ``ros__parameters``."""
+"""The nodes (or node patterns) of a file in the order of the file, each with its ``ros__parameters``."""
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
 
 
 def files_in(arguments: Sequence[str]) -> list[Path]:
-    """Return the parameter files that ROS arguments name. rcl reads them."""
+    """Return the parameter files that ROS arguments name and that rcl reads."""
     return [Path(value) for flag, value in pairwise(arguments) if flag == "--params-file"]
 
 

@@ -34,7 +34,7 @@ class _TooMany(Exception):
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one file, with the parameters of each node and the mistakes found so far."""
+    """Reader of one parameter file. It collects the parameters of each node and the mistakes."""
 
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)

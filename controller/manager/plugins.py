@@ -71,7 +71,10 @@ def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
 
 
 def why_not_loaded(point: EntryPoint, error: Exception) -> str:
-    """Return why an installed class cannot be loaded. The text continues a message that starts with its type."""
+    """Return the reason why an installed class cannot be loaded.
+
+    The text continues a message that starts with the type.
+    """
     remedy = ""
     if point.module.split(".")[0] in sys.stdlib_module_names:
         remedy = f"; Python imports its own module {point.module} instead: rename {point.module}.py in the package"

@@ -12,7 +12,7 @@ from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE
 KEPT_TRANSITIONS: Final = 1000
-"""Maximum number of transitions kept for a slow reader."""
+"""Maximum number of transitions that are kept for a slow reader."""
 
 
 class ClaimError(ManagerError):

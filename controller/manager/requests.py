@@ -46,11 +46,13 @@ class Requests:
     def __init__(self) -> None:
         self.inbox: deque[Request[Any]] = deque()
         """Waiting requests. The loop may check without the lock whether the queue is empty."""
-        self._lock = Lock()  # It is held only while a request is added or removed, never while it is served.
+        self._lock = (
+            Lock()
+        )  # The lock is held only while a request is added or removed, never while a request is served.
         self._ended = False
 
     def ask(self, action: Callable[[], Result]) -> Request[Result]:
-        """Request that ``action`` run at the start of the next cycle.
+        """Request a call of ``action`` at the start of the next cycle.
 
         Any thread may call this method. The call never waits.
         """

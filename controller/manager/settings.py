@@ -1,4 +1,4 @@
-"""Read a controller's settings for the manager, from the controllers file, a service call or the spawner."""
+"""Read the manager's settings of a controller from the controllers file, a service call or the spawner."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any, Final, Self
 from drivers.printable import printable
 
 SETTINGS: Final = ("type", "fallback_controllers", "params_file", "node_options_args")
-"""Names of the settings. They are not parameters of the controller itself."""
+"""Names of the settings, which are not parameters of the controller itself."""
 
 
 @dataclass(frozen=True, slots=True)

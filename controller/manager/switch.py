@@ -86,7 +86,7 @@ class SwitchPlan:
     deactivate: tuple[str, ...]
 
     def summary(self) -> str:
-        """Return the result of the switch, with ros2_control's own message."""
+        """Return the result of the switch, with the same message as in ros2_control."""
         if not self.activate and not self.deactivate:
             return NOTHING
         parts = (("Deactivated", self.deactivate), ("Activated", self.activate))

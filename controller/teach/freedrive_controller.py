@@ -1,4 +1,4 @@
-"""Let a hand move the joints of an arm. A joint holds its position until a hand moves it."""
+"""Let the user move the joints of an arm by hand. A joint holds its position until a hand moves it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -114,7 +114,7 @@ class FreedriveController:
         self._last = measured
 
     def _lead(self, period_s: float) -> FloatArray:
-        """Return how far the joints move (n,) until their servos act on the new set points.
+        """Return the distances (n,) that the joints move until their servos act on the new set points.
 
         Without this lead, the set points would drag on the joints.
         """

@@ -13,13 +13,13 @@ from hal.types import FloatArray, JointLimits
 GRID_S: Final = 0.02
 """Time between two samples of a path during processing, in seconds."""
 WINDOW: Final = 15
-"""Number of samples over which the shaking of a hand (about 10 Hz) is averaged. A turn within 0.3 s keeps its size."""
+"""Number of samples over which the shaking of a hand (about 10 Hz) is averaged. A reversal within 0.3 s keeps its size.
+"""
 ORDER: Final = 3
 """Order of the polynomials that approximate the motion of a hand."""
 TOLERANCE: Final = 0.001
-"""Maximum deviation of the thinned from the smooth path, as a share of a joint's range.
-
-It corresponds to 0.2 degrees, or two encoder counts.
+"""Maximum deviation of the thinned path from the smooth path, as a share of a joint's range. It corresponds to 0.2
+degrees, or two encoder counts.
 """
 STIRS: Final = 0.003
 """Maximum motion of a joint that counts as at rest, as a share of its range."""
@@ -29,7 +29,7 @@ BEFORE_S: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class HandPath:
-    """A path through m knots for n joints, with a cubic between each two knots.
+    """A path through m knots for n joints, with a cubic between adjacent knots.
 
     ``times_s`` (m,) starts at 0 and is strictly increasing. ``position`` and ``velocity`` (m, n) are in rad or m, and
     per second.
@@ -72,7 +72,7 @@ class HandPath:
         return type(self)(times_s, *self.at(times_s))
 
     def thinned(self, tolerance: FloatArray) -> Self:
-        """Return the path without the knots that it passes within ``tolerance`` (n,) anyway.
+        """Return the path without the knots that it also passes within ``tolerance`` (n,) if they are removed.
 
         This is the Douglas-Peucker algorithm with cubics as chords.
         """
@@ -190,7 +190,10 @@ def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 
 
 def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the distance (k, n) of each position beyond the limits, in rad or m; 0 for positions within them."""
+    """Return the distance (k, n) of each position beyond the limits, in rad or m.
+
+    It is 0 for positions within the limits.
+    """
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0)
     return beyond

@@ -12,11 +12,11 @@ from controller.trajectory.paths import FEW
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.9
-"""Share of the velocity and acceleration limits in use. Lag compensation and smoothing need the remaining share."""
+"""Share of the velocity and acceleration limits that a path may use. Lag compensation and smoothing need the rest."""
 LEAST: Final = FEW + 2
 """Minimum number of knots of a path, including the first."""
 SPREAD: Final = 8
-"""Number of samples before and after each sample that are gradually slowed down with it."""
+"""Number of samples before and after a slowed sample over which the speed changes gradually."""
 
 
 def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandPath:
@@ -54,7 +54,7 @@ def _spread(needed: FloatArray) -> FloatArray:
 def goal_points(path: HandPath, limits: Sequence[JointLimits]) -> tuple[GoalPoint, ...]:
     """Return the knots after the first as points of a trajectory goal. The joints start at the first knot.
 
-    The path gets more points than ruckig would plan through, so that the planner follows it with a smoothed spline.
+    The trajectory has more points than the planner accepts for ruckig, so that the planner uses a smoothed spline.
     """
     thin = path.thinned(tolerances(limits)).divided(LEAST)
     rows = zip(thin.times_s[1:], thin.position[1:], thin.velocity[1:], strict=True)

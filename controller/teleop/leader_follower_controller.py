@@ -21,7 +21,7 @@ FAR_OUTSIDE: Final = 0.05
 Both arms have mechanical stops at their limits, so a larger distance shows a wrong calibration.
 """
 FULL_SPEED_S: Final = 1.0
-"""Time after joining the leader in which the follower's speed limit rises to its maximum, in seconds."""
+"""Time in which the follower's speed limit rises to its maximum after it has joined the leader, in seconds."""
 SMOOTHED_S: Final = 0.04
 """Time constant of the filter for the leader's velocity, in seconds. The velocity compensates for servo lag."""
 
@@ -60,8 +60,8 @@ class LeaderFollowerController:
     """Controller of a follower arm.
 
     The follower joins its leader slowly and then follows the leader's motion. The follower holds its position in every
-    cycle in which it is not allowed to move or a joint of the leader is not measured. Afterwards it joins the leader
-    again.
+    cycle in which it is not allowed to move or a joint of the leader is not measured. After such a cycle, the follower
+    joins the leader again.
     """
 
     kind: ClassVar[str] = "servoloop/LeaderFollowerController"
@@ -77,7 +77,7 @@ class LeaderFollowerController:
         """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
         self.phase = FollowerPhase.HOLDING
         self.reason = ""
-        """Why the follower holds its position although it may move."""
+        """Reason why the follower holds its position although it may move."""
         self.joints = tuple(joints)
         self.wanted: FloatArray = np.full(len(joints), np.nan)
         """Positions (n,) that the leader requests, before the limits apply. NaN if the leader is not measured."""
@@ -142,7 +142,7 @@ class LeaderFollowerController:
         }
 
     def _unfit(self, state: JointState, leader: FloatArray, period_s: float) -> str:
-        """Return why the leader cannot be followed in this cycle, or an empty string."""
+        """Return the reason why the leader cannot be followed in this cycle, or an empty string."""
         for followed in self.joints:
             if followed.leader in state.faults:
                 return state.faults[followed.leader].text
@@ -168,7 +168,10 @@ class LeaderFollowerController:
             self.phase, self._ramp, self._share = FollowerPhase.FOLLOWING, None, SHARE
 
     def _follow(self, target: FloatArray, period_s: float) -> None:
-        """Follow the leader within the speed limit, ahead of it by the period and the lag of the servos."""
+        """Follow the leader within the speed limit.
+
+        The command is ahead of the leader by the period and the lag of the servos.
+        """
         lag_s, profile_acceleration, _ = self._lags
         velocity = np.clip(self._velocity, -self._fastest, self._fastest)
         lead = velocity * (lag_s + period_s) + velocity * np.abs(velocity) / (2.0 * profile_acceleration)

@@ -40,5 +40,5 @@ class RampIn:
         self.command = np.array(self._output.new_position)
 
     def joined(self, target: FloatArray) -> bool:
-        """Return whether every joint has reached its leader."""
+        """Return whether every joint has reached the position of its leader."""
         return bool((np.abs(target - self.command) <= self._near).all())

@@ -18,9 +18,8 @@ from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointState
 
 NEAR: Final = 3.0
-"""Maximum distance from the reference, in multiples of the still threshold, at which a joint counts as near.
-
-A joint that is further away may still be approaching its reference.
+"""Maximum distance from the reference at which a joint counts as near, in multiples of the still threshold. A joint
+that is further away may still be approaching its reference.
 """
 
 
@@ -56,9 +55,9 @@ class Cycle:
 
     @property
     def confirmed_error(self) -> FloatArray:
-        """The smaller error (n,) of this and the previous reading, because either may be false.
+        """The smaller error (n,) of this reading and the previous reading, because either may be false.
 
-        The error is 0 if the two readings differ in sign.
+        If the two errors differ in sign, the result is 0.
         """
         agree = self.error * self.error_before > 0.0
         smaller = np.sign(self.error) * np.minimum(np.abs(self.error), np.abs(self.error_before))
@@ -78,7 +77,7 @@ class ActiveGoal:
     """Time since the cycle for which the goal was planned, in seconds."""
     begun: bool = False
     recall_s: float = 0.0
-    """Time for which the started goal can still be made to wait, in seconds."""
+    """Remaining time in which the started goal can still be made to wait, in seconds."""
     ending: GoalResult | None = None
     """Result to report after the joints have come to rest."""
     rest: Rest | None = None
@@ -101,7 +100,7 @@ class ActiveGoal:
         return bool(rests.all()) or self.near_s > LONGEST_REST_S
 
     def off_path(self, joints: Sequence[str], now: Cycle) -> GoalResult | None:
-        """Return the result for a joint that is further off the path than its servo may lag, or None.
+        """Return the result if a joint is further off the path than its servo may lag, or else None.
 
         A servo at full power may fall behind a fast path, but its joint moves along the path. A blocked joint does not
         move, so the tolerance for joints at rest applies to it.

@@ -29,7 +29,7 @@ from hal.fault_timeout import FaultTimeout
 LOG = logging.getLogger("servoloop.controller")
 
 LATE_S: Final = 0.001
-"""Minimum delay of the first cycle that makes the controller plan the motion to the first point again, in seconds."""
+"""Minimum delay of the first cycle after which the controller plans the motion to the first point again, in seconds."""
 RECALL_S: Final = 0.05
 """Time after its start in which a goal can still be made to wait, in seconds; at least one cycle.
 
@@ -70,7 +70,7 @@ class Execution:
         return self.active is None and not self._inbox
 
     def end(self, reason: str = "") -> None:
-        """Abort all goals because the controller is deactivated. ``reason`` is added to the result text."""
+        """Abort all goals, because the controller is deactivated. ``reason`` is added to the result text."""
         text = f"{DEACTIVATED} {reason}".rstrip()
         if self.active:
             self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
@@ -122,7 +122,7 @@ class Execution:
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
     def _end(self, active: ActiveGoal, result: GoalResult) -> None:
-        """Report the result to the client. An earlier ending takes precedence."""
+        """Report the result to the client. A result that was decided earlier takes precedence."""
         end = active.ending or result
         active.handle.decide(end.status, end.error_code, end.text)
         self.active = None
@@ -158,7 +158,8 @@ class Execution:
             self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # A newer goal in the queue replaces this goal at once.
-            # A trajectory on the topic may belong to a stream. If each trajectory waited, the arm would never move.
+            # A trajectory on the topic may belong to a stream. If every trajectory of a stream waited, the arm would
+            # never move.
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
                 # The first cycle does not count, because the other controllers cannot have changed yet.
@@ -176,11 +177,11 @@ class Execution:
             return default
 
     def _begin(self, active: ActiveGoal, now: Cycle) -> None:
-        # A stamp is an absolute time, so the time spent waiting counts.
+        # A stamp is an absolute time, so the time spent waiting counts toward the trajectory.
         waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
         try:
             path = active.plan.join(now.reference, waited_s)
-        except Exception as error:  # No goal may stop the controller.
+        except Exception as error:  # A defect in a goal must not stop the controller.
             self._finish(active, cannot_begin(self._name, error), now)
             return
         if stretched(path):

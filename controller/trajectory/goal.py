@@ -1,6 +1,6 @@
 """Define a trajectory goal and its handle, and check goals before the arm moves.
 
-If ros2_control has the same check, the rejection text is that of ros2_control.
+If ros2_control has the same check, the text of the rejection is the same.
 """
 
 import math
@@ -17,9 +17,10 @@ from hal.types import AT_LIMIT, FloatArray, JointLimits, apart, beyond_range
 LARGEST_GOAL: Final = 5_000
 """Maximum number of points of one goal. The ROS thread prepares this many points in a few tenths of a second."""
 LONGEST_GOAL_S: Final = 3_600.0
-"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually has a wrong stamp."""
+"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually means a wrong stamp.
+"""
 ROUNDING: Final = 1e-6
-"""Share by which a value may exceed a limit. Planners use their limits fully and round (MoveIt by 1e-13)."""
+"""Share by which a value may exceed a limit. Planners use limits fully and have rounding errors (MoveIt: 1e-13)."""
 STANDS_STILL: Final = 1.19e-7
 """Maximum final velocity that counts as zero, as in ros2_control."""
 
@@ -37,7 +38,7 @@ class GoalPoint:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
-    """A goal from a client. ``delay_s`` is its stamp relative to now; 0 means now."""
+    """A goal from a client. ``delay_s`` is the stamp of the goal relative to now; 0 means now."""
 
     joints: tuple[str, ...]
     points: tuple[GoalPoint, ...]
@@ -48,7 +49,8 @@ class TrajectoryGoal:
     next_cycle_s: float = 0.0
     """Time from now to the cycle in which the goal can start, in seconds."""
     begins_s: float | None = None
-    """Time of that cycle on the loop's clock, in seconds. None means that the goal is never late."""
+    """Time of the cycle in which the goal can start, on the loop's clock, in seconds. None means that it is never late.
+    """
 
     @property
     def starts_s(self) -> float:
@@ -87,7 +89,7 @@ class Allowed:
 
 
 def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allowed) -> str | None:
-    """Return why a goal is invalid regardless of the joint limits, or None."""
+    """Return the reason why a goal is invalid regardless of the joint limits, or None."""
     if not goal.points:
         return "Empty trajectory received."
     return (
@@ -102,10 +104,10 @@ def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allow
 def limits_reason(
     goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits], stands: Sequence[FloatArray] = ()
 ) -> str | None:
-    """Return why the first point beyond a limit is invalid, or None if all points are within the limits.
+    """Describe the first point beyond a limit, or return None if all points are within the limits.
 
     ``stands`` holds the measured and the commanded positions (n,) of the joints. A joint at or beyond a limit may start
-    from there; the plan moves such points to the limit.
+    from there. The plan moves such points to the limit.
     """
     by_name = dict(zip(joints, limits, strict=True))
     ends = {name: _ends(by_name[name], [float(at[i]) for at in stands]) for i, name in enumerate(joints)}

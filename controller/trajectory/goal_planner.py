@@ -29,7 +29,7 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time (s) in which moving, jerk-limited joints reach another path. A point after twice this time is far away."""
+"""Time (s) that moving, jerk-limited joints need to reach another path. A point after twice this time is far away."""
 
 
 class GoalRejected(Exception):
@@ -109,7 +109,7 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
 
 
 def ahead(waypoints: Waypoints) -> Waypoints:
-    """Return the waypoints whose time has not passed, and always the last one."""
+    """Return the waypoints whose time has not passed. The last waypoint is always included."""
     first = first_ahead(waypoints.times_s, 0.0)
     return Waypoints(*(getattr(waypoints, field.name)[first:] for field in fields(waypoints)))
 
@@ -138,7 +138,8 @@ def joined_at(times_s: FloatArray, now_s: float) -> int:
     """Return the index of the point at which moving joints join a path.
 
     This is the first point that leaves the joints enough time, or the point before it if that point is far away. A
-    motion to a point that is too near ends late, and a stream of short paths would lag further with each message.
+    motion to a point that is too near in time ends late, and a stream of short paths would lag further with each
+    message.
     """
     index = first_ahead(times_s, now_s + JOINS_S)
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))

@@ -1,4 +1,4 @@
-"""Decide the result of a trajectory goal. The texts are those of ros2_control."""
+"""Decide the result of a trajectory goal. The texts are the same as in ros2_control."""
 
 import logging
 from collections.abc import Sequence
@@ -13,10 +13,8 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
-"""Result text of a goal that a trajectory on the topic replaces.
-
-The behavior differs from ros2_control on purpose. In ros2_control, the goal succeeds with a trajectory that its client
-never sent.
+"""Result text of a goal that a trajectory on the topic replaces. The behavior differs from ros2_control on purpose. In
+ros2_control, the goal succeeds with a trajectory that the client of the goal never sent.
 """
 
 
@@ -39,7 +37,7 @@ class GoalResult:
     stop: bool = True
     """Whether the joints must stop, because they still move or are not at their goal."""
     at_rest: bool = False
-    """Whether the result is reported only after the joints are at rest and press against no obstacle."""
+    """Whether the result is reported only after the joints are at rest and do not press against an obstacle."""
 
 
 CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "", at_rest=True)
@@ -51,7 +49,7 @@ TIMED_OUT: Final = GoalResult(
 def result_at_end(
     joints: Sequence[str], tolerances: Tolerances, path: Path, after_end_s: float, error: FloatArray
 ) -> GoalResult | None:
-    """Return the result of a goal ``after_end_s`` after the end of its path, or None while the joints still approach.
+    """Return the result of a goal ``after_end_s`` after the end of its path, or None if joints still approach it.
 
     ``error`` (n,) is the reference minus the latest measurement.
     """

@@ -68,7 +68,8 @@ class JointTrajectoryController:
         self._execution = Execution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._planning = Lock()
-        """Held while a goal is planned or submitted, because ROS and the command socket have threads of their own."""
+        """Lock that is held while a goal is planned or submitted. ROS and the command socket have threads of their own.
+        """
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
         """Period of the loop, in seconds. It is 0 before the first cycle."""
@@ -87,7 +88,7 @@ class JointTrajectoryController:
     # Any thread may call the following methods.
 
     def check(self, goal: TrajectoryGoal) -> str | None:
-        """Return why a goal is rejected, or None. An accepted goal is planned for ``submit``."""
+        """Return the reason why a goal is rejected, or None. An accepted goal is planned for ``submit``."""
         with self._planning:
             return self._check(goal)
 
@@ -107,7 +108,7 @@ class JointTrajectoryController:
         return tracking.at(self.period_s)[0] if tracking is not None else self._start
 
     def submit(self, goal: TrajectoryGoal) -> GoalHandle:
-        """Start a goal that ``check`` has accepted. It takes effect in the next cycle."""
+        """Start a goal that ``check`` has accepted. The goal takes effect in the next cycle."""
         handle = GoalHandle(goal)
         with self._planning:
             reason = self._check(goal) if self._planned is None or self._planned[0] is not goal else None
@@ -137,7 +138,10 @@ class JointTrajectoryController:
                 yield tracking
 
     def reconfigure(self, parameters: TrajectoryParameters) -> None:
-        """Set the settable parameters. They apply from the next goal on, ``cmd_timeout`` from the next cycle on."""
+        """Set the parameters that can be changed at run time.
+
+        ``cmd_timeout`` applies from the next cycle on, the others from the next goal on.
+        """
         self._allowed, self._tolerances = parameters.allowed(), parameters.tolerances()
         self.parameters: TrajectoryParameters = parameters
 
@@ -150,11 +154,11 @@ class JointTrajectoryController:
         self._last_s = state.stamp_s
         self._standstill.reset()
         self.command = command.copy()
-        self._execution.begin_relief()  # The former controller may have pressed a joint against an obstacle.
+        self._execution.begin_relief()  # The previous controller may have pressed a joint against an obstacle.
         self.running = True
 
     def deactivate(self, reason: str = "") -> None:
-        """Abort all goals. ``reason`` tells the clients why, if no client requested the deactivation."""
+        """Abort all goals. If no client requested the deactivation, ``reason`` tells the clients why."""
         self.running = False
         self._execution.end(reason)
         self.tracking = None
@@ -206,7 +210,7 @@ class JointTrajectoryController:
     def _put_command(self, now: Cycle) -> None:
         """Set the command to the reference at the end of the cycle, plus the lag of the joints."""
         sampler, parameters, period_s = self._sampler, now.parameters, now.period_s
-        # A new lead during a motion would make the command leap.
+        # A change of the lead during a motion would make the command leap.
         if not sampler.on_goal or (sampler.ended and self._execution.idle):
             self._lead_s = parameters.command_lead
         if not now.waits:

@@ -83,9 +83,8 @@ class TrajectoryParameters(Parameters):
     speed_scaling: Scaling = Scaling()
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
-    """Interpolation method. The default is ros2_control's.
-
-    servoloop's robot files set ruckig (jerk-limited) for controllers files without this parameter.
+    """Interpolation method, with the default of ros2_control. servoloop's robot files set ruckig (jerk-limited) for
+    controllers files without this parameter.
     """
     command_lead: Time | None = None
     """Time by which each command is sent early to compensate for servo lag, in seconds.
@@ -99,7 +98,9 @@ class TrajectoryParameters(Parameters):
     For MoveIt, keep ``wait_for_timeout`` below 0.5 s or raise its ``allowed_goal_duration_margin``.
     """
     wait_for_timeout: Time = 1.5
-    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. Then the goal starts anyway."""
+    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. After this time, the goal starts
+    anyway.
+    """
 
     @field_validator("command_interfaces")
     @classmethod
@@ -111,7 +112,7 @@ class TrajectoryParameters(Parameters):
     @field_validator("constraints")
     @classmethod
     def _every_joint(cls, constraints: Constraints, info: ValidationInfo) -> Constraints:
-        """Add constraints for joints without any, so that their parameters exist and can be set later."""
+        """Add constraints for joints that have none, so that their parameters exist and can be set later."""
         known = constraints.by_joint()
         others: dict[str, dict[str, float]] = {n: {} for n in info.data.get("joints", ()) if n not in known}
         return Constraints.model_validate(constraints.model_dump() | others) if others else constraints

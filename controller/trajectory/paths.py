@@ -15,19 +15,18 @@ FEW: Final = 50
 """Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
 
 MISSES: Final = 0.02
-"""Largest distance at which a smoothed spline passes one of few points, in rad or m."""
+"""If there are few points, the largest distance at which a smoothed spline may pass a point, in rad or m."""
 SLOWER: Final = 1.2
 """Factor by which a spline that misses a point is slowed down."""
 SLOWEST: Final = 10.0
-"""Factor at which slowing down ends. The distance falls with the fourth power of the factor."""
+"""Maximum factor by which a spline is slowed down. The miss decreases with the fourth power of the factor."""
 SAMPLES: Final = 21
-"""Number of samples that are compared with each point. They cover the windows that smooth the spline there."""
+"""Number of samples that are compared with each point. The samples cover the windows that smooth the spline there."""
 BEGINNING_S: Final = 0.3
 """Time within which a path that starts off its plan is back on the plan, in seconds."""
 NEAR: Final = 0.05
-"""Maximum distance of the measured from the commanded position, in rad or m.
-
-It covers sag, backlash and following error.
+"""Maximum distance of the measured position from the commanded position, in rad or m. This distance covers sag,
+backlash and following error.
 """
 
 
@@ -42,7 +41,7 @@ class PathTask:
 
 
 def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
-    """Shift the first points so that they lead from ``here`` (n,) to the rest of the points.
+    """Shift the first points so that they lead from ``here`` (n,) to the remaining points.
 
     Planners start from the measured position, which differs slightly from the commanded position. A step between the
     two would slow down the whole path, because its sharpest bend determines the smoothing.
@@ -71,8 +70,9 @@ def spline_path(task: PathTask) -> tuple[Path, FloatArray]:
 def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
 
-    The path is ruckig's if it passes few points in the requested time. Otherwise, it is ruckig's or a smoothed spline,
-    whichever is shorter. Few points may be far apart, so the spline is slowed down until it hardly misses any of them.
+    If there are few points and ruckig's path takes no longer than requested, it is used. Otherwise, the shorter of
+    ruckig's path and a smoothed spline is used. Few points may be far apart, so the spline is slowed down until it
+    hardly misses any of them.
     """
     exact = _exact(task)
     if exact is not None:
@@ -88,7 +88,10 @@ def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
 
 
 def _smooth(task: PathTask) -> SmoothPath:
-    """Return the smoothed spline, slowed down if it would miss one of few points by more than ``MISSES``."""
+    """Return the smoothed spline.
+
+    If there are few points, it is slowed down until it misses none by more than ``MISSES``.
+    """
     smooth = smooth_path(task.start, task.waypoints, task.limits, task.names)
     if len(task.waypoints.times_s) > FEW:
         return smooth

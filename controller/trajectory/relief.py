@@ -1,8 +1,8 @@
 """Relieve joints that press against an obstacle after a goal has ended.
 
 The arm first brakes along its path. Then the command of each joint that rests short of its command moves back slowly to
-the measured position. If the joint moves along with its command, it is free: the command stops, so that the relief
-never becomes a motion.
+the measured position. If the joint moves along with its command, the joint is free. The command then stops, so that the
+relief never becomes a motion.
 """
 
 import logging
@@ -22,7 +22,8 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PRESSES: Final = 15.0
-"""Minimum distance from its command at which a resting joint presses, in multiples of the still threshold."""
+"""Minimum distance from its command at which a joint at rest counts as pressing, in multiples of the still threshold.
+"""
 CREEPS_SHARE: Final = 0.05
 """Motion of a joint that still counts as rest, as a share of its distance from the command. A blocked joint may slide
 slowly along its obstacle, but a free joint soon covers more of the distance."""
@@ -36,7 +37,7 @@ blocked afterwards, so one attempt is not enough."""
 JERK_SHARE: Final = 0.25
 """Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
 SPEED_SHARE: Final = 0.5
-"""Share of the velocity limit used for the return. It matters only for a joint that is far from its command."""
+"""Share of the velocity limit used for the return, which matters only for a joint that is far from its command."""
 
 
 class Relief:
@@ -44,7 +45,7 @@ class Relief:
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler) -> None:
         self.due = False
-        """Whether joints must still come to rest or be relieved."""
+        """Whether joints still have to come to rest or to be relieved."""
         self._name, self._joints, self._sampler = name, tuple(joints), sampler
         self._limits = [
             replace(limit, jerk=JERK_SHARE * limit.jerk, velocity=SPEED_SHARE * limit.velocity)
@@ -80,7 +81,7 @@ class Relief:
             self._stop_if_joints_move(self._begun, now, ~unknown)
         if not self._sampler.ended:
             return
-        if self._begun:  # The commands have come back. A joint that slides on may press again.
+        if self._begun:  # The commands have come back. A joint that keeps sliding may press again.
             self._relieved &= self._attempts >= ATTEMPTS
             self._begun = None
         self._stood_s += now.step_s
@@ -110,8 +111,9 @@ class Relief:
     def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
         """Stop all commands if a joint moves further during the return of its command than a blocked joint can.
 
-        A joint that follows its command is free and not relieved again. All others are, if they still rest short of
-        their commands: a joint that advances towards its old command may meet the obstacle again.
+        A joint that follows its command is free and is not relieved again. All other joints that still rest short of
+        their commands are relieved again, because a joint that advances toward its old command may meet the obstacle
+        again.
         """
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)

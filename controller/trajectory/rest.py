@@ -18,7 +18,9 @@ HELD_S: Final = 0.25
 A joint that catches up with its command rests for less time.
 """
 LONGEST_REST_S: Final = 1.0
-"""Maximum time a goal waits for its joints to come to rest, in seconds. Then it ends, even if joints still swing."""
+"""Maximum time a goal waits for its joints to come to rest, in seconds. After this time the goal ends, even if joints
+still swing.
+"""
 
 
 class Rest:
@@ -36,7 +38,7 @@ class Rest:
         Args:
             position: Measured positions (n,). NaN marks a joint that was not measured.
             step_s: Time since the previous cycle, in seconds.
-            creeps: Change of position that does not count as motion either, if it is larger than ``still``.
+            creeps: Change of position that does not count as motion in this cycle, if it is larger than ``still``.
         """
         moved = ~(np.abs(position - self._place) <= np.maximum(self._still, creeps))
         self.stayed_s = np.where(moved, 0.0, self.stayed_s + step_s)

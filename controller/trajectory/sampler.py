@@ -24,7 +24,7 @@ class Tracking:
     feedback_position: FloatArray
     feedback_velocity: FloatArray
     error: FloatArray
-    """Position error. The error of a continuous joint is measured the shorter way around."""
+    """Position error. For a continuous joint, this is the error the shorter way around."""
     output: FloatArray
     """Command."""
     speed_scaling_factor: float
@@ -37,7 +37,7 @@ class Tracking:
     """Rate at which time passes on the path."""
 
     def at(self, later_s: float) -> tuple[Kinematics, bool]:
-        """Return the reference ``later_s`` after (negative: before) this cycle, and whether a goal is active then."""
+        """Return the reference ``later_s`` after this cycle (negative: before) and whether a goal is then active."""
         time_s = self.elapsed_s + later_s * self.rate
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
 
@@ -58,7 +58,7 @@ class TrajectorySampler:
     """Sampler that follows one path at a time, at the requested speed. It runs in the thread of the loop."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
-        """Create a sampler. ``lags`` are those of hal.compensation.servo_compliance; None means no lag."""
+        """Create a sampler. ``lags`` come from hal.compensation.servo_compliance; None means no lag."""
         self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0
@@ -154,7 +154,10 @@ def _moving(path: Path, time_s: float, rate: float) -> Kinematics:
 
 
 def shorter_way(error: FloatArray, endless: Sequence[int]) -> FloatArray:
-    """Return a position error (n,) with the shorter way around for continuous joints (indices ``endless``)."""
+    """Return a position error (n,).
+
+    For continuous joints (indices ``endless``), this is the error the shorter way around.
+    """
     if endless:
         columns = list(endless)
         error = error.copy()

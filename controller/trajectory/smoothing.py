@@ -1,10 +1,10 @@
 """Smooth a spline through many waypoints to limit its jerk.
 
 The spline is averaged over two time windows. An average never exceeds the range of the averaged values, so the path
-keeps the limits of the spline. The first window turns steps of velocity into ramps, and the second window does the same
-for steps of acceleration. The path ends later by the length of both windows (a few tenths of a second) and cuts corners
-by acceleration * window² / 24. Ruckig would have to meet each of many close points within the jerk limit, which can
-take many times as long.
+keeps the limits of the spline. The first window turns steps of velocity into ramps, and the second window turns steps
+of acceleration into ramps. The path ends later by the length of both windows (a few tenths of a second) and cuts
+corners by acceleration * window² / 24. Ruckig would have to meet each of many close points within the jerk limit, which
+can take many times as long.
 """
 
 from bisect import bisect_right
@@ -68,7 +68,7 @@ class SmoothPath:
         moments[1] += once
         moments[0] += twice + once * t
         after_s = time_s - inside_s
-        if after_s > 0.0:  # The spline rests at its end. Before its start, all moments are 0.
+        if after_s > 0.0:  # The spline is at rest at its end. Before its start, all moments are 0.
             moments[0] += moments[1] * after_s + moments[2] * (after_s**2 / 2.0)
             moments[1] += moments[2] * after_s
         return moments

@@ -35,15 +35,15 @@ class SpeedScaling:
         return None
 
     def idle(self) -> None:
-        """Apply the requested factor at once, because no path is being scaled."""
+        """Apply the requested factor at once, because no path is active."""
         self.factor = self.asked
 
     def restart(self, moving: bool) -> None:
-        """Start with a new path. A path that starts in motion has the right speed at factor 1."""
+        """Start with a new path. If the joints are moving, the path already has the right speed at factor 1."""
         self.factor = 1.0 if moving else self.asked
 
     def advance(self, reference: Kinematics, step_s: float) -> None:
-        """Move the factor towards the requested one for one cycle. ``reference`` is unscaled (factor 1)."""
+        """Move the factor toward the requested factor for one cycle. ``reference`` is unscaled (factor 1)."""
         rate = min(SHARE * self._room(reference, step_s), FASTEST) * step_s
         self.factor += float(np.clip(self.asked - self.factor, -rate, rate))
 
@@ -52,7 +52,7 @@ class SpeedScaling:
 
         A change of the factor accelerates the joints by their velocity times this rate, in addition to the acceleration
         of the path. The rate is never 0, so that even a path at its acceleration limit can be paused. (The linear
-        splines of ros2_control have unlimited steps anyway.)
+        splines of ros2_control have unlimited steps of velocity anyway.)
         """
         direction = math.copysign(1.0, self.asked - self.factor) * np.sign(reference.velocity)
         own = reference.acceleration * self.factor**2 * direction
@@ -63,7 +63,7 @@ class SpeedScaling:
 
 
 def scaled(state: Kinematics, factor: float) -> Kinematics:
-    """Return the kinematics of a path's state on which time passes ``factor`` times as fast."""
+    """Return the kinematics of a state on a path on which time passes ``factor`` times as fast."""
     if factor == 1.0:
         return state
     velocity: FloatArray = state.velocity * factor

@@ -20,7 +20,7 @@ LONGEST_LEAD_S: Final = 0.5
 It covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
-"""Number of instants that the search samples, and again in a finer search around the best instant."""
+"""Number of instants that the search samples. A finer search around the best instant samples the same number."""
 REJOIN_S: Final = 0.3
 """Time on the path within which joints that start next to their path return to it, in seconds."""
 
@@ -53,7 +53,7 @@ class Standstill(Unmeasured):
             if sampler.on_goal:
                 restart(sampler, sent, parameters.command_lead or 0.0)
             else:
-                sampler.hold(sent)  # A trajectory that was stopping does not move again.
+                sampler.hold(sent)  # A trajectory that was already stopping does not continue.
         return step_s
 
 

@@ -22,7 +22,9 @@ class StepPlan:
 
 @dataclass(frozen=True, slots=True)
 class StepPath:
-    """Path that holds the start until the time of the first point, and from each point's time on the next point.
+    """Path that holds the start until the time of the first point.
+
+    From the time of each point on, it holds the next point.
 
     ``positions`` has shape (m, n).
     """

@@ -15,7 +15,7 @@ from hal.types import FloatArray, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Shares of the acceleration and jerk limits tried for a stop on a path. The path itself needs the remaining share."""
+"""Shares of the acceleration and jerk limits that are tried for a stop on a path. The path itself needs the rest."""
 DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
 """Delays that are tried for a stop on a path, in seconds. No stop can start while the path brakes at a limit."""
 LONGEST_STOP: Final = 2.0
@@ -75,7 +75,7 @@ class Slowing:
 
     @property
     def asked_s(self) -> float:
-        """The duration itself, because no client requests a duration for a stop."""
+        """Same as the actual duration, because no client requests a duration for a stop."""
         return self.duration_s
 
     def on_path(self, time_s: float) -> tuple[float, float, float]:
@@ -124,7 +124,7 @@ def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimi
 
 
 def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
-    """Return whether a stop accelerates each joint within its limit, or no more than the path itself does.
+    """Return whether a stop accelerates each joint within its limit, or at most as much as the path itself.
 
     The jerk limit applies to the path and the stop separately. With a limit on their sum, a path at its jerk limit
     could not be stopped at once.
@@ -138,9 +138,10 @@ def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
 
 
 def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequence[JointLimits]) -> Path:
-    """Plan a gentle stop, or the fastest stop if the gentle one would end outside the position limits.
+    """Plan a gentle stop, or the fastest stop if the gentle stop would end outside the position limits.
 
-    If even the fastest stop ends outside (splines have no acceleration limit), the joint stops at once at its limit.
+    If even the fastest stop would end outside the limits (splines have no acceleration limit), the joint stops at once
+    at its limit.
     """
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])

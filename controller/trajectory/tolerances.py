@@ -20,7 +20,7 @@ class Tolerances:
     path: Mapping[str, float] = field(default_factory=dict)
     goal: Mapping[str, float] = field(default_factory=dict)
     goal_time_s: float = 0.0
-    """Maximum time after the end of the path for which the goal tolerance may be violated, in seconds; 0: no limit."""
+    """Maximum time after the end of the path to reach the goal tolerance, in seconds; 0 means no limit."""
     lag_time_s: Mapping[str, float] = field(default_factory=dict)
     """Time by which a moving joint may lag behind its path, in addition to the path tolerance, in seconds."""
 

@@ -24,8 +24,9 @@ BoolArray = NDArray[np.bool_]
 class Waypoints:
     """m points for n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
 
-    ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values; elsewhere
-    the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points, then leaps).
+    ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values. At the
+    other points, the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points,
+    then leaps).
     """
 
     times_s: FloatArray
@@ -69,8 +70,8 @@ def ruckig_motion(
 ) -> Motion:
     """Plan a motion with ruckig from ``start`` through every point without a stop. Raises MotionError.
 
-    If a segment takes longer than the goal requests, the velocities at its ends are reduced with it, so that all joints
-    stay on the path.
+    If a segment takes longer than the goal requests, the velocities at its ends are reduced accordingly, so that all
+    joints stay on the path.
     """
     bounds = Bounds.of(limits)
     positions = np.vstack((start.position, waypoints.position))
@@ -98,7 +99,8 @@ def _states(
 ) -> list[Kinematics]:
     """Return the states at the start and at each point.
 
-    Values that the goal does not contain are estimated. At segments that take longer than requested, they are reduced.
+    Values that the goal does not contain are estimated. At the ends of segments that take longer than requested, the
+    velocities are reduced.
     """
     slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=(asked_s > 0.0) & (spans_s > 0.0))
     slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]

@@ -1,4 +1,4 @@
-"""Adapt the reply timeout of single requests to the replies of the bus.
+"""Adapt the reply timeout of single requests to the delay of recent replies.
 
 A group read needs only one timeout, which can be long. If each servo is asked separately, a long timeout costs too
 much time, but a USB adapter with a latency timer of 16 ms needs it for every servo.
@@ -7,19 +7,19 @@ much time, but a USB adapter with a latency timer of 16 ms needs it for every se
 from typing import Final
 
 FIRST_REPLY_S: Final = 0.02
-"""Reply timeout before the first reply, in seconds. A latency timer can be 16 ms."""
+"""Reply timeout before the first reply, in seconds. The latency timer of an adapter can be 16 ms."""
 RESPONSIVE_S: Final = 0.002
-"""Added to the slowest recent reply, for a servo that answered its last request, in seconds."""
+"""Margin above the slowest recent reply, for a servo that answered its last request, in seconds."""
 PROBE_S: Final = 0.0015
 """Minimum timeout for a servo that did not answer its last request, in seconds."""
 SPARE_S: Final = 0.001
-"""Added to the slowest recent reply, for a servo that did not answer its last request, in seconds."""
+"""Margin above the slowest recent reply, for a servo that did not answer its last request, in seconds."""
 FORGET: Final = 0.95
 """Factor by which the slowest reply time decays with each reply."""
 
 
 class AdaptiveTimeout:
-    """Reply timeouts of one bus, in seconds. They do not include the transmission time of the bytes."""
+    """Reply timeouts of one bus, in seconds, without the transmission time of the bytes."""
 
     def __init__(self) -> None:
         self._slowest_s: float | None = None
@@ -41,7 +41,10 @@ class AdaptiveTimeout:
 
     @property
     def slowest_s(self) -> float:
-        """Slowest recent reply, in seconds beyond the transmission time; 0 before the first reply."""
+        """Delay of the slowest recent reply, in seconds beyond the transmission time.
+
+        It is 0 before the first reply.
+        """
         return self._slowest_s or 0.0
 
     def wait_s(self, responsive: bool) -> float:

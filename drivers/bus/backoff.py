@@ -1,7 +1,7 @@
 """Decide when to ask silent servos again.
 
-Each request to a silent servo waits until its timeout. A silent servo is therefore asked last and at growing
-intervals, but often enough to be found within a second after it returns.
+A request to a silent servo costs the whole timeout. A silent servo is therefore asked last and at growing intervals,
+but is found within a second after it answers again.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ class Backoff:
         self._queue: list[int] = []
 
     def note(self, outcome: Mapping[int, ReadResult], now_s: float) -> list[int]:
-        """Record which servos answered. Return the servos without a state, the first of them last.
+        """Record which servos answered. Return the servos without a state, with the first one moved to the end.
 
         In some group reads each servo waits for the previous servo, so the first silent servo may hide the others.
         """

@@ -35,7 +35,7 @@ _DRAIN_SIZE: Final = 256  # maximum number of bytes that are discarded in one re
 
 
 class Bus:
-    """All servos on one serial bus. They share one wire protocol. Use a bus from one thread only.
+    """All servos on one serial bus. The servos share one wire protocol. Use a bus from one thread only.
 
     A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls to a single servo raise ServoError. All
     calls raise PortLost after the port has disappeared. The calls for set-up repeat lost requests: ``identify``,
@@ -105,8 +105,8 @@ class Bus:
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         """Request the states of servos. ``receive`` waits for the replies.
 
-        Request the states on all buses before you receive from any, so that they work at the same time. A former
-        request that was not received is abandoned.
+        Request the states on all buses before you receive from any, so that they work at the same time. An earlier
+        request whose replies were not received is abandoned.
 
         Args:
             servo_ids: IDs of the servos.
@@ -117,8 +117,8 @@ class Bus:
     def receive(self) -> Mapping[int, Reading]:
         """Receive the requested states.
 
-        Missing replies are requested again if there is time. A servo that is known to be silent is not waited for in
-        every cycle.
+        Missing replies are requested again if there is time. Not every cycle waits for a servo that is known to be
+        silent.
 
         Returns:
             The state of each requested servo, or its fault, by ID.
@@ -127,7 +127,7 @@ class Bus:
         return readings if self._maps is None else self._name_alarms(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        """Send a goal to each servo, in one packet that is not acknowledged.
+        """Send the goals of all servos in one packet, which the servos do not acknowledge.
 
         Each servo that does not support group writes gets a packet of its own, which it acknowledges.
 
@@ -207,18 +207,20 @@ class Bus:
         return written + self._reader.exchange_size(tuple(servo_ids))
 
     def needs_single_reads(self, servo_id: int) -> bool:
-        """Find out whether a servo answers reads but no group reads. It is then read and written one by one.
+        """Find out whether a servo answers single reads but not group reads.
+
+        Such a servo is then read and written separately.
 
         Args:
             servo_id: ID of the servo.
 
         Returns:
-            Whether this servo supports no group reads.
+            Whether this servo does not support group reads.
         """
         return self._separate.examine(servo_id)
 
     def write_goals_alone(self, servo_ids: Sequence[int], alone: bool = True) -> None:
-        """Write the goals of servos one by one from now on, with an acknowledgment, or in groups again.
+        """Switch servos to separate, acknowledged writes of their goals, or back to group writes.
 
         Args:
             servo_ids: IDs of the servos.
@@ -228,7 +230,7 @@ class Bus:
             self._servos.set_written_alone(servo_id, alone)
 
     def _name_alarms(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
-        """Read which hardware errors the servos have, if there is time, and record servos that were reset."""
+        """Read the hardware errors of the servos if there is time, and record servos that were reset."""
         readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
@@ -324,9 +326,9 @@ class Bus:
         return self._read_with_retries(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
-        """Read whether servos drive their motors with their torque limit. A servo that was reset has another limit.
+        """Read whether servos drive their motors with the torque limit that was set.
 
-        There is one request and no retry.
+        After a reset, a servo has a different limit. The request is sent once, without retries.
 
         Args:
             servo_ids: IDs of the servos.
@@ -342,7 +344,8 @@ class Bus:
     def prepare_torque(self, servo_id: int) -> None:
         """Write the registers that a servo needs before its torque is enabled.
 
-        Lost requests are repeated, which takes up to a second each. Measure the position of a limp joint after this.
+        Lost requests are repeated, which takes up to a second each. If the joint is limp, measure its position after
+        this call.
 
         Args:
             servo_id: ID of the servo.
@@ -358,8 +361,8 @@ class Bus:
     def torque_on(self, servo_id: int, *, prepared: bool = False) -> None:
         """Enable the torque of a servo. Write its goal first.
 
-        The torque switch is written only once. If a servo does not acknowledge it, it may have been reset and lost
-        its goal.
+        The torque switch is written only once. A servo that does not acknowledge this write may have been reset, and
+        may have lost its goal.
 
         Args:
             servo_id: ID of the servo.
@@ -370,7 +373,7 @@ class Bus:
         self.write(servo_id, self._servos.series(servo_id).torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
-        """Release the torque of servos. Every servo is tried, whichever fails.
+        """Release the torque of servos. If a servo fails, the other servos are still released.
 
         Args:
             servo_ids: IDs of the servos.
@@ -393,7 +396,7 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the drive of a servo until its power-off.
+        """Limit the torque of a servo until it is switched off.
 
         Args:
             servo_id: ID of the servo.
@@ -405,7 +408,8 @@ class Bus:
         series = self._servos.series(servo_id)
         wanted, persistent, volatile = round(share * series.full_torque), series.max_torque, series.torque_limit
         held, where = self._read_with_retries(servo_id, persistent), f"{persistent.name} (register {persistent.address}"
-        # The persistent limit is the upper bound and returns after a reset. One less shows whether the servo was reset.
+        # The persistent limit is the upper bound and returns after a reset. A limit that is one lower shows whether the
+        # servo was reset.
         limit = min(wanted, held - 1 if volatile else held)
         if limit <= 0:
             raise ServoRefused(
@@ -427,7 +431,7 @@ class Bus:
 
     @contextmanager
     def at_baud(self, baud: int, models: Mapping[int, ServoModel] | None = None) -> Iterator["Bus"]:
-        """Use the line at another baud rate. The former rate is restored at the end.
+        """Use the line at a different baud rate. The previous rate is restored at the end.
 
         Args:
             baud: Rate, in bits per second.

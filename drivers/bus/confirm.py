@@ -8,7 +8,9 @@ from drivers.bus.types import Reading, ServoFault, ServoState
 READINGS: Final = 8
 """Maximum number of readings."""
 AGREE_COUNTS: Final = 16
-"""Largest difference between readings that agree, in counts. Servos at rest or turned slowly by hand stay below it."""
+"""Largest difference between readings that agree, in counts. The readings of servos at rest, or turned slowly by hand,
+differ by less.
+"""
 
 
 def confirmed_states(

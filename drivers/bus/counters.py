@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 
 @dataclass(slots=True)
 class ServoCounters:
-    """Counters of one servo. Every request increments one of the first seven."""
+    """Counters of one servo. Every request increments one of the first seven counters."""
 
     replies: int = 0
     """Valid replies."""
@@ -14,7 +14,7 @@ class ServoCounters:
     corrupt: int = 0
     """Requests whose reply had a wrong checksum or no header."""
     late: int = 0
-    """Requests for which only a reply arrived that may belong to an earlier request."""
+    """Requests for which the only reply may belong to an earlier request."""
     refused: int = 0
     """Requests that the servo refused."""
     reset: int = 0
@@ -53,7 +53,7 @@ class BusCounters:
     servos: dict[int, ServoCounters] = field(default_factory=dict)
 
     def of(self, servo_id: int) -> ServoCounters:
-        """Return the counters of one servo. They are created at its first request."""
+        """Return the counters of one servo. The first call for a servo creates its counters."""
         return self.servos.setdefault(servo_id, ServoCounters())
 
     def faults(self) -> dict[str, int]:

@@ -1,6 +1,7 @@
 """Fast sync reads: all servos reply with one common packet, so a silent servo also silences the servos after it.
 
-Some firmware of the X series supports them, without byte stuffing. Source: ROBOTIS e-manual, "Fast Sync Read".
+Some firmware versions of the X series support fast sync reads, without byte stuffing. Source: ROBOTIS e-manual, "Fast
+Sync Read".
 """
 
 import logging
@@ -53,7 +54,7 @@ def replies_in(plan: ReadPlan, data: bytes) -> int:
 def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
     """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet.
 
-    It works on the fields of all servos together, because a loop over the servos takes twice as long.
+    The decoder processes the fields of all servos together, because a loop over the servos takes twice as long.
     """
     servo_ids, units = tuple(scales), tuple(scales.values())
     head, state = v2.fast_head(len(servo_ids), block.size), block.state
@@ -77,7 +78,10 @@ def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
 
 
 class FastReads:
-    """Use of fast sync reads on one bus. It is tried once, and stopped after too many failures."""
+    """Use of fast sync reads on one bus.
+
+    Fast sync reads are tried once, and are no longer used after too many failures.
+    """
 
     def __init__(self, line: Line) -> None:
         self._line = line
@@ -99,7 +103,7 @@ class FastReads:
         self.known = plan.decode_all(line.receive(plan.request, plan.reply_size, due_s + FAST_TRIAL_S)) is not None
         line.clean = False
         if not self.known:
-            LOG.info("%s: not every servo supports fast sync reads: using plain sync reads", line.port.name)
+            LOG.info("%s: using plain sync reads, because not every servo supports fast sync reads", line.port.name)
 
     def allowed(self) -> bool:
         """Whether no reply to a failed fast sync read can still arrive."""
@@ -115,4 +119,4 @@ class FastReads:
         if self._failures_in_a_row == FAST_TRIES:
             self.known = False
             name = self._line.port.name
-            LOG.warning("%s: %d consecutive fast sync reads failed: using plain sync reads", name, FAST_TRIES)
+            LOG.warning("%s: using plain sync reads, because %d consecutive fast sync reads failed", name, FAST_TRIES)

@@ -26,7 +26,7 @@ _MANY: Final = 4096
 
 
 class GroupRead:
-    """Group reads of one bus. Faults are counted and returned. The only exception is PortLost."""
+    """Group reads of one bus. Faults are counted and returned. The only exception that is raised is PortLost."""
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
         self._line = line
@@ -44,7 +44,7 @@ class GroupRead:
         self._prompt = False
         """Whether complete replies have arrived within ``GROUP_WAIT_S`` since the last read without any reply."""
         self.complete = False
-        """Whether the last read returned a state of every servo."""
+        """Whether the last read returned the state of every servo."""
         self.fast_replies = 0
         """Number of servos that replied to the last fast read before it failed."""
         self.hidden: tuple[int, ...] = ()
@@ -58,8 +58,8 @@ class GroupRead:
     def _drain_input(self) -> None:
         """Discard the input since the last request. Late replies in the input close their requests.
 
-        After a stall, the input holds a reply to each open request. After a flood, a flush discards only part of the
-        input, and the next replies would come after the rest.
+        After a stall, the input holds a reply to each open request. After a flood of bytes, a flush discards only part
+        of the input, and the rest would precede the next replies.
         """
         port, end_s = self._line.port, self._line.now() + DRAIN_S
         if self._late.open:
@@ -72,7 +72,7 @@ class GroupRead:
             self._flooded = bool(port.read(_MANY, self._line.now()))
 
     def _close_late(self, reply: Reply, asked: bool = False) -> bool:
-        """Count the reply as late if it may belong to an earlier request. Return whether it may."""
+        """Count the reply as late if it may belong to an earlier request. Return whether it is late."""
         counted_as = self._late.match(reply.servo_id, len(reply.data), asked)
         if counted_as is None:
             return False
@@ -83,8 +83,8 @@ class GroupRead:
     def collect(self, plan: ReadPlan, responsive: int, deadline_s: float) -> Mapping[int, ReadResult]:
         """Receive the replies and return the state or the kind of fault of each servo.
 
-        The first ``responsive`` servos of the plan are expected to answer. The others get a short timeout. If a fast
-        read fails, the result is empty and no fault is counted for a servo.
+        The first ``responsive`` servos of the plan are expected to answer. The other servos get a short timeout. If a
+        fast read fails, the result is empty and no fault is counted for a servo.
         """
         line, expected, self.complete, self.hidden = self._line, plan.reply_size, False, ()
         if 0 < responsive < len(plan.servo_ids):
@@ -118,7 +118,7 @@ class GroupRead:
     def _chain_has_ended(self, plan: ReadPlan, missing: bool) -> bool:
         """Whether no more replies can come, because a silent servo silences the servos after it.
 
-        The adapter must be known to be prompt. Otherwise the missing replies may still be on their way.
+        The adapter must be known to be prompt. A slow adapter may still deliver the missing replies.
         """
         return missing and self._prompt and self._protocol.waits_for_silent and len(plan.servo_ids) > 1
 
@@ -190,7 +190,8 @@ class GroupRead:
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
-            # If servos wait for each other, a pause means that no more replies come. Otherwise it may be an empty slot.
+            # If servos wait for each other, a pause means that no more replies come. Otherwise the pause may be an
+            # empty slot.
             slots_s = 0.0 if self._protocol.waits_for_silent else missing * line.byte_s
             until_s = line.now() + slots_s + gap_s
             only_late = assembler.replies and not assembler.answered
@@ -205,8 +206,9 @@ class GroupRead:
     def _had_time(self, plan: ReadPlan, assembler: ReplyAssembler, due_s: float, deadline_s: float) -> Collection[int]:
         """Return the servos that had time to reply before the deadline.
 
-        If the deadline came before the last reply was due, each servo is judged by its own place in the order. If no
-        servo replied, the cause may be the adapter, except in reads in which the first servo can silence all others.
+        The time when the reply of a servo is due depends on its place in the order.
+        If no servo replied, the cause may be the adapter, except in reads in which the first servo can silence all
+        others.
         """
         if deadline_s >= due_s + TURNAROUND_S:
             return plan.servo_ids
@@ -244,7 +246,7 @@ class GroupRead:
         return results, noise
 
     def _after_silent(self, plan: ReadPlan, heard: Collection[int]) -> tuple[int, ...]:
-        """Return the servos after the first one that ended a group read, if servos wait for the reply before theirs."""
+        """Return the servos after the servo that ended a group read, if each servo waits for the previous reply."""
         if not self._protocol.waits_for_silent:
             return ()
         last = max((n for n, servo_id in enumerate(plan.servo_ids) if servo_id in heard), default=-1)

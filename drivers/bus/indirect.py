@@ -1,7 +1,8 @@
 """Map the indirect registers of servos when they are identified, and restore lost maps before torque is enabled.
 
-Every reply proves that its map is intact (drivers/servos/indirect.py). A reply without proof shows that the servo was
-reset and has no torque. Its state is then read from the direct block until torque is enabled again.
+Every valid reply proves that the map is intact (drivers/servos/indirect.py). A reply without this proof shows that the
+servo was reset and has no torque. The state of this servo is then read from the direct block until its torque is
+enabled again.
 """
 
 import logging
@@ -52,11 +53,15 @@ class IndirectMaps:
             )  # fmt: skip
 
     def _map(self, servo_id: int, block: StateBlock) -> str:
-        """Write the map, read it back and check the cells. Return the problem, worded to follow "it", if any."""
+        """Write the map, read it back and check the cells.
+
+        Return a description of the problem, worded to follow "it", or None.
+        """
         retry(partial(self._single.write, servo_id, MAP_REGISTER, _MAP))
         if retry(partial(self._single.read, servo_id, MAP_REGISTER)) != _MAP:
             return "did not keep the map"
-        # One byte more than a group read, so that a late reply cannot be mistaken for a reply to a group read.
+        # This read is one byte longer than a group read, so that its late reply cannot be mistaken for a group read
+        # reply.
         cells = Register("indirect data", block.address, block.size + 1)
         data = retry(partial(self._single.read, servo_id, cells)).to_bytes(cells.size, "little")
         if block.decode(None, 0, data[: block.size]) is None:

@@ -60,19 +60,19 @@ class KnownServos:
         return self.protocol.group_read == "sync" and not self.separate
 
     def together(self, servo_ids: tuple[int, ...]) -> tuple[int, ...]:
-        """Return those of these servos that one packet can request."""
+        """Return the servos in ``servo_ids`` whose states one packet can request."""
         if self.protocol.group_read == "sync":
             return tuple(i for i in servo_ids if i not in self.separate)
         return servo_ids if self.read_together else ()
 
     def set_separate(self, servo_id: int, separate: bool) -> None:
-        """Read and write a servo separately, or in groups."""
+        """Choose whether a servo is read and written separately or in groups."""
         for servos in (self.separate, self.written_alone):
             (servos.add if separate else servos.discard)(servo_id)
         self._forget_plans()
 
     def set_written_alone(self, servo_id: int, alone: bool) -> None:
-        """Write the goals of a servo separately, or in groups."""
+        """Choose whether the goals of a servo are written separately or in groups."""
         (self.written_alone.add if alone else self.written_alone.discard)(servo_id)
 
     def identified(self, servo_id: int, model: ServoModel) -> None:
@@ -113,7 +113,7 @@ class KnownServos:
         return self._fast[servo_ids]
 
     def _may_read_fast(self, servo_id: int) -> bool:
-        """Whether a fast sync read of this servo may work, as far as its firmware version is known."""
+        """Whether a fast sync read of this servo may work, according to its firmware version if it is known."""
         known = reads_fast(self.model(servo_id), self.firmware.get(servo_id))
         return known is not False and servo_id not in self.separate
 

@@ -2,11 +2,12 @@
 
 A request without a reply stays open, because its reply may still arrive. A servo with an open request is asked for a
 block of a different size, so that the length shows which request a reply answers. If requests of all sizes are open,
-one size is requested again. A reply of this size gives no value, because it may be the old reply. It closes all
-requests sent before the first request of its size, because a servo replies in order. The next reply is then certain.
+one size is requested again. A reply of this size gives no value, because it may be the old reply. The reply closes all
+requests sent before the first request of its size, because a servo replies in order. The next reply is then
+unambiguous.
 
-A reply is therefore never taken for the reply to a later request, provided that a servo's replies keep their order and
-are not delayed by more than ``OPEN_S``. A reply overtaken by a later reply of the same servo is still recognized for
+A late reply is therefore never mistaken for the reply to a later request, if the replies of a servo keep their order
+and are delayed by ``OPEN_S`` at most. A reply overtaken by a later reply of the same servo is still recognized for
 ``HELD_S``, unless all sizes are in use.
 """
 
@@ -34,14 +35,15 @@ class _OpenRequests:
     until_s: float
     """Latest possible time of a reply to the last request."""
     overtaken: bool = False
-    """Whether the servo has answered a later request, after which no reply to these is expected."""
+    """Whether the servo has answered a later request. No reply to these requests is then expected."""
 
 
 class LateReplyFilter:
     """Open requests of one bus, by servo and size.
 
     A corrupt reply leaves its request open, because the garbage may come from another servo. A refusal that arrives
-    while other requests are open leaves its request open too: it has no data, so it may belong to any of them.
+    while other requests are open also leaves its request open. A refusal has no data, and may belong to any of the open
+    requests.
     """
 
     def __init__(self) -> None:
@@ -70,7 +72,9 @@ class LateReplyFilter:
         return self._single_until_s.get(servo_id, -math.inf)
 
     def match(self, servo_id: int, size: int, asked: bool = False) -> Missed | None:
-        """Close the open requests that a reply of this size may answer. Return how the oldest one was counted.
+        """Close the open requests that a reply of this size may answer.
+
+        Return the fault that was counted for the oldest of these requests.
 
         Return None if the reply answers no open request. If this size was requested last (``asked``), overtaken
         requests are not considered.
@@ -85,7 +89,10 @@ class LateReplyFilter:
         return counted
 
     def answered(self, servo_id: int, now_s: float) -> None:
-        """Record that a servo has certainly answered the last request. Earlier replies are then unlikely."""
+        """Record that a servo has certainly answered the last request.
+
+        Replies to earlier requests are then unlikely.
+        """
         self._single_until_s.pop(servo_id, None)
         for one in self.open.get(servo_id, {}).values():
             if not one.overtaken:

@@ -16,14 +16,17 @@ from drivers.servos.register import Register
 from drivers.servos.series import StateBlock, WireProtocol
 
 ReadResult = ServoState | int | FaultKind | ServoFault
-"""Result of one request to one servo: its state, a register value, or a fault. A ``ServoFault`` is a refusal with its
-reason."""
+"""Result of one request to one servo: a state, a register value, or a fault. A ``ServoFault`` is a refusal with a
+reason.
+"""
 
 Decode = Callable[[bytes], Mapping[int, ServoState] | None]
 """Returns all states if the bytes are exactly the valid replies of all servos in their order, or else None."""
 
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
-"""Low byte of Adler-32 over a valid reply. Its checksum makes the sum after the header 255; Adler-32 adds 1."""
+"""Low byte of Adler-32 over a valid reply. The checksum makes the sum of the bytes after the header 255, and Adler-32
+adds 1.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +135,10 @@ def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
 
 
 def _decoder_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
-    """Return a decoder that unpacks each reply separately, which is faster than unpacking all replies together.
+    """Return a decoder that unpacks each reply separately. This is faster than unpacking all replies together.
 
-    A control cycle spends most of its Python time here, with cold processor caches. A few steps repeated for seven
-    servos are therefore faster than many steps executed once. A state in these protocols consists of five numbers.
+    A control cycle spends most of its Python time here, with cold processor caches. Repeating a few steps for seven
+    servos is therefore faster than executing many steps once. In these protocols, a state consists of five numbers.
     """
     replies = []
     begin = 0

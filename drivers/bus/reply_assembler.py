@@ -32,7 +32,7 @@ class ReplyAssembler:
                 self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:
-        """Whether the reply may answer this request. Its size must match, unless it is a refusal."""
+        """Whether the reply may answer this request. The size of the reply must match, unless it is a refusal."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 
@@ -46,8 +46,8 @@ class ReplyAssembler:
     def corrupted(self) -> tuple[set[int], int]:
         """Return the servos whose corrupt replies explain the garbage, and the number of remaining runs of noise.
 
-        Servos reply in order. The garbage between two replies is attributed to the missing servos between them, as
-        many as fit into it. Servos whose ID is still readable come first.
+        Servos reply in order. The garbage between two replies is attributed to as many of the missing servos between
+        them as their replies fit into it. Servos whose IDs are still readable in the garbage come first.
         """
         corrupt: set[int] = set()
         noise = 0

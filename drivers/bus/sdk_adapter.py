@@ -13,7 +13,9 @@ from drivers.port.line import BITS_PER_BYTE, Line
 from drivers.protocol import v1
 
 CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
-"""Result codes of both SDKs for a corrupt reply. Their other codes are the same, or mean that there was no reply."""
+"""Result codes of both SDKs for a corrupt reply. The other codes are the same in both SDKs, or mean that there was no
+reply.
+"""
 _GRACE_S = 0.034
 """Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
 _FLOOD_S = 0.1  # time after the deadline in which all bytes that arrived before it are read
@@ -37,7 +39,10 @@ class SdkAdapter:
 
     @property
     def is_using(self) -> bool:
-        """The SDK's lock, always free. One thread owns the port, and an exception would leave the lock closed."""
+        """Lock flag of the SDK, which stays False.
+
+        One thread owns the port, and an exception would leave the lock closed.
+        """
         return False
 
     @is_using.setter
@@ -68,7 +73,8 @@ class SdkAdapter:
         """Remove the echo of the request, which the SDK would take for a reply.
 
         If the adapter is known to echo, all bytes before the echo are discarded. Otherwise bytes that may start an echo
-        are held back. If noise precedes an echo, the SDK may receive the echo, and its result is marked as corrupt.
+        are held back. If noise precedes an echo, the SDK may receive the echo. The result of the SDK is then marked as
+        corrupt.
         """
         at = data.find(self._sent)
         if at >= 0:

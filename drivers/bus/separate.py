@@ -1,7 +1,7 @@
-"""Servos that support no group instructions: they are read and written one by one, as the last fallback.
+"""Read and write servos without group instructions one by one, as the last fallback.
 
-Self-made slaves on microcontrollers often answer only pings, reads and writes. Such a servo is found outside the
-control cycle. From then on each cycle sends it a read, and a write that it acknowledges.
+Self-made servos with a microcontroller often answer only pings, reads and writes. They are detected outside the control
+cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
 """
 
 import logging
@@ -21,14 +21,16 @@ from drivers.protocol import v2
 LOG = logging.getLogger("servoloop.drivers")
 
 TRIALS: Final = 6
-"""Number of consecutive group reads without a reply, each followed by a read with a reply, that prove a servo to be
-separate. On a bus that loses 9 % of the packets in each direction, they occur by chance once in 40,000 trials."""
+"""Number of consecutive group reads without a reply, each followed by a read with a reply, that prove that a servo does
+not support group reads. On a bus that loses 9 % of the packets in each direction, this happens by chance once in 40,000
+trials.
+"""
 WRITE_TRIES: Final = 2
 """Number of attempts to write a goal in one cycle."""
 
 
 class SeparateServos:
-    """The servos of one bus that support no group instructions."""
+    """The servos of one bus that do not support group instructions."""
 
     def __init__(
         self, line: Line, servos: KnownServos, reader: StateReader, group: GroupRead, counters: BusCounters
@@ -45,7 +47,10 @@ class SeparateServos:
             self._doubtful.add(servo_id)
 
     def found(self, readings: Mapping[int, Reading]) -> bool:
-        """Examine the identified servos that gave no state. Return whether one of them has to be read separately."""
+        """Examine the identified servos that gave no state.
+
+        Return whether one of these servos has to be read separately.
+        """
         if not self._doubtful:
             return False
         self._doubtful -= {i for i, reading in readings.items() if isinstance(reading, ServoState)}
@@ -53,7 +58,10 @@ class SeparateServos:
         return bool([servo_id for servo_id in missing if self.examine(servo_id)])
 
     def examine(self, servo_id: int) -> bool:
-        """Return whether a servo answers reads but no group reads. It is read separately from then on."""
+        """Return whether a servo answers single reads but not group reads.
+
+        Such a servo is read separately from then on.
+        """
         if servo_id in self._servos.separate:
             return True
         if self._servos.protocol.group_read != "sync":
@@ -123,14 +131,14 @@ class SeparateServos:
         subject = f"servos {names} support" if len(alone) > 1 else f"servo {names} supports"
         reads = alone & self._servos.separate
         LOG.warning(
-            "%s: %s no %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and "
-            "limits the rate to %d Hz: set a lower update_rate, or use servos that support them",
+            "%s: %s no %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and limits the rate to %d "
+            "Hz: set a lower update_rate, or use servos with this support",
             self._line.port.name, subject, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip
 
     def _cycle_s(self, servo_ids: tuple[int, ...]) -> float:
-        """Return the duration of a cycle in which these servos are read and get goals, without lost packets."""
+        """Return the duration of a cycle that reads these servos and writes their goals, if no packets are lost."""
         goals = dict.fromkeys(servo_ids, ServoGoal(0))
         size = self._reader.exchange_size(servo_ids) + len(self._servos.goals(goals)) + self.size(goals)
         separate = self._servos.separate.intersection(servo_ids)

@@ -18,7 +18,10 @@ _MANY: Final = 4096  # more bytes than can arrive during the wait for a late rep
 
 
 class SingleServo:
-    """Requests to a single servo. They raise ServoError for its faults, and PortLost after the port has disappeared."""
+    """Requests to a single servo.
+
+    A fault of the servo raises ServoError, and a port that has disappeared raises PortLost.
+    """
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
         self._line = line
@@ -60,7 +63,7 @@ class SingleServo:
         self._sdk.action(self._adapter, self._packets.BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo. It releases its torque and does not answer for up to a second.
+        """Restart a servo. The servo releases its torque and does not answer for up to a second.
 
         Raise ServoRefused if its protocol has no reboot instruction.
         """
@@ -74,7 +77,7 @@ class SingleServo:
         self._late.add_single(servo_id, self._line.now())  # in case the servo replies nevertheless
 
     def factory_reset(self, servo_id: int) -> None:
-        """Restore the factory settings except for the ID. Servos of Dynamixel protocol 1.0 also change to ID 1."""
+        """Restore the factory settings except for the ID. Servos with Dynamixel protocol 1.0 also get ID 1."""
         self._request(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
     def forget_turns(self, servo_id: int) -> None:
@@ -84,7 +87,7 @@ class SingleServo:
     def broadcast_ping(self) -> tuple[int, ...]:
         """Return the servos that answer a broadcast ping. Raise DriverError if their replies would collide."""
         if not self._protocol.broadcast_ping:
-            raise DriverError("replies to a broadcast ping collide with this protocol: ping each ID separately")
+            raise DriverError("the replies to a broadcast ping collide in this protocol: ping each ID separately")
         self._line.clean = False
         found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
         return tuple(sorted(found))

@@ -26,7 +26,7 @@ Batch = tuple[tuple[int, ...], int]
 
 
 class StateReader:
-    """State reads of one bus. The only exception is PortLost."""
+    """State reads of one bus. The only exception that is raised is PortLost."""
 
     def __init__(
         self, line: Line, group: GroupRead, servos: KnownServos, counters: BusCounters, late: LateReplyFilter
@@ -43,9 +43,11 @@ class StateReader:
         """Plan of the request whose replies have not been received yet."""
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
-        """Servos for which the last cycle had no time. The next cycle asks them first."""
+        """Servos for which the last cycle had no time. The next cycle asks these servos first."""
         self._hidden: frozenset[int] = frozenset()
-        """Servos that a silent servo may have silenced in their last group read. They are asked separately next."""
+        """Servos that a silent servo may have silenced in their last group read. The next requests to them are
+        separate.
+        """
         self._split = False
         """Whether the last cycle asked hidden servos separately."""
         self.deadline_s = math.inf
@@ -221,7 +223,7 @@ class StateReader:
         return self._readings(results)
 
     def _read_hidden(self, hidden: list[int]) -> dict[int, ReadResult]:
-        """Read servos together that a silent servo may have silenced, and separately if that happens again."""
+        """Read the servos that a silent servo may have silenced: together, then separately if it happens again."""
         for servo_id in hidden:
             self._counters.of(servo_id).retries += 1
         results = self._read_all(tuple(hidden))

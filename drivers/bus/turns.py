@@ -1,8 +1,8 @@
 """Remove whole turns from the positions of servos in extended position mode.
 
-Such a servo counts several turns, but restarts within a single turn. The bus therefore subtracts whole turns from its
-readings and adds them to its goals. A second reading must confirm a changed number of turns, because a wrong number
-would move the joint by a whole turn.
+Such a servo counts several turns, but its count restarts within a single turn after a reset. The bus therefore
+subtracts whole turns from its readings and adds them to its goals. A second reading must confirm a changed number of
+turns, because a wrong number would move the joint by a whole turn.
 """
 
 from collections.abc import Mapping

@@ -6,7 +6,7 @@ from typing import Protocol
 class Port(Protocol):
     """A half-duplex serial port with one owner.
 
-    All methods raise ``PortLost`` after the device has disappeared, such as an unplugged adapter.
+    All methods raise ``PortLost`` after the device has disappeared, for example because the adapter was unplugged.
     """
 
     @property
@@ -28,7 +28,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        """Wait until ``size`` bytes have arrived or the deadline has passed. The wait does not spin.
+        """Wait until ``size`` bytes have arrived or the deadline has passed. The wait does not use the processor.
 
         Args:
             size: Number of bytes to wait for.
@@ -50,7 +50,7 @@ class Port(Protocol):
             baud: New rate, in bits per second.
 
         Raises:
-            PortError: The adapter does not support the rate. The port keeps its former rate.
+            PortError: The adapter does not support the rate. The port keeps its previous rate.
         """
         ...
 

@@ -22,7 +22,7 @@ class Line:
         self.clean = False
         """Whether the last replies were read completely, so that no input has to be discarded."""
         self.echoes: bool | None = None
-        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply shows it."""
+        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply has shown this."""
 
     def send(self, packet: bytes) -> None:
         """Send a packet that has no reply, and read its echo if the adapter echoes."""

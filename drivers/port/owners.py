@@ -1,4 +1,7 @@
-"""Find the processes that have a serial device open. Only the process table shows programs that do not lock it."""
+"""Find the processes that have a serial device open.
+
+Only the process table shows programs that do not lock the device.
+"""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +11,7 @@ PSEUDO_TERMINALS = Path("/dev/pts")
 
 
 def port_owners(path: Path) -> Iterator[str]:
-    """Yield the names of other processes that have the device open, as far as permissions allow."""
+    """Yield the names of other processes that have the device open. Processes of other users may be hidden."""
     device = path.resolve()
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
         if int(process.name) != os.getpid() and _has_open(process, device) and not _serves(process, device):
@@ -20,7 +23,7 @@ def held_by_us(path: Path) -> bool:
 
 
 def is_pseudo_terminal(path: Path) -> bool:
-    """Whether the device is a pseudo-terminal, which a program serves instead of an adapter."""
+    """Whether the device is a pseudo-terminal, served by a program instead of an adapter."""
     return path.resolve().parent == PSEUDO_TERMINALS
 
 

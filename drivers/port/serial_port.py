@@ -23,12 +23,14 @@ _BURST = 32
 """Minimum number of expected bytes for which the kernel is asked for a single wake-up."""
 LARGEST_VMIN = 255
 STALLED_S = 1.0
-"""Maximum time without an accepted byte, in seconds. Sending the kernel's 4 KB takes half of it at 115200 baud."""
+"""Maximum time without an accepted byte, in seconds. At 115200 baud, sending the kernel's 4 KB takes half this time."""
 TOLERATED_RATE = 0.02
-"""Maximum relative error of the baud rate. A receiver samples ten bits after one edge."""
+"""Maximum relative error of the baud rate. A receiver synchronizes once for every ten bits."""
 _UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
-"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library only has named rates."""
+"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library only has constants for
+some rates.
+"""
 
 
 class SerialPort:
@@ -113,7 +115,7 @@ class SerialPort:
                 self._wake_at(wake_size)
             wait_s = deadline_s - self._clock.now()
             try:
-                # poll waits for whole milliseconds, and select for the rest.
+                # poll waits for whole milliseconds, and select waits for the rest.
                 ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._wait_rest(wait_s)
                 while len(received) < size:
                     data = os.read(self._fd, size - len(received))
@@ -194,10 +196,10 @@ def _open(device: str, baud: int) -> serial.Serial:
 
 
 def _exclude_others(path: Path, fd: int) -> None:
-    """Have the kernel keep out all other programs except root's, because the SDKs ignore the lock.
+    """Make the kernel refuse all other programs except root's, because the SDKs ignore the lock.
 
-    A pseudo-terminal is left out. The kernel lifts this ban at the last close, but an emulator never closes its end.
-    If this program were killed, no program could open the pseudo-terminal again.
+    A pseudo-terminal is not protected in this way. The kernel ends the protection at the last close, but an emulator
+    never closes its end. If this program were killed, no program could open the pseudo-terminal again.
     """
     if not is_pseudo_terminal(path):
         with contextlib.suppress(OSError):  # if the device has disappeared, its next use raises PortLost
@@ -240,7 +242,7 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
 
 
 def _may_be_serial(path: Path) -> bool:
-    """Whether a path may be a terminal, as far as this is known without opening it."""
+    """Whether a path may be a terminal, as far as can be known without opening it."""
     if not path.is_char_device():
         return False
     number = path.stat().st_rdev

@@ -11,20 +11,20 @@ class Reply:
 
     servo_id: int
     error: int
-    """Error byte of the reply. It reports alarms of the servo or errors in the request."""
+    """Error byte of the reply, which reports alarms of the servo or errors in the request."""
     data: bytes
     garbage: int = field(default=0, compare=False)
-    """Number of bytes between the previous reply and this reply that belong to neither."""
+    """Number of bytes between the previous reply and this reply that belong to neither reply."""
 
 
 @dataclass(slots=True)
 class Decoder(ABC):
-    """Decoder for replies with ``data_size`` bytes of data.
+    """Decoder for replies with ``data_size`` bytes of data, as requested.
 
-    The request determines this size. The decoder skips frames of any other size, so that noise that looks like a long
-    frame cannot hide the replies after it. It also accepts the sizes of earlier requests (``other_sizes``) and replies
-    without data that refuse the request (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the
-    IDs in frames with a wrong checksum. ``garbage`` is the number of unused bytes since the last reply.
+    The decoder skips frames of any other size, so that noise that looks like a long frame cannot hide the replies after
+    it. It also accepts the sizes of earlier requests (``other_sizes``) and replies without data that refuse the request
+    (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the IDs in frames with a wrong checksum.
+    ``garbage`` is the number of unused bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]
@@ -38,11 +38,11 @@ class Decoder(ABC):
 
     @property
     def waiting(self) -> int:
-        """Number of bytes received of a reply that is not complete yet."""
+        """Number of received bytes of an incomplete reply."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Add received bytes and return the replies that they complete."""
+        """Add received bytes and return the replies that are now complete."""
         header = self.HEADER
         pending = self._pending + data
         replies: list[Reply] = []
@@ -62,7 +62,7 @@ class Decoder(ABC):
         return replies
 
     def finish(self) -> list[Reply]:
-        """Return the replies after a false header, when no more bytes are expected."""
+        """Return the replies that follow a false header. Call this when no more bytes are expected."""
         replies: list[Reply] = []
         while self._pending:
             rest, self._pending = self._pending[1:], b""
@@ -89,6 +89,6 @@ class Decoder(ABC):
         """Decode the frame whose header is at ``at``. Return the number of bytes consumed; None if more are needed."""
 
     def _skip(self, size: int = 1) -> int:
-        """Count garbage bytes. By default this is one byte, because a valid frame may begin inside a false frame."""
+        """Count garbage bytes, one byte by default, because a valid frame may begin inside a false frame."""
         self.garbage += size
         return size

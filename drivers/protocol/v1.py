@@ -1,4 +1,4 @@
-"""Packets of the Feetech protocols and of Dynamixel protocol 1.0, as the master encodes and decodes them.
+"""Encode and decode the packets of the Feetech protocols and of Dynamixel protocol 1.0, on the master's side.
 
 A packet is ``FF FF id length instruction parameters checksum``. A reply has a status byte instead of the
 instruction. The length counts all bytes after itself. The checksum is the inverted sum of the bytes from
@@ -64,7 +64,9 @@ def sync_write(address: int, size: int, entries: bytes) -> bytes:
     """Encode a sync write of ``size`` bytes at ``address``. Each entry is an ID and the bytes. Servos do not reply."""
     if len(entries) > _LARGEST_BODY:
         most, count = _LARGEST_BODY // (size + 1), len(entries) // (size + 1)
-        raise ValueError(f"{count} goals do not fit into a packet of at most {most}: use another port as well")
+        raise ValueError(
+            f"{count} goals do not fit into a packet, which holds at most {most}: connect some servos to another port"
+        )
     return packet(BROADCAST_ID, SYNC_WRITE, bytes((address, size)) + entries)
 
 
@@ -79,7 +81,10 @@ def sdk_data(reply: Any) -> bytes:
 
 @dataclass(slots=True)
 class ReplyDecoder(Decoder):
-    """Decoder of these packets. Data never contain a header, so a header within a packet starts the next packet."""
+    """Decoder of these packets.
+
+    The data never contain a header, so a header within a packet is the start of the next packet.
+    """
 
     HEADER = HEADER
 

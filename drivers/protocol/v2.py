@@ -1,10 +1,10 @@
-"""Packets of Dynamixel protocol 2.0, as the master encodes and decodes them.
+"""Encode and decode the packets of Dynamixel protocol 2.0, on the master's side.
 
 A packet is ``FF FF FD 00 id length instruction parameters crc``. All numbers are little endian. The length (two
-bytes) counts all bytes from the instruction to the end. The instruction of a reply is 0x55, and an error byte
-follows it. An FD is stuffed after each FF FF FD from the instruction on, so that the header occurs only at the
-start. The checksum is CRC-16/UMTS (polynomial 0x8005, initial value 0, not reflected). Source: ROBOTIS
-e-manual, "Protocol 2.0", "CRC calculation".
+bytes) counts all bytes from the instruction to the end. In a reply, the instruction is 0x55, followed by an error byte.
+An extra FD is inserted after each FF FF FD from the instruction on, so that the header occurs only at the start. The
+checksum is CRC-16/UMTS (polynomial 0x8005, initial value 0, not reflected). Source: ROBOTIS e-manual, "Protocol 2.0",
+"CRC calculation".
 """
 
 from collections.abc import Mapping, Sequence
@@ -100,7 +100,7 @@ def fast_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_head(count: int, size: int) -> bytes:
-    """Encode the start of the reply of ``count`` servos. The error, ID, data and CRC of each servo follow it."""
+    """Encode the start of the reply of ``count`` servos, which precedes the error, ID, data and CRC of each servo."""
     length = 1 + count * (size + FAST_OVERHEAD)
     return HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
@@ -116,7 +116,7 @@ def sync_write(address: int, size: int, entries: bytes) -> bytes:
 
 
 def sdk_request(servo_id: int, instruction: int, parameters: bytes) -> list[int]:
-    """Return a packet for the SDK's ``txRxPacket``, with byte stuffing, which the SDK computes but does not send."""
+    """Return a packet for the SDK's ``txRxPacket``. It is stuffed, because the SDK does not send its own stuffing."""
     body = stuffed(parameters)
     return [0, 0, 0, 0, servo_id, *(len(body) + 3).to_bytes(2, "little"), instruction, *body, 0, 0]
 

@@ -41,7 +41,7 @@ def reading_of(actual: int, offset: int, turn: int = TURN) -> int:
 
 
 def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
-    """Return the encoder position, 0 to ``turn - 1``, when the servo reports ``reading`` (of any number of turns)."""
+    """Return the encoder position, 0 to ``turn - 1``, at which the servo reports ``reading`` (of any turn)."""
     return (reading + offset) % turn
 
 
@@ -74,7 +74,7 @@ class Travel:
 
 
 def travel_of(readings: Iterable[int], turn: int = TURN) -> Travel:
-    """Return the range that a sweep covered, even across the wrap. Raise ValueError without readings."""
+    """Return the range that a sweep covered, even across the wrap. Raise ValueError if there are no readings."""
     counts = unwrapped(readings, turn)
     if not counts:
         raise ValueError("a sweep needs at least one reading")
@@ -86,7 +86,7 @@ def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:
 
     ``travel`` was measured with ``offset``. Raise ValueError if the travel is too long.
     """
-    # One count is spare, because the exact offset may not fit the register.
+    # One count must remain free, because the exact offset may not fit the register.
     if travel.span > turn - 2:
         raise ValueError(
             f"the travel of {travel.span} counts fills the turn of {turn}, so the wrap cannot be outside it"

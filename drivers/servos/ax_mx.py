@@ -2,7 +2,7 @@
 
 Source: ROBOTIS e-manual, pages of the models. An MX with protocol 2.0 firmware has a different table and model number.
 docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a speed or load
-is its direction: 1 is clockwise, toward smaller positions.
+is the direction: 1 is clockwise, toward smaller positions.
 """
 
 from dataclasses import dataclass, replace
@@ -97,14 +97,17 @@ VOLTAGE_UNIT_V: Final = 0.1
 MULTI_TURN_LIMIT: Final = 4095
 """Value of both angle limits that selects multi-turn mode on an MX."""
 AX_POSITIONS: Final = 1024
-"""Number of positions of an AX. They span 300 degrees."""
+"""Number of positions of an AX, over 300 degrees."""
 ACCELERATION_UNIT_COUNTS_S2: Final = 8.583 * 4096 / 360.0
 """Unit of the goal acceleration of an MX."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxMxModel(ServoModel):
-    """A servo model. ``own`` holds its registers beyond ``COMMON``. The stall current is that at rated voltage."""
+    """A servo model.
+
+    ``own`` holds the registers that are not in ``COMMON``. The stall current is valid at rated voltage.
+    """
 
     speed_unit_counts_s: float
     """Unit of ``moving_speed`` and ``present_speed``."""
@@ -114,12 +117,12 @@ class AxMxModel(ServoModel):
 
 
 def _positions(last: int) -> tuple[Register, ...]:
-    """Return the registers that hold a position of a sensor, which ends at ``last``."""
+    """Return the registers that hold positions of a sensor. ``last`` is the largest position."""
     return tuple(replace(r, values=between(0, last)) for r in (cw_angle_limit, ccw_angle_limit))
 
 
 class Span(NamedTuple):
-    """Sensor of a potentiometer: its number of positions, and the angle that they cover."""
+    """A potentiometer as position sensor: the number of positions, and the angle that they cover."""
 
     positions: int
     degrees: float
@@ -149,14 +152,14 @@ def _mx(name: str, number: int, sheet: Datasheet, *own: Register, speed_unit_rpm
 
 
 AX_12A = _ax("ax-12a", 12, Datasheet(12.0, 1.5, 1.5, 59.0))
-AX_12W = _ax("ax-12w", 300, Datasheet(12.0, 0.19, 1.5, 470.0))  # torque: that of the AX-12A, by the gear ratio
+AX_12W = _ax("ax-12w", 300, Datasheet(12.0, 0.19, 1.5, 470.0))  # torque of the AX-12A, converted by the gear ratio
 AX_18A = _ax("ax-18a", 18, Datasheet(12.0, 1.8, 2.2, 97.0))
 RX_24F = _ax("rx-24f", 24, Datasheet(12.0, 2.6, 2.4, 126.0))
-# The data sheets of these three are for 18.5 V. The figures are converted to 14.8 V, the recommended voltage.
+# The datasheets of these three models are for 18.5 V. Their values are converted to 14.8 V, the recommended voltage.
 RX_28 = _ax("rx-28", 28, Datasheet(14.8, 2.96, 1.52, 68.0))
 RX_64 = _ax("rx-64", 64, Datasheet(14.8, 4.24, 2.08, 51.2))
 EX_106 = _ax("ex-106+", 107, Datasheet(14.8, 8.72, 5.6, 72.8), drive_mode, sensed_current, span=EX_SPAN)
-MX_12W = _mx("mx-12w", 360, Datasheet(12.0, 0.19, 1.5, 470.0), speed_unit_rpm=0.916)  # torque: as the AX-12W
+MX_12W = _mx("mx-12w", 360, Datasheet(12.0, 0.19, 1.5, 470.0), speed_unit_rpm=0.916)  # same torque as the AX-12W
 MX_28 = _mx("mx-28", 29, Datasheet(12.0, 2.5, 1.4, 55.0))  # protocol 1.0 firmware
 MX_64 = _mx("mx-64", 310, Datasheet(12.0, 6.0, 4.1, 63.0), *_CURRENT)
 MX_106 = _mx("mx-106", 320, Datasheet(12.0, 8.4, 5.2, 45.0), drive_mode, *_CURRENT)

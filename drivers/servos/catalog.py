@@ -24,19 +24,19 @@ UNSUPPORTED: Final[Mapping[int, str]] = {
     35074: "RH-P12-RN", 43289: "M42-10-S260-RA", 46097: "M54-40-S250-RA", 46353: "M54-60-S250-RA",
     51201: "H42-20-S300-RA", 53769: "H54-100-S500-RA", 54025: "H54-200-S500-RA",
 }  # fmt: skip
-"""Dynamixel models of protocol 2.0 whose control tables differ from all supported ones, by model number.
+"""Dynamixel models with protocol 2.0 whose control tables differ from all supported tables, by model number.
 
 Source: ``dynamixel.model`` of ROBOTIS' SDK (dynamixel_easy_sdk 4.1).
 """
 
 _ADDED: Final[dict[str, ServoModel]] = {}
-"""Models of a user, by name."""
+"""Models that the user added, by name."""
 
 
 def add(model: ServoModel, like: ServoModel) -> None:
-    """Add a model of a user to the series of another model.
+    """Add a user's model to the series of another model.
 
-    A model that was added before under this name is replaced, so that a file can be read again.
+    A model that was added earlier under the same name is replaced, so that a file can be read again.
 
     Args:
         model: The new model.
@@ -60,7 +60,7 @@ def add(model: ServoModel, like: ServoModel) -> None:
 
 
 def is_added(model: ServoModel) -> bool:
-    """Return whether a model is one of a user."""
+    """Return whether a user added this model."""
     return model.name in _ADDED
 
 
@@ -88,7 +88,10 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
-    """Return the wire protocol of these servos (STS if there are none). Raise ValueError if they cannot share a bus."""
+    """Return the wire protocol of these servos (STS if there are no servos).
+
+    Raise ValueError if they cannot share a bus.
+    """
     spoken: dict[WireProtocol, list[str]] = {}
     for servo_id, model in models.items():
         spoken.setdefault(series_of(model).protocol, []).append(f"{servo_id} ({model.name})")

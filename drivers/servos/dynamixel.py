@@ -41,7 +41,7 @@ def alarmed(error: int) -> tuple[str, ...]:
 # X series.
 
 LARGEST_PROFILE: Final = x.profile_velocity.largest
-# Constants of this module are found faster than those of another, and ranges are checked faster than by ``check``.
+# Python finds constants of this module faster than those of another module. A comparison is faster than ``check``.
 _LOWEST, _HIGHEST = x.goal_position.smallest, x.goal_position.largest
 _VELOCITY_COUNTS_S: Final = x.VELOCITY_UNIT_COUNTS_S
 _VOLTAGE_V: Final = x.VOLTAGE_UNIT_V
@@ -51,7 +51,7 @@ _ALARMS: Final = tuple(map(x.alarms, range(256)))
 
 
 def x_state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    """Convert the register values of an X series servo to a state. A control cycle does so for each servo.
+    """Convert the register values of an X series servo to a state. Each control cycle calls this for every servo.
 
     Args:
         unit_a: Unit of the current, in A; None if the servo does not measure it.

@@ -49,7 +49,7 @@ assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_p
 
 
 def _state(loads: tuple[float, ...], _scale: None, status: int, *numbers: int) -> ServoState:
-    """Convert position, velocity, load, voltage and temperature to a state. A control cycle does so for each servo."""
+    """Convert register values to a state. Each control cycle calls this for every servo."""
     position, velocity, load, volts, celsius = numbers
     if position & _SIGN:
         position = _SIGN - position
@@ -63,7 +63,7 @@ def _state(loads: tuple[float, ...], _scale: None, status: int, *numbers: int) -
 
 
 def _sts_goal(wanted: ServoGoal) -> tuple[int, ...]:
-    """Encode a goal with a fixed acceleration of the servo's own ramp, so that its following error is predictable."""
+    """Encode a goal. The servo's own ramp gets a fixed acceleration, so that its following error is predictable."""
     position, velocity = wanted
     if (position | velocity) & ~_MAGNITUDE:  # negative or too large
         if velocity < 0:  # the register has a sign bit, which has no meaning in position mode
@@ -88,7 +88,8 @@ def _sts_config_warning(read: Read) -> str | None:
     if phase & sts.COUNTS_PER_S_PHASE:
         return None
     return (
-        f"phase (register {sts.phase.address}) is {phase}: according to Feetech, its unit of speed is 50 counts/s. "
+        f"phase (register {sts.phase.address}) is {phase}: according to Feetech, the unit of speed is then 50 "
+        "counts/s. "
         f"servoloop needs a unit of 1 count/s: set phase to {phase | sts.COUNTS_PER_S_PHASE}"
     )
 
@@ -100,8 +101,8 @@ STS: Final = Series(
     by_name=sts.MODELS,
     registers=sts.REGISTERS,
     goal_block=sts.GOAL_BLOCK,
-    # All blocks end within the table. Their length bytes differ in at least two bits, so that a single flipped bit
-    # cannot turn one length into another.
+    # All blocks end within the table. The lengths of the blocks differ in at least two bits, so that a single flipped
+    # bit cannot turn one length into another.
     blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), partial(_state, _STS_LOADS)),
     goal_fields="BHHH",
     goal_of=lambda model: _sts_goal,

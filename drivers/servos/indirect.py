@@ -1,16 +1,17 @@
 """Read the whole state of an X series servo, including hardware error and current, through indirect registers.
 
-Indirect address n (two bytes each, from 168 on) selects the byte of RAM that data cell n contains. Adjacent cells
-form one block. Source: ROBOTIS e-manual, "Indirect Address, Indirect Data" on the pages of the models. The
-addresses agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..._fw52.model``):
-- XL330 and XC330 "prior to V53" have 20 cells from 208 on for bytes 64 to 227. Later firmware has 28 cells from 224
-  on for bytes 64 to 251. The other models have 28 cells from 224 on (and more elsewhere) for bytes 64 to 661.
-- Indirect registers are in RAM. After power-off or a reboot, each cell is an ordinary byte with the value 0. Torque
-  locks only the EEPROM (page text of Torque Enable), so they can be written while torque is enabled.
+Indirect address n selects the byte of RAM that data cell n shows. Each address takes two bytes, from 168 on. Adjacent
+cells form one block. Source: ROBOTIS e-manual, "Indirect Address, Indirect Data" on the pages of the models. The
+addresses agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..._fw52.model``): - XL330 and XC330
+"prior to V53" have 20 cells from 208 on for bytes 64 to 227. Later firmware has 28 cells from 224 on for bytes 64 to
+251. The other models have 28 cells from 224 on, and more elsewhere, for bytes 64 to 661. - Indirect registers are in
+RAM. After power-off or a reboot, each cell is an ordinary byte with the value 0. Torque
+  locks only the EEPROM (page text of Torque Enable), so the indirect registers can be written while torque is enabled.
 
-Cells without a map must never be taken for a state. The first and the last cell therefore show a byte of the map
-itself: the low bytes of their own indirect addresses. They are 0 without a map, so every reply proves its map.
-If you change the block, change its size as well. Otherwise the last proof stays the same.
+Cells without a map must never be mistaken for a state. The first and the last cell therefore show a byte of the map
+itself: the low bytes of their own indirect addresses. These bytes are 0 without a map, so every reply proves that the
+map is intact. If you change the block, change its size as well. Otherwise the last cell keeps its value and proves
+nothing.
 """
 
 from itertools import chain
@@ -58,7 +59,7 @@ AT_224: Final = _block(224)
 
 
 def block_for(model: ServoModel, firmware: int) -> StateBlock | None:
-    """Return the block of cells for a model and firmware version, or None without indirect registers."""
+    """Return the block of cells for a model and firmware version, or None if the model has no indirect registers."""
     if not isinstance(model, x.XModel):
         return None
     return AT_208 if model.short_map and firmware <= LAST_OLD_X330 else AT_224

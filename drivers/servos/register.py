@@ -17,12 +17,12 @@ class Access(Enum):
 
 
 def between(lowest: int, highest: int) -> tuple[range, ...]:
-    """Return the values of a register from ``lowest`` to ``highest``, which is included."""
+    """Return the values of a register from ``lowest`` to ``highest``, both included."""
     return (range(lowest, highest + 1),)
 
 
 def one_of(*values: int) -> tuple[range, ...]:
-    """Return the values of a register that takes only these."""
+    """Return the values of a register that accepts only the listed values."""
     return tuple(range(value, value + 1) for value in values)
 
 
@@ -30,7 +30,7 @@ def one_of(*values: int) -> tuple[range, ...]:
 class Register:
     """One register of a control table.
 
-    Two registers are equal if they are read and written in the same way. Their values may differ between models.
+    Two registers are equal if they are read and written in the same way, even if they accept different values.
 
     Attributes:
         name: Name of the register.
@@ -54,7 +54,7 @@ class Register:
 
     @property
     def fitting(self) -> range:
-        """Values that fit into the bytes of the register, whether or not the servo accepts them."""
+        """All values that fit into the bytes of the register, including values that the servo refuses."""
         bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
         largest = (1 << bits) - 1
         if self.signed:
@@ -73,7 +73,7 @@ class Register:
 
     @property
     def values_text(self) -> str:
-        """The accepted values for a message, such as "1, 3 to 4 or 16"."""
+        """The accepted values as text for messages, such as "1, 3 to 4 or 16"."""
         spans = [
             f"{span.start}" if len(span) == 1 else f"{span.start} to {span.stop - 1}"
             for span in self.values or (self.fitting,)
@@ -104,7 +104,7 @@ class Register:
             raise ValueError(f"{self.name} must be {self.values_text}, not {value}: nothing was written")
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
-        """Convert a value to the bytes that are sent. Use ``check`` to know whether the servo accepts the value.
+        """Convert a value to the bytes that are sent. Call ``check`` to find out whether the servo accepts the value.
 
         Args:
             value: Raw value.
@@ -148,7 +148,7 @@ def by_address(values: Iterable[object]) -> tuple[Register, ...]:
 
 
 def merged(common: Iterable[Register], own: Iterable[Register]) -> tuple[Register, ...]:
-    """Return a table of common registers, in which ``own`` registers replace those of the same name."""
+    """Return a table of common registers, in which registers in ``own`` replace those of the same name."""
     return by_address({register.name: register for register in (*common, *own)}.values())
 
 
@@ -158,7 +158,7 @@ def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
 
 
 class Datasheet(NamedTuple):
-    """Figures of a motor in its data sheet, all at the rated voltage."""
+    """Datasheet values of a motor, all at the rated voltage."""
 
     rated_voltage_v: float
     stall_torque_nm: float
@@ -184,7 +184,7 @@ class ServoModel:
         stall_torque_nm: Stall torque, in N m.
         no_load_speed_rad_s: Speed without load, in rad/s.
         positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
-        own: Registers that not all models of the series have, or that have other values than in the series.
+        own: Registers that not all models of the series have, or that accept different values in this model.
         supply_v: Lowest and highest rated voltage, in V; None for the usual shares of the rated voltage.
     """
 

@@ -28,7 +28,7 @@ class WireProtocol:
     """How one packet requests several servos: ``sync`` for all models, ``bulk`` only for models that support it."""
     reboot: Literal["acknowledged", "unanswered", "none"]
     waits_for_silent: bool = False
-    """Whether a servo in a group read may fail to reply if the servo before it is silent."""
+    """Whether a servo may fail to reply to a group read if the servo before it is silent."""
     refusals: int = 0
     """Bits of a reply's error byte that refuse an instruction. The other bits are alarms and part of the state."""
     refusal: Callable[[int], str] = "refused the instruction (error {})".format
@@ -91,7 +91,7 @@ class Series:
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
     """Returns the function that encodes a goal of this model. It raises ValueError if the goal does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
-    """Returns the unit of speed or current of a model, if the models of the series differ in it."""
+    """Returns the unit of speed or current of a model, for series whose models have different units."""
     servo_id: Register
     model_number: Register
     status_level: Register
@@ -115,7 +115,7 @@ class Series:
     before_torque: tuple[tuple[Register, int], ...] = ()
     """Registers and the values to write before torque is enabled."""
     torque_by_goal: bool = True
-    """Whether a goal may enable torque. Only the torque limit then shows whether the servo was reset."""
+    """Whether a goal may enable torque. If it may, only the torque limit shows whether the servo was reset."""
     position_p: Register | None = None
     """Position P gain, if it is in RAM."""
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
@@ -127,7 +127,7 @@ class Series:
 
     @property
     def models(self) -> tuple[ServoModel, ...]:
-        """Models of the series, those of a user last."""
+        """Models of the series. The user's models come last."""
         return tuple(self.by_name.values())
 
     @property
@@ -153,14 +153,14 @@ class Series:
 def blocks_from_start(
     registers: tuple[Register, ...], sizes: tuple[int, ...], fields: Struct, state: Callable[..., ServoState]
 ) -> tuple[StateBlock, ...]:
-    """Return blocks of these sizes that all begin with the state in ``registers``."""
+    """Return blocks of these sizes. Each block begins with the state in ``registers``."""
     return tuple(StateBlock(registers[0].address, size, fields, 0, state) for size in sizes)
 
 
 def blocks_to_end(
     starts: tuple[Register, ...], end: int, fields: Struct, state: Callable[..., ServoState], *, fast: bool
 ) -> tuple[StateBlock, ...]:
-    """Return blocks that begin with these registers. All end at ``end``, and the state is at the end."""
+    """Return one block for each of these first registers. All blocks end at ``end``, with the state at the end."""
     sizes = {first.address: end - first.address for first in starts}
     return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
 
@@ -188,7 +188,7 @@ def bit_10_goal_of(last: int, unit_counts_s: float) -> Callable[[ServoGoal], tup
 
     def goal(wanted: ServoGoal) -> tuple[int, ...]:
         check_goal(last, wanted)
-        # Rounded up, so that the servo is not slower than requested and only 0 stays 0 (maximum speed).
+        # The speed is rounded up, so that the servo is not slower than requested, and only 0 stays 0 (maximum speed).
         return wanted.position_counts, min(math.ceil(wanted.velocity_counts_s / unit_counts_s), 1023)
 
     return goal

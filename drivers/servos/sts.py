@@ -1,8 +1,8 @@
 """Control table and models of the Feetech STS series.
 
-Sources: Feetech's "SMS/STS memory table" (magnetic encoder), the newer edition if editions differ, and the datasheets
-named next to the models. docs/servos.md describes how each line was checked. Words are little endian. Negative numbers
-are sign-magnitude, with the sign in bit 15 unless noted otherwise.
+Sources: Feetech's "SMS/STS memory table" (magnetic encoder) and the datasheets named next to the models. If editions of
+the table differ, the newer edition is used. docs/servos.md describes how each line was checked. Words are little
+endian. Negative numbers are sign-magnitude, with the sign in bit 15 unless noted otherwise.
 """
 
 import math
@@ -38,8 +38,8 @@ led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True, va
 position_p = Register("position_p", 21, 1, persistent=True, values=BYTE)
 position_d = Register("position_d", 22, 1, persistent=True, values=BYTE)
 position_i = Register("position_i", 23, 1, persistent=True, values=BYTE)
-# In older editions, 24 is a word of two bytes. Both readings agree up to 254. Write 25 only if the firmware is known
-# to have the limit.
+# In older editions of the table, register 24 has two bytes. Both interpretations agree up to 254. Write 25 only if the
+# firmware is known to have the limit.
 minimum_startup_force = Register("minimum_startup_force", 24, 1, persistent=True, values=BYTE)  # 0.1 %
 integral_limit = Register("integral_limit", 25, 1, persistent=True, values=BYTE)  # 4 units of I; 0: none
 cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True, values=between(0, 32))  # counts
@@ -104,7 +104,7 @@ VOLTAGE_UNIT_V: Final = 0.1
 TORQUE_UNIT: Final = 0.001
 ACCELERATION_UNIT_COUNTS_S2: Final = 100
 GOAL_ACCELERATION: Final = (
-    100  # for every goal; 0 means the product of registers 85 and 86, which differs between servos
+    100  # sent with every goal; 0 means the product of registers 85 and 86, which differs between servos
 )
 CURRENT_UNIT_A: Final = 0.0065
 
@@ -122,7 +122,7 @@ STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 *
 # Some tools report 2313 for this servo; Feetech's own debug tool has this number for the STS3095.
 STS3250_2313 = ServoModel("sts3250_2313", 2313, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)
 STS3235 = ServoModel("sts3235", 2057, "little", 4096, 12.0, 30.0 * KG_CM, 45.0 * RPM)
-# The SM series has this table, too. The speed is assumed.
+# The SM series has the same table. The speed is assumed.
 SM8512BL = ServoModel("sm8512bl", 11272, "little", 4096, 12.0, 85.0 * KG_CM, 50.0 * RPM)
 STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 

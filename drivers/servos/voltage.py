@@ -1,4 +1,4 @@
-"""Voltage ranges of servo models, and the check of a measured voltage."""
+"""Check measured voltages against the voltage ranges of the servo models."""
 
 from typing import Final, Literal, NamedTuple
 
@@ -19,7 +19,7 @@ RANGES_V: Final = {
     **dict.fromkeys(("2xl430-w250", "2xc430-w250", "xc335-t332"), (6.5, 15.0)),
     **dict.fromkeys(("rx-28", "rx-64", "ex-106+"), (12.0, 19.0)),
 }
-"""Lowest and highest voltage by model, in V, for models whose datasheet differs from the shares."""
+"""Lowest and highest voltage by model, in V, for models whose datasheet differs from the usual shares."""
 
 
 class VoltageFault(NamedTuple):

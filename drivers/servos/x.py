@@ -5,8 +5,8 @@ SDK (dynamixel_easy_sdk 4.1, control_table). docs/servos.md lists the sources ag
 tables of the models differ only in the registers after ``REGISTERS``, in the values that some registers accept, and in
 the addresses of the indirect registers. Numbers are little endian, and negative numbers are two's complement.
 
-A servo refuses other values with error 4. Goals also have limits that depend on other registers, such as the position
-limits; a goal beyond them is refused with error 6.
+A servo refuses unsupported values with error 4. Goals also have limits that depend on other registers, such as the
+position limits. A servo refuses a goal beyond these limits with error 6.
 """
 
 from dataclasses import dataclass, replace
@@ -122,11 +122,12 @@ BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_
 POSITION_MODE: Final = 3
 EXTENDED_POSITION_MODE: Final = 4
 CURRENT_POSITION_MODE: Final = 5
-"""Extended position mode with ``goal_current`` as the limit of the current. Only models with current have it."""
+"""Extended position mode with ``goal_current`` as the current limit. Only models that measure current have this mode.
+"""
 MODES_WITH_TURNS: Final = (EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
 """Modes in which goals and positions count several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
-"""Largest homing offset in position mode. A larger offset is ignored completely."""
+"""Largest homing offset in position mode. The servo ignores a larger offset completely."""
 STARTUP_TORQUE_ON: Final = 1 << 0
 """Bit of startup_configuration that enables torque at power-on."""
 STARTUP_RESTORE: Final = 1 << 1
@@ -149,7 +150,10 @@ VOLTAGE_UNIT_V: Final = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class XModel(ServoModel):
-    """A servo model. ``own`` holds its registers beyond ``REGISTERS``. The stall current is that at rated voltage."""
+    """A servo model.
+
+    ``own`` holds the registers that are not in ``REGISTERS``. The stall current is valid at rated voltage.
+    """
 
     current_unit_a: float | None
     """Unit of ``present_current``, in A. None if the model has ``present_load`` instead."""
@@ -165,7 +169,7 @@ class Family(NamedTuple):
     """Lowest and highest value of both voltage limits, in 0.1 V."""
     current_unit_a: float | None = None
     own: tuple[Register, ...] = ()
-    """Registers that not all families have, or that have other values in this family."""
+    """Registers that not all families have, or that accept different values in this family."""
     short_map: bool = False
 
 
@@ -178,7 +182,7 @@ _PORTS: Final = (
     external_port_data_3,
 )
 _DUAL: Final = replace(drive_mode, values=between(0, 15))
-"""Drive mode of models of which two can be coupled by a cable. Bit 1 makes a servo the follower."""
+"""Drive mode of models that can be coupled in pairs by a cable. Bit 1 makes a servo the follower."""
 _X330_OWN: Final = (
     led,
     pwm_slope,
@@ -252,12 +256,12 @@ XD540_T150 = _model("xd540-t150", 1111, Datasheet(12.0, 7.1, 4.9, 70.0), X540, 2
 XD540_T270 = _model("xd540-t270", 1101, Datasheet(12.0, 9.9, 4.9, 39.0), X540, 2047)
 XW540_T140 = _model("xw540-t140", 1180, Datasheet(12.0, 6.9, 4.9, 72.0), XW, 2047)
 XW540_T260 = _model("xw540-t260", 1170, Datasheet(12.0, 9.5, 4.9, 40.0), XW, 2047)
-# The figures of these two are those of the XH540-V270 and the XH430-W350, converted by the gear ratio (assumed).
+# The values of these two models are those of the XH540-V270 and the XH430-W350, converted by the gear ratio (assumed).
 XW540_H260 = _model("xw540-h260", 1310, Datasheet(24.0, 8.8, 2.4, 35.6), XW_24V, 1188)
 XW430_T333 = _model("xw430-t333", 1270, Datasheet(12.0, 3.2, 1.3, 31.8), XW, 2047)
 TWO_XL430_W250 = _model("2xl430-w250", 1090, Datasheet(12.0, 1.5, 1.4, 61.0), XL430)
 TWO_XC430_W250 = _model("2xc430-w250", 1160, Datasheet(12.0, 1.8, 1.4, 64.0), XC430)
-# The figures are those of the XC330-T288, because the data sheet is not published.
+# The values are those of the XC330-T288, because the datasheet is not published.
 XC335_T332 = _model("xc335-t332", 1700, Datasheet(12.0, 1.0, 0.88, 71.0), X335, 910)
 MX_28_2 = _model("mx-28-2.0", 30, Datasheet(12.0, 2.5, 1.4, 55.0), MX_28)
 """MX-28 with protocol 2.0 firmware. With protocol 1.0 firmware, its model number is 29 (``ax_mx``)."""
@@ -271,7 +275,7 @@ PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
 
 
 def needs_extended_position(homing_offset: int) -> bool:
-    """Whether only the modes that count turns apply this homing offset. Position mode ignores it."""
+    """Whether this homing offset takes effect only in the modes that count turns. Position mode ignores it."""
     return abs(homing_offset) > LARGEST_OFFSET_OF_POSITION_MODE
 
 

@@ -1,8 +1,8 @@
-"""Control table of the Dynamixel XL-320. It uses protocol 2.0, but its table differs from the X series.
+"""Control table of the Dynamixel XL-320, which uses protocol 2.0 but differs from the X series.
 
 Source: ROBOTIS e-manual, page XL-320. All addresses and sizes agree with xl320.model of the official SDK
-(dynamixel_easy_sdk 4.1). Numbers are little endian. Bit 10 of a speed or load is its direction: 1 is clockwise,
-toward smaller positions.
+(dynamixel_easy_sdk 4.1). Numbers are little endian. Bit 10 of a speed or load is the direction: 1 is clockwise, toward
+smaller positions.
 """
 
 import math
@@ -66,7 +66,7 @@ HARDWARE_ERROR_BITS: Final = {0: "overload", 1: "temperature", 2: "voltage"}
 """The e-manual defines these bits for ``shutdown`` only. ``hardware_error_status`` is assumed to use the same bits."""
 
 POSITIONS: Final = 1024
-"""Number of positions. They span 300 degrees."""
+"""Number of positions, over 300 degrees."""
 LARGEST_SPEED: Final = 1023
 FULL_TORQUE: Final = 1023
 COUNTS_PER_TURN: Final = round(POSITIONS * 360.0 / 300.0)

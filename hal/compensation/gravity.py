@@ -43,10 +43,7 @@ class Gravity:
         return np.array(self.torques_at(position.tolist()))
 
     def torques_at(self, places: Sequence[float]) -> list[float]:
-        """Compute the torques as ``torques`` does, from and to plain floats.
-
-        They are faster here than arrays of three elements.
-        """
+        """Compute the torques like ``torques``, with plain floats, which are faster than arrays of three elements."""
         torques = [0.0] * self._joints
         turned: list[Matrix] = []
         slid: list[float] = []

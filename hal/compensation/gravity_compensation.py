@@ -1,7 +1,8 @@
 """Gravity compensation: offset the goals from the commands so that compliant servos reach the commands.
 
-A servo without an integral term sags under load. The sag due to the link masses in the URDF is computed. The remaining
-error at rest (friction, dead band, a load in the hand) is corrected slowly and within narrow limits from measurements.
+A servo without an integral term sags under load. The sag due to the link masses is computed from the URDF. The
+remaining error at rest is measured and corrected slowly, within narrow limits. Its causes are friction, the dead band
+and a load in the hand.
 """
 
 import math
@@ -25,8 +26,8 @@ class GravityCompensation:
         Args:
             joints: The joints.
             gravity: Gravity model with the joints in the same order; None for the slow correction only.
-            guided: Whether the arm is moved by hand. Then there is no slow correction, because it would work against
-                the hand.
+            guided: Whether the arm is moved by hand. The slow correction is then off, because it would work against the
+                hand.
         """
         self._joints = tuple(joints)
         self._gravity = gravity
@@ -38,7 +39,7 @@ class GravityCompensation:
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:
-        """Reset the offsets to zero at the activation of joints (None: all joints)."""
+        """Reset the offsets of joints to zero when they are activated (None: all joints)."""
         for joint, own in zip(self._joints, self._each, strict=True):
             if joints is None or joint.name in joints:
                 own.restart()
@@ -64,7 +65,8 @@ class GravityCompensation:
     def offset(self, command: FloatArray, measured: FloatArray, dt_s: float) -> FloatArray:
         """Compute the offsets for a command that has passed the gate.
 
-        Command plus offset stays within the joint's limits. Its speed is limited later, when it is converted to counts.
+        Command plus offset stays within the joint's limits. The speed is limited later, during the conversion to
+        counts.
 
         Args:
             command: Commanded positions, shape (n,).

@@ -10,20 +10,22 @@ from hal.compensation.limit_cycle import LimitCycle
 from hal.joint import Joint
 
 GUIDED_SHARE: Final = 0.75
-"""Compensated share of the weight if the arm is moved by hand.
-
-Servos are up to 1.7 times as strong as in their data sheets (BAM's identification of an STS3215). An arm that rises
-without being touched is worse than an arm whose gears carry part of the weight."""
+"""Compensated share of the weight if the arm is moved by hand. Servos are up to 1.7 times as strong as their datasheets
+state (BAM's identification of an STS3215). An arm that rises by itself is worse than an arm whose gears carry part of
+the weight.
+"""
 FADE_IN_S: Final = 1.0
-"""Time in which the offsets increase from zero after activation, so that the activation itself moves nothing."""
+"""Time in which the offsets increase from zero after activation, so that the arm does not jump at activation."""
 LARGEST_LOAD: Final = 0.5
 """Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
 """Time constant of the slow correction. It is much longer than the servos' lag and the cycle."""
 REST_S: Final = 0.2
-"""Time after the last change of the command until the correction begins, because the joint still moves before."""
+"""Time after the last change of the command until the correction begins. The joint is still moving during this time."""
 STILL: Final = 1e-6
-"""Maximum change per cycle (rad or m) of a command at rest. A command to the measured position is thus at rest."""
+"""Maximum change per cycle (rad or m) of a command at rest. A command that repeats the measured position is also at
+rest.
+"""
 BLOCKED: Final = 2.0
 """Error above which a joint counts as blocked and is not corrected, as a multiple of the servo's error at rest."""
 
@@ -43,19 +45,22 @@ class JointOffset:
         self.restart()
 
     def restart(self) -> None:
-        """Reset the offset to zero at the activation of the joint."""
+        """Reset the offset to zero when the joint is activated."""
         self._share = self._correction = self._rested_s = 0.0
         self.offset = 0.0
         """Offset for the last command."""
         self.pause()
 
     def pause(self) -> None:
-        """Forget the last command, because other joints of the component have been activated. The offset stays."""
+        """Discard the last command, because other joints of the component have been activated.
+
+        The offset stays unchanged.
+        """
         self._limit_cycle.restart()
         self._command: float | None = None
 
     def inside(self, goal: float, command: float) -> float:
-        """Return the goal within the limits of the joint, or within the command if that is outside the limits."""
+        """Clamp the goal to the limits of the joint, or to the command if the command is outside the limits."""
         return min(max(goal, min(self._lower, command)), max(self._upper, command))
 
     def update(self, command: float, measured: float, torque: float, dt_s: float, enabled: bool) -> float:

@@ -12,7 +12,7 @@ GIVE_WAY_RAD: Final = 0.0046
 SLOW_CYCLES: Final = 6
 """Minimum period of an oscillation that is damped, in control cycles. A faster oscillation would be amplified."""
 CALMED_CYCLES: Final = 5
-"""Minimum period of an oscillation whose damping continues, in control cycles. Its period decreases with its size."""
+"""Minimum period at which damping continues, in control cycles. The period of an oscillation shrinks with its size."""
 BEFORE_CYCLES: Final = 4
 """Assumed duration of the half period before the first measured half period, in control cycles."""
 RETURN_S: Final = 0.5

@@ -37,7 +37,7 @@ class MovingJoint:
     slide: Vector
     axis: Vector
     leader: int
-    """Index of the commanded joint that this joint follows; -1 if there is none and this joint is assumed at zero."""
+    """Index of the commanded joint that this joint follows; -1 if it follows none and is assumed to be at zero."""
     multiplier: float
     offset: float
     moment: Vector
@@ -133,7 +133,7 @@ def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJo
 
 
 def inclination_unknown(tree: Sequence[MovingJoint]) -> set[int]:
-    """Return the leaders of joints with unknown inclination: those after a moving joint without commands."""
+    """Return the leaders of joints whose inclination is unknown because an earlier joint takes no commands."""
     unknown: set[int] = set()
     lost: list[bool] = []
     for node in tree:

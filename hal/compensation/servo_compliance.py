@@ -21,11 +21,11 @@ STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, 
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
 """Share of full drive per count of error and unit of P.
 
-The firmware's drive is P / 4 per count, of 1000; BAM identified 2 % more."""
+In the firmware, full drive is 1000 and each count of error adds P / 4. BAM identified 2 % more."""
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
 ENCODER_STEP_COUNTS: Final = 1.0
-"""Resolution of the encoder. A servo corrects no error below its dead zone plus this resolution."""
+"""Resolution of the encoder. A servo does not correct errors below its dead zone plus this resolution."""
 STS_FRICTION_SHARE: Final = 0.04
 """Friction as a share of the stall torque: twice the Coulomb friction identified by BAM (0.052 N m), because load
 increases it."""
@@ -51,7 +51,9 @@ class Compliance:
     inertia_s2: float
     """Rotor inertia divided by stiffness. Multiplied by the acceleration, it gives the lag due to inertia."""
     profile_acceleration: float
-    """Deceleration with which the servo stops at each goal. In a stream of goals it lags by the braking distance."""
+    """Deceleration with which the servo stops at each goal. In a stream of goals, the servo lags by the braking
+    distance.
+    """
     dead_band: float
     """Error below which the servo does not correct."""
     friction: float
@@ -96,8 +98,8 @@ def compliance_of(
         settings: Settings of an STS that differ from the factory settings, by register name.
 
     Returns:
-        The compliance. None if it is unknown: SCS, AX, MX and XL-320 publish no scale of the gain, and the default gain
-        of the X series differs between models.
+        The compliance. None if it is unknown: the scale of the gain of SCS, AX, MX and XL-320 servos is not published,
+        and the default gain of the X series differs between models.
     """
     if model in sts.MODELS.values():
         held = {**STS_SETTINGS, **(settings or {})}

@@ -19,15 +19,15 @@ class Component:
 
     hardware: Hardware
     joints: slice
-    """Joints of the component among the joints of the set."""
+    """Indices of the component's joints among the joints of the set."""
     commands: slice
-    """Commands of the component among the commands of the set."""
+    """Indices of the component's commands among the commands of the set."""
     cycles_per_update: int = 1
     """Number of cycles between two updates of the component."""
     switching: bool = False
     """Whether a transition is running in the background. The cycle skips the component meanwhile."""
     error: Exception | None = None
-    """Error that made the component lost. The component may still be stopped if it can be reached."""
+    """Error because of which the component is lost. The component may still be stopped if it can be reached."""
     out_of_reach: bool = False
     """Whether the last command reached none of its joints."""
     finalized: bool = False

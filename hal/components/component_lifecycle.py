@@ -19,7 +19,8 @@ def configure_all(components: ComponentSet, leave_out: Collection[str] = (), kee
     Args:
         components: The set.
         leave_out: Names of components that are not configured.
-        keep_alive: Continue with the other components if one cannot be configured. Its state stays as it is.
+        keep_alive: Continue with the other components if one cannot be configured. The state of that component does not
+            change.
 
     Raises:
         DriverError, HalError: A component could not be configured. All components have been cleaned up.
@@ -39,10 +40,12 @@ def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), 
     Args:
         components: The set.
         keep_inactive: Names of components that are not activated.
-        keep_alive: Continue with the other components if one cannot be activated. Its state stays as it is.
+        keep_alive: Continue with the other components if one cannot be activated. The state of that component does not
+            change.
 
     Raises:
-        DriverError, HalError: A component could not be activated. The activation of the others has been undone.
+        DriverError, HalError: A component could not be activated. The activation of the other components has been
+        undone.
     """
     done: list[Component] = []
     try:
@@ -85,7 +88,7 @@ def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[st
 
 
 def clean_up_all(components: ComponentSet) -> None:
-    """Clean up all components, even if some of them fail. Raises the first error."""
+    """Clean up all components, even if some of them fail. Then raise the first error."""
     errors: list[Exception] = []
     for component in components.components:
         try:

@@ -35,7 +35,9 @@ class ComponentSet:
         self.failures: list[Component] = []
         """Components that have failed since the list was last cleared."""
         self._requests = {one.name: one.request for one in hardware if isinstance(one, Requesting)}
-        """Functions that send the request of a component, by its name. Checks for a protocol are slow."""
+        """Functions that send the request of a component, by its name. They are stored because protocol checks are
+        slow.
+        """
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._outputs = {name: component for component in self.components for name in outputs_of(component.hardware)}
         self._clock = clock
@@ -62,7 +64,7 @@ class ComponentSet:
 
     @property
     def reachable(self) -> bool:
-        """Whether a command would reach at least one active component, as far as is known."""
+        """Whether a command would probably reach at least one active component."""
         active = (one for one in self.components if one.hardware.state is LifecycleState.ACTIVE)
         return any(not (one.switching or one.out_of_reach) for one in active)
 
@@ -81,7 +83,7 @@ class ComponentSet:
         return home is None or home.sound  # a mimic joint has no component; its position follows from its leader
 
     def update_every_cycle(self) -> None:
-        """Read and write every component in every cycle from now on, so that the end of a motion reaches it."""
+        """Update every component in every cycle from now on, so that the end of a motion reaches all components."""
         for component in self.components:
             component.cycles_per_update = 1
 
@@ -119,7 +121,7 @@ class ComponentSet:
     def measure(self, component: Component) -> JointState:
         """Read one component between two cycles, without the filter for jumps: the caller confirms each position.
 
-        Raises the error if the component cannot be read. The component is lost then.
+        If the component cannot be read, it is marked as lost and the error is raised.
         """
         self._request(component, None)
         if component.error is None:
@@ -131,7 +133,7 @@ class ComponentSet:
     def ask_for_torque(self, component: Component) -> frozenset[str]:
         """Check between two cycles which joints of an active component have torque. Return joints without an answer.
 
-        Raises the error if the component cannot be reached. The component is lost then.
+        If the component cannot be reached, it is marked as lost and the error is raised.
         """
         hardware = component.hardware
         try:
@@ -161,7 +163,7 @@ class ComponentSet:
             self.lose(component, error)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write commands of shape (m,) to the active components. Lost components may still be reachable in part."""
+        """Write commands of shape (m,) to the active components. Parts of a lost component may still be reachable."""
         for component in self.components:
             if component.switching:
                 continue

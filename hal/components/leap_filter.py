@@ -14,7 +14,10 @@ ARRAYS: Final = ("position", "velocity", "effort")
 
 
 class LeapFilter:
-    """Filter for position readings that jump. The joint counts as not measured until a second reading confirms them."""
+    """Filter for position readings that jump.
+
+    A joint that jumped counts as not measured until a second reading agrees.
+    """
 
     def __init__(self, component: str, joints: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
         """Create the filter.

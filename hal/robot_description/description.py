@@ -31,7 +31,7 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    """Joints by name. Soft limits, and ``min`` and ``max`` of the command interfaces narrow their limits."""
+    """Joints by name, with limits narrowed by soft limits and by ``min`` and ``max`` of the command interfaces."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()

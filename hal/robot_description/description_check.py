@@ -1,4 +1,4 @@
-"""Find values of a robot description that its servos cannot reach, and links without mass."""
+"""Find limits of a robot description that its servos cannot reach, and links without mass."""
 
 import math
 from collections.abc import Iterable, Iterator

@@ -176,7 +176,7 @@ def _check_driven(subject: str, element: Element, joints: Mapping[str, UrdfJoint
 
 
 def _check_commands(block: str, kind: str, elements: Mapping[str, Element], joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that the joints of a block can take its commands. ``block`` is the name of the block in messages."""
+    """Check that the joints of a block can take the commands. ``block`` is the name of the block in messages."""
     for joint, element in elements.items():
         own, where = _interfaces(element, "command_interface"), place(element)
         if own and kind == "sensor":

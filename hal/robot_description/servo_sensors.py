@@ -22,7 +22,7 @@ class SensorInfo:
     """A ``<sensor>`` or ``<gpio>`` with its state interfaces."""
 
     joint: str
-    """Joint whose servo reports the values; empty if the hardware itself does."""
+    """Joint whose servo reports the values; empty if the hardware itself reports them."""
     interfaces: tuple[str, ...]
     place: str = "the URDF"
     """File and line of the element."""

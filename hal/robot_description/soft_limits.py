@@ -23,7 +23,7 @@ class SoftLimits:
 
 
 def parse_soft_limits(robot: Element) -> dict[str, SoftLimits]:
-    """Return the soft limits of a ``<robot>``, by joint name. As in URDF, a missing one of two limits is 0.
+    """Return the soft limits of a ``<robot>``, by joint name. If one of the two limits is missing, it is 0, as in URDF.
 
     Raises:
         DescriptionError: A limit is not a number.

@@ -40,13 +40,13 @@ class UrdfJoint:
     effort: float = math.inf
     """Highest torque or force, in N m or N; infinite if the URDF does not limit it."""
     place: str = "the URDF"
-    """File and line of its <limit>, or of the joint if it has no <limit>."""
+    """File and line of the joint's <limit>, or of the joint itself if it has no <limit>."""
     commands: tuple[str, ...] = ()
     """Kinds of its command interfaces: position, velocity, effort."""
     velocity_range: tuple[float, float] | None = None
-    """Lowest and highest velocity command, if its <command_interface> limits them."""
+    """Lowest and highest velocity command, if the <command_interface> of the joint limits velocities."""
     effort_range: tuple[float, float] | None = None
-    """Lowest and highest effort command, if its <command_interface> limits them."""
+    """Lowest and highest effort command, if the <command_interface> of the joint limits efforts."""
     stops: tuple[float, float] | None = None
     """Ends of the travel from <limit>, if soft limits or a <command_interface> narrow ``lower`` and ``upper``."""
 
@@ -215,7 +215,7 @@ def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 
 
 
 def finite(text: str) -> float:
-    """Convert text to a finite number. Raises ValueError, also for NaN, because a limit of NaN would have no effect."""
+    """Convert text to a finite number. NaN also raises ValueError, because a limit of NaN would have no effect."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(text)

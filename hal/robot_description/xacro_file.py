@@ -9,27 +9,27 @@ from xml.parsers.expat import ExpatError
 from hal.errors import DescriptionError
 
 SUFFIX: Final = ".xacro"
-"""End of the name of a file in xacro."""
+"""Suffix of xacro files."""
 _DECLARED: Final = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']")
 _QUOTED: Final = re.compile(r"expression '(.+?)'|name: (?:xacro:)?(\S+)|argument (?:'|\")?([\w-]+)|name '(\w+)'")
-"""Parts of an error of xacro that occur in the file."""
+"""Patterns for the parts of a xacro error that also occur in the file."""
 _EXPRESSION: Final = re.compile(r"when evaluating expression '(.+?)'")
 _FIND: Final = ("AMENT_PREFIX_PATH", "ament_index_python", "PackageNotFound")
-"""Parts of the errors of $(find PACKAGE)."""
+"""Parts of the error messages for $(find PACKAGE)."""
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
-    """Expand a file in xacro.
+    """Expand a xacro file.
 
     Args:
         path: The file. It may include others.
         arguments: Values of its ``<xacro:arg>``, by name.
 
     Returns:
-        The URDF. Its lines are those that the command ``xacro`` prints.
+        The URDF. Its lines are the same as in the output of the command ``xacro``.
 
     Raises:
-        DescriptionError: The file cannot be expanded. The message has the file and, if xacro tells it, the line.
+        DescriptionError: The file cannot be expanded. The message has the file and, if xacro reports it, the line.
         ModuleNotFoundError: The package xacro is not installed.
     """
     import xacro
@@ -69,7 +69,7 @@ def _message(error: Exception, file: Path) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of the error that xacro's errors wrap, with the expression that caused it."""
+    """Return the text of the original error that xacro wraps, with the expression that caused it."""
     expressions = _EXPRESSION.findall(str(error))
     inner: Exception = error
     while isinstance(wrapped := getattr(inner, "exc", None), Exception):
@@ -88,7 +88,7 @@ def _line_of(part: str, file: Path) -> int:
 
 
 def _check_arguments(path: Path, arguments: Mapping[str, str], files: Collection[Path]) -> None:
-    """Check that the files declare all arguments, because xacro ignores the others."""
+    """Check that the files declare all arguments, because xacro ignores undeclared arguments."""
     if not arguments:
         return
     declared = [name for file in files for name in _DECLARED.findall(file.read_text(errors="replace"))]

@@ -5,7 +5,8 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 _PLACE: Final = " place"
-"""Name of the attribute with the file and line. The space prevents a clash, because XML names cannot contain one."""
+"""Name of the attribute with the file and line. XML names cannot contain a space, so no other attribute has this name.
+"""
 
 
 _DYNAMICS: Final = frozenset(

@@ -21,7 +21,9 @@ class CalibratedJoint(BaseModel):
     homing_offset: Counts | None = None
     """Homing offset of the servo during calibration; None if the servo has no effective homing offset."""
     extended: bool = False
-    """Whether the servo, a Dynamixel X, was in extended position mode. Only this mode applies every homing offset."""
+    """Whether the servo, a Dynamixel X, was in extended position mode. Large homing offsets take effect only in this
+    mode.
+    """
     lower_counts: Counts
     """Lowest counts of the travel."""
     upper_counts: Counts
@@ -42,6 +44,9 @@ def calibration_path(robot: Path) -> Path:
 
 
 def load_calibration(robot: Path) -> CalibrationFile | None:
-    """Read the calibration for a robot file; None if it does not exist. Raises RobotFileError with every mistake."""
+    """Read the calibration for a robot file; None if there is no calibration.
+
+    Raises RobotFileError with every mistake.
+    """
     path = calibration_path(robot)
     return load(path, CalibrationFile, RobotFileError) if path.exists() else None

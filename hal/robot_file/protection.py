@@ -16,7 +16,7 @@ SHUTDOWN_BITS: Final = {"overheating": 4, "overload": 32}
 
 
 def protection_problems(model: ServoModel, torque_limit: float, settings: Mapping[str, int]) -> Iterator[str]:
-    """Yield a message for each protection that cannot act and each torque limit that cannot be reached."""
+    """Yield a message for each protection that cannot take effect and each torque limit that cannot be reached."""
     series = series_of(model)
     lasting = series.max_torque
     highest = settings.get(lasting.name, series.full_torque) / series.full_torque

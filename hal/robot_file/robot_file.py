@@ -1,6 +1,6 @@
-"""The robot file assigns a servo to each joint and sets how the arm is left at exit.
+"""Read the robot file, which assigns a servo to each joint and sets what happens to the torque at exit.
 
-The calibration file in the same folder is read with it.
+The calibration file in the same folder is read as well.
 """
 
 import logging
@@ -74,7 +74,9 @@ class JointFile(_Strict):
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
     """Position P gain of a Dynamixel servo, which it keeps in RAM; None leaves the gain unchanged."""
     firmware: FirmwareVersion | None = None
-    """Firmware version of the virtual servo, a Dynamixel X; by default the usual one. Real servos ignore it."""
+    """Firmware version of the virtual servo, a Dynamixel X; by default the usual version. Real servos ignore this
+    value.
+    """
     settings: dict[str, RegisterValue] = {}
     """Values of EEPROM registers (gains, dead zones, protections) by register name. Values that differ are written."""
     acceleration: Acceleration
@@ -241,7 +243,7 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
 def load_robot_file(path: Path) -> RobotFile:
     """Read a robot file with the servo models and the calibration beside it.
 
-    Servo protections that cannot act are logged as warnings.
+    Servo protections that cannot take effect are logged as warnings.
 
     Args:
         path: The robot file.
@@ -257,7 +259,7 @@ def load_robot_file(path: Path) -> RobotFile:
 
 
 def unprotected(file: RobotFile) -> list[str]:
-    """List servo protections that cannot act, each with its joint and a remedy."""
+    """List servo protections that cannot take effect, with the joint and a remedy for each."""
     return [
         f"{name}: {problem}"
         for name, joint in file.joints.items()

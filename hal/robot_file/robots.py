@@ -49,7 +49,8 @@ def together(parts: Sequence[Part]) -> Robot:
 def bus_name(component: HardwareInfo, bus: str) -> str:
     """Return the name of a component's bus in the combined robot.
 
-    It is the name of the component (``hand``), with the name of the bus if the component has several (``hand-left``).
+    The name is that of the component (``hand``). If the component has several buses, the name of the bus follows
+    (``hand-left``).
     """
     name = f"{component.name}-{bus}" if bus else component.name
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
@@ -102,7 +103,7 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
 def all_limits(
     components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
 ) -> dict[str, JointLimits]:
-    """Return the limits of every joint that takes commands, from its robot file or otherwise from the URDF."""
+    """Return the limits of every joint that takes commands, from its robot file or, without one, from the URDF."""
     limits = robot.limits()
     for component in components:
         for joint, commands in component.command_interfaces.items():

@@ -1,6 +1,6 @@
 """Servo models of a user, from the file ``servo_models.yaml`` beside the robot file.
 
-A model has the series and the table of a supported model, which ``like`` names, and its own figures and registers.
+A model has the series and the control table of the supported model in ``like``, with its own data and registers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ from hal.yaml_nodes import YamlFile
 FILE_NAME: Final = "servo_models.yaml"
 SIZES: Final = (1, 2, 4)
 _LAST_ADDRESS: Final = {True: 255, False: 167}
-"""Largest address of a register, by whether the protocol is 1.0. Indirect registers of an X begin at 168."""
+"""Largest address of a register. The key is whether the protocol is 1.0. Indirect registers of an X begin at 168."""
 
 Whole = Annotated[int, NoTruth]
 Angle = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
@@ -35,7 +35,7 @@ class _Strict(BaseModel):
 
 
 class RegisterFile(_Strict):
-    """A register that the model has in addition, or instead of the register of the same name."""
+    """A register that the model has in addition to the table, or instead of the table's register of the same name."""
 
     address: Whole = Field(ge=0, le=255)
     size: Whole = Field(ge=0, le=255)
@@ -84,7 +84,7 @@ class RegisterFile(_Strict):
 
 
 class ModelFile(_Strict):
-    """A servo model. Figures that are omitted are those of the model ``like``."""
+    """A servo model. Omitted values are taken from the model in ``like``."""
 
     like: str
     number: Whole = Field(ge=0, le=65535)
@@ -157,7 +157,7 @@ def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str
 
 
 def _wrong_figures(described: ModelFile, like: ServoModel) -> Iterator[tuple[str, str]]:
-    """Yield the keys of figures that the series does not have, each with its mistake."""
+    """Yield the keys of values that the series does not have, each with its mistake."""
     for key in _figures(described):
         if getattr(like, key, None) is None and key != "supply_v":
             yield key, f"{like.name} has no {key}: remove it"
@@ -182,7 +182,7 @@ def _wrong_registers(described: ModelFile, like: ServoModel) -> Iterator[tuple[s
 
 
 def _overlaps(table: tuple[Register, ...], own: Mapping[str, Register]) -> Iterator[tuple[str, str]]:
-    """Yield the names of overlapping registers, the register of the user last."""
+    """Yield the names of overlapping registers. The user's register comes last."""
     for before, after in pairwise(table):
         if before.address + before.size > after.address:
             first, second = before.name, after.name
@@ -199,7 +199,7 @@ def _fixed(series: Series) -> dict[str, Register]:
 
 
 def _figures(described: ModelFile) -> dict[str, Any]:
-    """Return the figures that the file contains, by the name of the field of ``ServoModel``."""
+    """Return the values that the file contains, by their field names in ``ServoModel``."""
     return described.model_dump(exclude_none=True, exclude={"like", "registers", "sensor_deg"})
 
 

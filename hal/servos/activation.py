@@ -17,13 +17,13 @@ from hal.types import far_outside
 LOG = logging.getLogger("servoloop.hal")
 
 CONFIRMING_READS: Final = 8
-"""Maximum number of readings until two consecutive readings agree. Only then does a measured position become a goal."""
+"""Maximum number of readings until two consecutive readings agree and the measured position becomes the goal."""
 AGREE_S: Final = 0.01
 """Time in which a joint at its velocity limit travels the maximum difference between two readings that agree."""
 AGREE_COUNTS: Final = 3
 """Difference, in counts, at which two readings always agree because of encoder noise."""
 FRESH_S: Final = 0.1
-"""Age after which a position is measured again before torque is enabled, because limp joints sink meanwhile."""
+"""Age at which a measurement is repeated before torque is enabled, because a limp joint may have sunk."""
 
 
 class Activation:
@@ -44,7 +44,7 @@ class Activation:
             buses: Buses of the joints.
             clock: Clock of the control loop.
             measured: Function that is called with each measurement of all joints.
-            restarted: Function that is called after servos were restarted, so that their positions may have changed.
+            restarted: Function that is called after servos were restarted, because their positions may have changed.
         """
         self._joints = tuple(joints)
         self._buses = buses
@@ -67,7 +67,9 @@ class Activation:
             ActivationError: A servo must not have torque now.
             DriverError: A servo could not be reached.
         """
-        states = self._measure_all()  # reports a silent servo at once; the check below would search it at all rates
+        states = (
+            self._measure_all()
+        )  # reports a silent servo at once; the check below would search for it at all baud rates
         if problems := self._setup.problems():
             raise ActivationError("not activated: " + "; ".join(problems))
         self._restart_turned(states)
@@ -112,14 +114,14 @@ class Activation:
             states = self._measure_all()
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
-        """Use the measured positions of joints as goals. Raises ActivationError if a position must not be held."""
+        """Use the measured positions of joints as goals. Raise ActivationError if a position must not be held."""
         states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
 
     def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
-        """Take goals that are not old when they are written. A late reply to a check of the joints delays the write.
+        """Measure goals until they are recent enough to be written.
 
-        On a slow bus the last of several measurements is used.
+        A late reply to a check of the joints delays the write. On a slow bus, the last of several measurements is used.
         """
         for _ in range(ATTEMPTS):
             self._take_goals(joints)
@@ -176,8 +178,8 @@ class Activation:
     def _check_own_limits(self, joint: Joint, counts: int) -> None:
         """Check a position outside the joint's limits against the servo's own limits.
 
-        A servo outside its own limits moves to them as soon as it has torque. Within the joint's limits the setup has
-        already made this check.
+        A servo outside its own limits moves to them as soon as it has torque. For positions within the joint's limits,
+        the setup has already made this check.
         """
         limits = self._setup.position_limits(joint)
         if limits is not None and not limits[0] <= counts <= limits[1]:
@@ -200,9 +202,9 @@ class Activation:
             )
 
     def _hold_goals(self) -> None:
-        """Write the goals and read them back, because servos do not acknowledge goals. Repeat if a packet was lost.
+        """Write the goals and read them back, because servos do not acknowledge goals.
 
-        Most servos enable torque when they get a goal, so the goals must not be old.
+        Repeat this if a packet was lost. Most servos enable torque when they get a goal, so the goals must be recent.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -221,7 +223,7 @@ class Activation:
         if wrong:
             self._setup.write_goals_alone(wrong, alone=False)
             self._confirm_goal(wrong[0])
-        self._measure_all()  # reports the rate that single writes leave
+        self._measure_all()  # logs the highest rate that is possible with single writes
 
     def _confirm_goal(self, joint: Joint) -> None:
         held, wanted = self._setup.goal(joint), self._goals[joint.name]
@@ -231,9 +233,10 @@ class Activation:
             )
 
     def _torque_on(self, joint: Joint) -> None:
-        """Enable torque of a joint. Retry without an acknowledgement only if the servo still has its goal.
+        """Enable torque of a joint.
 
-        Otherwise the servo may have been reset. Limp joints may move meanwhile and are measured again.
+        If the servo does not acknowledge, retry only if it still has its goal. Otherwise it may have been reset. Limp
+        joints may have moved in the meantime and are measured again.
         """
         for _ in range(ATTEMPTS - 1):
             self._renew_goals(joint)
@@ -248,7 +251,7 @@ class Activation:
         self._setup.torque_on(joint)
 
     def _renew_goals(self, joint: Joint) -> None:
-        """Measure again if the last measurement is too old. On a slow bus the last of several measurements is used."""
+        """Measure again if the last measurement is too old. On a slow bus, the last of several measurements is used."""
         for _ in range(ATTEMPTS):
             if not self._old():
                 return
@@ -273,7 +276,7 @@ class Activation:
 
 
 def counted_turns(joint: Joint, counts: int) -> str:
-    """Explain a reading that is whole turns outside the servo's counts; empty if it is not."""
+    """Explain a reading that is whole turns outside the servo's range. The text is empty for any other reading."""
     if not (turns := joint.turns(counts)):
         return ""
     number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"

@@ -21,8 +21,9 @@ BAUD_RATES: Final = (
 TRIES: Final = 4
 """Number of reads of each servo."""
 MORE_TRIES: Final = 12
-"""Number of additional reads if a servo gave no timely answer. Together the reads take about as long as an adapter may
-delay a reply (drivers.bus.late_replies.HELD_S)."""
+"""Number of additional reads if a servo gave no timely answer. Together these reads take about as long as an adapter
+may delay a reply (drivers.bus.late_replies.HELD_S).
+"""
 NO_BAUD_RATE: Final = "does not answer at any baud rate"
 
 
@@ -51,7 +52,7 @@ def diagnose(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
 def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     """Diagnose servos that have answered at this baud rate before.
 
-    Other baud rates are not tried, and servos without any answer are left out. The diagnosis takes half a second
+    Other baud rates are not tried, and servos that do not answer at all are left out. The diagnosis takes half a second
     instead of several seconds, because other components may have to wait for it.
     """
     return {i: text for i, text in _diagnosed(bus, servo_ids).items() if NO_BAUD_RATE not in text}
@@ -75,7 +76,7 @@ def _kind(reading: Reading) -> FaultKind | None:
 
 def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     """Describe each servo that never gave its state, or gave it too late, at the bus's own baud rate."""
-    # A reply that arrives while another servo is asked is no reading, but it is counted as late.
+    # A reply that arrives while another servo is asked does not count as a reading, but as a late reply.
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     tries = [bus.read_states(servo_ids) for _ in range(TRIES)]
     kinds = {i: [_kind(reading[i]) for reading in tries] for i in servo_ids}
@@ -89,8 +90,8 @@ def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     texts: dict[int, str] = {}
     for i in servo_ids:
         # The first reply after a long silence counts as late, because it may be late. A connection that loses half of
-        # the replies has several of these, and even more timely replies between them. Late replies also collide with
-        # other replies or are taken for timely ones, so only the first tries are checked for such replies.
+        # the replies has several such replies, and even more timely replies between them. Late replies also collide
+        # with other replies or are mistaken for timely replies, so only the first tries are checked for late replies.
         late = bus.counters.of(i).late - late_before[i]
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"

@@ -1,4 +1,4 @@
-"""An arm that is moved by hand. Its servos are limp, or hold it with reduced torque."""
+"""An arm that is moved by hand. Its servos are limp, or hold the arm with reduced torque."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,13 +13,13 @@ from hal.servos.limp_arm import LimpArm
 from hal.servos.servo_setup import ServoSetup
 
 SOFT_SHARE: Final = 0.7
-"""Share of each joint's torque limit while the arm is soft: at most half for the weight, the rest for holding.
-
-A user can thus overpower a servo that does not answer and therefore does not yield."""
+"""Share of each joint's torque limit while the arm is soft: at most half for the weight, the rest for holding. Even if
+a servo does not answer and does not yield, the user can move the joint by hand.
+"""
 
 
 class HandGuidedArm(LimpArm):
-    """An arm that is moved by hand. If it is soft, its torque limits are reduced until they are restored."""
+    """An arm that is moved by hand. In a soft arm, the torque limits are reduced until they are restored."""
 
     def __init__(
         self,

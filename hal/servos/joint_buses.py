@@ -27,8 +27,9 @@ class JointBuses:
         """Joints on each bus, by name of the bus."""
         self._joints = tuple(joints)
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
-        # Buses that read servos one by one come first, because each request waits for the last answer. Meanwhile the
-        # kernel buffers the bytes of the other buses. Dead buses are read last, because they use up the whole time.
+        # Buses that read servos one by one come first, because each request waits for the last answer. During this time
+        # the kernel buffers the bytes of the other buses. Dead buses are read last, because they use up all remaining
+        # time.
         self._in_turn = sorted(buses, key=lambda name: buses[name].read_together)
         self._dead: set[str] = set()
 
@@ -53,7 +54,10 @@ class JointBuses:
         return self.by_joint(readings)
 
     def _explained(self, name: str, readings: Mapping[int, Reading]) -> Mapping[int, Reading]:
-        """Add the joint to each fault. If all servos of a bus fail in one cycle, describe the bus instead."""
+        """Add the name of the joint to each fault.
+
+        If all servos of a bus fail in one cycle, describe the bus instead.
+        """
         faults = {i: reading for i, reading in readings.items() if isinstance(reading, ServoFault)}
         kinds = {fault.kind for fault in faults.values()}
         if 1 < len(readings) == len(faults) and kinds <= _LINE_TEXTS.keys():

@@ -35,10 +35,11 @@ class LeaderArm(LimpArm):
         self._released = False
 
     def configure(self) -> None:
-        """Find all servos. Torque stays as it is.
+        """Find all servos, without switching their torque.
 
         Raises:
-            ActivationError: A released leader has torque when it is connected again. It may be another arm.
+            ActivationError: A released leader has torque when it is connected again. The arm that was connected may be
+                a different arm.
         """
         super().configure()
         if self._released and (servos := self.held()):

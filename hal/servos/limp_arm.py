@@ -26,7 +26,7 @@ def torque_warning(servos: Collection[str]) -> str:
 
 
 def release_question(servos: Collection[str]) -> str:
-    """Return the question whether these servos may be released."""
+    """Return the question that asks the user whether these servos may be released."""
     return f"{torque_warning(servos)}: hold the arm. Disable torque?"
 
 
@@ -38,7 +38,7 @@ class LimpArm(ServoHardware):
     """
 
     _unsettled = False
-    """Whether the settings still have to be checked."""
+    """Whether the settings must still be checked."""
 
     def _check(self, setup: ServoSetup) -> None:
         if problems := setup.identify_all():

@@ -1,8 +1,8 @@
 """Restart Dynamixel servos that have counted whole turns, before their torque is enabled.
 
-A limp servo in position mode counts on when it is turned by hand, and drops the whole turns when its torque is enabled
-(e-manual, "Present Position"). A restart drops them, too, but while the servo is limp, so that the position can be
-measured before the torque is enabled.
+A limp servo in position mode keeps counting when it is turned by hand, and discards the whole turns when its torque is
+enabled (e-manual, "Present Position"). A restart also discards them, but while the servo is limp, so that the position
+can be measured before the torque is enabled.
 """
 
 import logging
@@ -26,7 +26,7 @@ RESTART_S: Final = 0.5
 
 
 def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
-    """Return whether a servo reports whole turns that it drops when its torque is enabled.
+    """Return whether a servo reports whole turns that it will discard when its torque is enabled.
 
     Args:
         joint: The joint.

@@ -18,10 +18,11 @@ LOG = logging.getLogger("servoloop.hal")
 RESET_S: Final = 0.1
 """Silence after which a servo gets no goals until its torque has been checked.
 
-According to Feetech's manual a restart takes 0.8 s. A faster restart is detected because the servo loses its torque
-limit."""
+According to Feetech's manual a restart takes 0.8 s. A faster restart is detected, because the servo loses its torque
+limit.
+"""
 WATCH_S: Final = 0.35
-"""Time in which the torque of every servo is checked once, because a servo may lose it without an alarm."""
+"""Time in which the torque of every servo is checked once, because a servo may lose its torque without an alarm."""
 MISSED: Final = 1.2
 """Multiple of ``WATCH_S`` after which an unchecked servo is checked in every cycle that has time left."""
 LATEST: Final = 1.4
@@ -35,7 +36,9 @@ On a slower bus all servos are checked at once, because the adapter delays all t
 LATE_S: Final = 0.08
 """Maximum delay of a late cycle: two checks through an adapter that delays answers. It is less than ``RESET_S``."""
 RELEASING_ALARMS: Final = ("current", "temperature")
-"""Alarms with which a servo disables its torque. A goal would enable it again at once or after it has cooled down."""
+"""Alarms with which a servo disables its torque. A goal would enable the torque again, at once or after the servo has
+cooled down.
+"""
 REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has ended"
 """Remedy for a servo that has shut down and refuses to enable torque until a reboot."""
 NO_TIME_AGAIN_S: Final = 1.0
@@ -67,7 +70,7 @@ class ServoFaults:
         self._unlogged: set[str] = set()
         """Joints that were not measured because the cycle had no time left, and that are not logged yet."""
         self._no_time_logged_s = -math.inf
-        """Time of the first measurement of the cycle in which the log last reported a lack of time, in seconds."""
+        """Time at which the log last reported a lack of time, in seconds: the first measurement of that cycle."""
         self._measured_s: dict[str, float] = {}
         """Time of the last measurement of missing servos, by joint name."""
         self._checked_s: dict[str, float] = {}
@@ -75,7 +78,7 @@ class ServoFaults:
         self._next = 0
         self._next_s = self._next_late_s = 0.0
         self._quick = True
-        """Whether the last late cycle took less than ``QUICK_S``."""
+        """Whether the checks in the last late cycle took less than ``QUICK_S``."""
 
     def forget(self) -> None:
         """Discard all faults."""
@@ -169,7 +172,7 @@ class ServoFaults:
         """Return the faults after a cycle.
 
         If the component is active, the torque of some servos is checked first: servos whose turn it is, and servos that
-        answer again. If there is no time left, they are checked in a later cycle.
+        answer again. If no time is left, these servos are checked in a later cycle.
 
         Args:
             measured: Measured counts by joint name.
@@ -214,7 +217,7 @@ class ServoFaults:
         return {n: f for n, f in self._faults.items() if n not in measured or f.kind == "no_torque"} | unasked
 
     def _overdue(self, measured: Mapping[str, int]) -> bool:
-        """Return whether a check must be made in this cycle even if it becomes late."""
+        """Return whether a check must be made in this cycle even if the check makes the cycle late."""
         return self._clock.now() >= self._next_late_s and bool(self._unseen(LATEST * WATCH_S, measured))
 
     def _driven(self, joints: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> dict[str, bool]:
@@ -223,7 +226,7 @@ class ServoFaults:
         return found
 
     def _ask(self, back: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
-        """Check servos that answer again. A servo that lost its power has no torque and must be activated again."""
+        """Check servos that answer again. A servo that lost power has no torque and must be activated again."""
         joints = {joint.name: joint for joint in back}
         for name, driven in self._driven(back, buses, ask_until_s).items():
             joint, called = joints[name], _servo_label(joints[name], buses)

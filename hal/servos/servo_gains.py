@@ -37,7 +37,7 @@ def wanted_gains(joint: Joint) -> dict[Register, int]:
 
 
 def foreign_gains(joint: Joint, held: Mapping[Register, int]) -> dict[Register, int]:
-    """Return the gains that neither the robot file nor the factory has set, so another program has left them.
+    """Return the gains that another program has set: they differ from the robot file and from the factory values.
 
     Args:
         joint: The joint.
@@ -51,7 +51,7 @@ def foreign_gains(joint: Joint, held: Mapping[Register, int]) -> dict[Register, 
 
 
 def write_gains_in_ram(joint: Joint, bus: Bus) -> None:
-    """Write the gains of a joint that differ from those in the RAM of its servo, and name those of another program.
+    """Write the gains of a joint that its servo does not have in RAM, and log gains that another program has set.
 
     Args:
         joint: The joint.
@@ -73,4 +73,4 @@ def foreign_text(joint: Joint, foreign: Mapping[Register, int]) -> str:
     """Describe gains that another program has left in a servo, and the values that an activation writes."""
     wanted = wanted_gains(joint)
     listed = ", ".join(f"{register.name} {value} (now {wanted[register]})" for register, value in foreign.items())
-    return f"another program had left other gains in its RAM: {listed}. To keep such a gain, write it in the robot file"
+    return f"another program has set different gains in its RAM: {listed}. To keep a gain, write it in the robot file"

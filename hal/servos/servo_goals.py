@@ -19,7 +19,7 @@ SLOWING_S: Final = 0.2
 CATCH_UP_S: Final = 0.5
 """Approximate time in which a servo that is far from its goal reaches it."""
 BLOCKED_CYCLES: Final = 2
-"""Number of consecutive cycles after which a large lag counts. A single false measurement thus moves no goal."""
+"""Number of consecutive cycles after which a large lag counts, so that a single false measurement moves no goal."""
 GAINED_S: Final = 0.1
 """Age of the measured speed, in seconds. The joint may have accelerated since then."""
 UNKNOWN_LEAD_TURNS: Final = 0.12
@@ -36,7 +36,7 @@ class ServoGoals:
         self._servos = tuple(_Servo(joint) for joint in joints)
         self._watch = StallWatch({servo.name: servo.lead.at_rest for servo in self._servos})
         self.stalls = self._watch.stalls
-        """Joints that press without motion, by name. The drive of joints with a torque limit is reduced."""
+        """Joints that press without moving, by name. If a joint has a torque limit, its drive is reduced."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
         """Set the goals (counts by joint name) that the servos hold after activation. Other joints keep their goals."""
@@ -95,7 +95,7 @@ class _Servo:
         self.behind = 0
         """Number of consecutive cycles in which the goal was too far ahead of the joint."""
         self.goal: ServoGoal
-        """Last goal. It exists once the joint is activated."""
+        """Last goal. There is no goal before the joint is activated."""
         self.measured: int | None = None
         """Last measured counts."""
 
@@ -129,14 +129,14 @@ class _Servo:
         """Limit how far the goal of a blocked or overloaded joint is ahead of its position.
 
         The limit is the largest lag of a free joint at this speed. A goal further ahead would not increase the torque,
-        and the joint would jump when it comes free.
+        and the joint would jump as soon as it is free.
         """
         if here is None:
             self.behind = 0
             return wanted
         travel = here - self.measured if self.measured is not None else 0
         travel -= round(travel / self.turn) * self.turn
-        # The servo compares the same counts: it does not take the shorter way around either.
+        # The servo compares the same counts, and does not take the shorter way around either.
         ahead = wanted - here
         excess = abs(ahead) - self.lead.counts(abs(travel) / period_s) - reach
         if excess <= 0:

@@ -35,7 +35,7 @@ class ServoHardware:
         compensation: GravityCompensation | None = None,
         outputs: ServoOutputs | None = None,
     ) -> None:
-        """Create the component. ``open_buses`` opens and returns its bus, or its buses by name."""
+        """Create the component. ``open_buses`` opens and returns the bus of the component, or its buses by name."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = position_interfaces(joint.name for joint in joints)
@@ -167,9 +167,10 @@ class ServoHardware:
         return state
 
     def write(self, command: JointCommand) -> None:
-        """Send one packet with the goals of its servos on each bus. The command has passed the safety gate.
+        """Send the goals of all servos, with one packet on each bus.
 
-        A servo that may be limp gets no goal, because the goal would enable its torque.
+        The command has passed the safety gate. A servo that may be limp gets no goal, because the goal would enable its
+        torque.
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s

@@ -1,7 +1,7 @@
 """Write the EEPROM settings of the robot file to servos during setup, and log each change.
 
-Settings that the file does not contain stay unchanged. A warning is logged if they affect the stiffness or lag of a
-joint, because the compensation assumes the factory gains.
+Settings that the file does not contain stay unchanged. If such a setting affects the stiffness or lag of a joint, a
+warning is logged, because the compensation assumes the factory gains.
 """
 
 import logging
@@ -38,7 +38,7 @@ They define the servo's address, direction and operating mode."""
 def settings_of(model: ServoModel) -> dict[str, Register]:
     """Return the registers of a servo that a robot file may set, by name: settings in EEPROM and gains in RAM.
 
-    A P gain in RAM is no setting, because the robot file has ``position_p`` for it.
+    A P gain in RAM is not included, because the robot file has the key ``position_p`` for it.
     """
     saved = (
         register
@@ -92,8 +92,8 @@ def check_homing_offset(joint: Joint, bus: Bus) -> None:
 def check_mode(joint: Joint, bus: Bus) -> None:
     """Raise ServoRefused if a Dynamixel X is in an operating mode in which its zero is not valid.
 
-    In position mode some homing offsets are ignored, so positions differ between the modes. A servo that was calibrated
-    by another program, such as LeRobot, is used in the mode in which that program left it.
+    In position mode some homing offsets are ignored, so positions differ between the modes. If another program, such as
+    LeRobot, calibrated the servo, the servo stays in the mode that this program has set.
     """
     if series_of(joint.model) is not X:
         return
@@ -104,7 +104,7 @@ def check_mode(joint: Joint, bus: Bus) -> None:
 
 
 def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
-    """Log a warning if only the mode in which another program left the servo applies its homing offset."""
+    """Log a warning if the homing offset takes effect only in the mode that another program has set."""
     if series_of(joint.model) is not X or joint.extended:
         return
     held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
@@ -118,7 +118,7 @@ def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
 
 
 def check_goal_current(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if the goal current of a Dynamixel X in current-based position mode leaves it no torque."""
+    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and no torque."""
     if _goal_current(joint, bus) == 0:
         raise ServoRefused(
             joint.servo_id,
@@ -128,7 +128,10 @@ def check_goal_current(joint: Joint, bus: Bus) -> None:
 
 
 def warn_of_goal_current(joint: Joint, bus: Bus) -> None:
-    """Log a warning if another program has limited the current of a servo. The limit is kept, because it protects."""
+    """Log a warning if another program has limited the current of a servo.
+
+    The limit is kept, because it protects the servo.
+    """
     held = _goal_current(joint, bus)
     if held is None:
         return
@@ -163,7 +166,7 @@ def mode_mistake(joint: Joint, held: int, offset: int) -> str | None:
     if held == wanted or (held in x.MODES_WITH_TURNS and (joint.homing_offset is None or joint.extended)):
         return None
     if held == x.POSITION_MODE and not joint.extended:
-        return None  # It ignores the offset in this mode, as it did when its zero was entered in the robot file.
+        return None  # In this mode the servo ignores the offset, as it did when its zero was entered in the robot file.
     name = "extended position, as it was calibrated" if joint.extended else "position"
     return f"is in operating mode {held}: set it to {wanted} ({name})"
 
@@ -183,7 +186,7 @@ def apply_settings(joint: Joint, bus: Bus) -> None:
 
 
 def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
-    """Log a warning if the servo has gains that the compensation does not know."""
+    """Log a warning if the servo has gains for which the compensation was not computed."""
     known, named = settings_of(joint.model), dict(joint.settings)
     assumed = {name: value for name, value in assumed_settings(joint.model).items() if name not in named}
     held = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in assumed}

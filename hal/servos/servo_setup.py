@@ -87,7 +87,8 @@ class ServoSetup:
             errors = _failed(joints, bus, _identify)
             silent = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
             causes = diagnose(bus, silent) if silent else {}
-            # Two servos with the same model and ID return the same model number. Their states show that they are two.
+            # Two servos with the same model and ID return the same model number. Only their states show that there are
+            # two.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
             found, stateless = _explained_states(bus, known)
             causes |= stateless | _wrong_voltages(joints, bus, found)
@@ -151,14 +152,14 @@ class ServoSetup:
         self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
 
     def write_goals_alone(self, joints: Sequence[Joint], alone: bool = True) -> None:
-        """Write the goals of joints one by one from now on, or in groups again."""
+        """Switch joints to separate writes of their goals, or back to group writes."""
         for joint in joints:
             self._ask(joint, lambda bus, i=joint.servo_id: bus.write_goals_alone([i], alone))  # type: ignore[misc]
 
     def prepare_torque(self, joint: Joint) -> None:
         """Write the gains and other registers that a servo keeps in RAM and needs before its torque is enabled.
 
-        Measure the position of a limp joint after this, because repeated requests take long.
+        If the joint is limp, measure its position after this call, because repeated requests take a long time.
         """
         self._ask(joint, partial(_prepare_torque, joint))
 
@@ -267,9 +268,10 @@ def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
 
 
 def _explained_states(bus: Bus, servo_ids: Sequence[int]) -> tuple[dict[int, Reading], dict[int, str]]:
-    """Read the states of servos. Return them with the likely causes, as far as found, of those that are missing.
+    """Read the states of servos.
 
-    A silent servo is read again after the diagnosis, which takes half a second.
+    Return the states, and the likely causes for missing states if they were found. A silent servo is read again after
+    the diagnosis, which takes half a second.
     """
     found = _states(bus, servo_ids)
     missing = {i: reading for i, reading in found.items() if isinstance(reading, ServoFault)}

@@ -23,7 +23,7 @@ class ServoStates:
         self.measured: dict[str, int] = {}
         """Counts of the servos that answered in the last exchange, by joint name."""
         self.loads: dict[str, float] = {}
-        """Drive of these servos as a share of full drive, by joint name."""
+        """Drive of the servos that answered in the last exchange, as a share of full drive, by joint name."""
         self.stalls: Mapping[str, Stall] = {}
         """Servos that press without motion, by joint name."""
         self.faults = ServoFaults(joints, clock)
@@ -110,7 +110,7 @@ class ServoStates:
 
 
 def _implausible(joint: Joint, reading: ServoState, leap: float, buses: JointBuses) -> JointFault:
-    """Return the fault of a joint that cannot have reached its position."""
+    """Return the fault of a joint that cannot have reached its measured position."""
     return JointFault(
         "implausible",
         f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "

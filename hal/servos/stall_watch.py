@@ -1,11 +1,11 @@
 """Detect servos that press with full drive without moving, which would overheat the motor of a gripper.
 
 Every stalled joint is reported. The drive is reduced only for joints with a ``torque_limit`` below 1, because this
-limit prevents the servo's own overload protection from acting. A joint with full torque has that protection, and would
-fall with less torque if it carries a load: the drive alone does not distinguish a load from an obstacle.
+limit prevents the servo's own overload protection from acting. A joint with full torque has that protection. If it
+carries a load, it would fall with less torque, and the drive alone does not distinguish a load from an obstacle.
 
-The drive is reduced by moving the goal closer to the joint. This works with servos of every make, writes no register,
-and the next motion has the full torque limit again.
+The drive is reduced by moving the goal closer to the joint. This works with servos of every make, without writing a
+register, and the next motion has the full torque limit again.
 """
 
 import logging
@@ -29,7 +29,7 @@ SETTLE_S: Final = 0.8
 WEAKEN_S: Final = 0.5
 """Time constant with which the goal moves closer while the drive is still too high."""
 STRENGTHEN_PER_S: Final = 0.05
-"""Speed at which the goal moves away while the drive is too low, in distances at full drive per second."""
+"""Speed at which the goal moves away while the drive is too low. The unit is the distance at full drive, per second."""
 STILL_TURNS: Final = 0.005
 """Motion within which a joint counts as not moving, in turns of the shaft. It covers backlash and soft fingers."""
 FREE_TURNS: Final = 0.02
@@ -150,7 +150,7 @@ class StallWatch:
         return press.pressed_s >= STALL_S - 1e-9
 
     def _name(self, joint: Joint, pressing: bool) -> None:
-        """Report the stall of a joint with full torque, whose drive is not reduced."""
+        """Report the stall of a joint that has full torque and whose drive is not reduced."""
         if not pressing:
             self.stalls.pop(joint.name, None)
         elif joint.name not in self.stalls:

@@ -12,7 +12,7 @@ from hal.servos.fault_log import FaultLog
 BEGINS_S: Final = 0.3
 """Minimum time of a wrong voltage before it is reported. Braking and starting motors change the voltage briefly."""
 ENDS_S: Final = 1.0
-"""Minimum time of a correct voltage before the report ends. A supply that sags in each motion is thus one episode."""
+"""Minimum time of a correct voltage before the report ends. A supply that sags in each motion causes one report."""
 
 
 class SupplyWatch:
@@ -24,7 +24,9 @@ class SupplyWatch:
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
-        """Kind of fault that differs from the reported fault, and the time since when, by joint name."""
+        """New kind of fault (empty: the fault has ended) and the time at which it began, by joint name, until it is
+        reported.
+        """
 
     def forget(self) -> None:
         """Discard all episodes."""

@@ -1,4 +1,4 @@
-"""Track the running goals of one action. They are accepted here, and the control loop decides their results."""
+"""Track the running goals of one action. Goals are accepted here, and the control loop decides their results."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,11 +15,12 @@ from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
 """Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
-every status message lists all goals of that time, and responses become late after several hundred goals."""
+every status message would list all goals of the last 15 minutes, and responses would become late after several hundred
+goals."""
 
 
 class AcceptedGoal(Protocol):
-    """An accepted goal. The loop thread decides its result."""
+    """An accepted goal. The loop thread decides the result of the goal."""
 
     @property
     def done(self) -> bool: ...
@@ -38,7 +39,7 @@ def make_action_server(
     on_goal: Callable[[Any], GoalResponse],
     on_accepted: Callable[[ServerGoalHandle], None],
 ) -> ActionServer:
-    """Create the server of an action whose results are decided by the control loop."""
+    """Create an action server for goals whose results the control loop decides."""
     server = ActionServer(
         node,
         kind,
@@ -59,14 +60,14 @@ def make_action_server(
 
 
 def _wake(node: Node) -> None:
-    """Wake the executor of a node, because a callback can continue."""
+    """Wake the executor of a node after a change that allows a waiting callback to continue."""
     post = getattr(node.executor, "post", None)
     if post is not None:
         post()
 
 
 class ActionGoals(Generic[Handle]):
-    """Goals of one action. Only one thread at a time may call the methods.
+    """Goals of one action. Only one thread at a time may call the methods of this class.
 
     ``cancel`` forwards a cancel request to the controller, and ``result`` creates the result of the action.
     """
@@ -77,7 +78,7 @@ class ActionGoals(Generic[Handle]):
         self._handles: dict[bytes, Handle] = {}
         self._undecided: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
         self.wake: Callable[[], None] = lambda: None
-        """Wakes the executor, which then sends results."""
+        """The call wakes the executor, which then sends results."""
 
     @property
     def waiting(self) -> bool:

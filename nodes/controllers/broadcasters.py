@@ -17,7 +17,7 @@ from nodes.publishing import LATCHED, LATCHED_WHILE_NEW, numbers
 
 
 class HasInterfaces(Protocol):
-    """A controller with state interfaces. Interfaces and values have the same order."""
+    """Controller that has state interfaces. The interfaces and their values have the same order."""
 
     @property
     def interfaces(self) -> Mapping[str, tuple[str, ...]]:
@@ -30,7 +30,8 @@ class HasInterfaces(Protocol):
 
 
 class DynamicStates:
-    """Publisher of ``dynamic_joint_states``. It fills its message only for subscribers, because filling it is slow."""
+    """Publisher of ``dynamic_joint_states``. The publisher fills its message only if there is a subscriber, because
+    filling it is slow."""
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller
@@ -53,7 +54,7 @@ class DynamicStates:
 
 
 class JointStateNode:
-    """Interface node of a joint state broadcaster. It publishes a message for every cycle."""
+    """Interface node of a joint state broadcaster. The node publishes a message for every cycle."""
 
     def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
         self.node = node
@@ -83,7 +84,8 @@ class JointStateNode:
             self._dynamic.publish(state, stamp)
 
     def _fill(self, states: JointStates) -> None:
-        """Fill in the message. Joints that were never measured are omitted, because NaN positions are useless."""
+        """Fill in the message. Joints that have never been measured are omitted, because their positions would be
+        NaN."""
         known = ~(np.isnan(states.position) & self._has_position)
         message = self._message
         if (known != self._known).any():
@@ -95,7 +97,8 @@ class JointStateNode:
 
 
 class ServoStateNode:
-    """Interface node of a servo state broadcaster. ``publish`` runs after each cycle and publishes new states only."""
+    """Interface node of a servo state broadcaster. ``publish`` runs after each cycle, but publishes a state only if it
+    is new."""
 
     def __init__(self, node: Node, controller: ServoStateBroadcaster) -> None:
         self.node = node

@@ -31,13 +31,14 @@ from nodes.ros_time import RosTime
 LOG = logging.getLogger("servoloop.nodes")
 
 LAST_CYCLES = 2
-"""Number of extra cycles for which a node remains after its controller is gone, so that clients receive results."""
+"""Number of extra cycles that a node still exists after its controller is unloaded, so that clients receive results."""
 
-_INCOMPLETE = "controller %s runs, but its ROS node is incomplete after this error"
+_INCOMPLETE = "controller %s is running, but its ROS node is incomplete because of this error"
 
 
 class ControllerNode:
-    """ROS node of one loaded controller. It has topics, services and actions while the controller is configured."""
+    """ROS node of one loaded controller. The node has topics, services and actions while its controller is
+    configured."""
 
     def __init__(self, spec: ControllerSpec, manager_client: ManagerClient, ros_time: RosTime) -> None:
         self.node = _make_node(spec, ros_time)
@@ -45,9 +46,10 @@ class ControllerNode:
             TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
         )
         self._specs = [spec]
-        """The original specification and those made by parameter changes. The loop may not yet use the newest."""
+        """The original specification and all specifications created by parameter changes. The control loop may not use
+        the newest specification yet."""
         self.controller: Controller | None = None
-        """Controller to which the interface belongs."""
+        """Controller to which the interface node belongs."""
         self._set_interface(None)
         self._interface_entities: NodeEntities | None = None
         self._cycles_left = LAST_CYCLES
@@ -60,13 +62,13 @@ class ControllerNode:
                 lambda new: self._specs.append(manager_client.change(spec.name, new)),
                 lambda: manager_client.configured(spec.name),
             )
-        except Exception:  # Other clients still wait for responses.
+        except Exception:  # Other clients are still waiting for responses.
             LOG.exception(_INCOMPLETE, spec.name)
 
     def belongs_to(self, entry: Loaded | None) -> bool:
-        """Return whether ``entry`` is the controller of this node and not a later one with the same name.
+        """Return whether ``entry`` is the controller of this node and not a later controller with the same name.
 
-        Specifications older than that of ``entry`` are discarded.
+        Discard all specifications that are older than that of ``entry``.
         """
         while entry is not None and self._specs and self._specs[0] is not entry.spec:
             del self._specs[0]
@@ -80,22 +82,22 @@ class ControllerNode:
                     self._every_cycle.publish_cycle(*cycle)
             if self._newest_cycle is not None:
                 self._newest_cycle.publish(stamp)
-        except Exception:  # The other controllers must still publish.
-            LOG.exception("controller %s stops publishing after this error", self.node.get_name())
+        except Exception:  # An error must not keep the other controllers from publishing.
+            LOG.exception("controller %s stops publishing because of this error", self.node.get_name())
             self._set_interface(None)
 
     def publish_transition(self, transition: Transition) -> None:
-        """Publish the two events of a transition."""
+        """Publish the two lifecycle events of a transition."""
         for event in transition_events(transition, self.node.get_clock().now().nanoseconds):
             self._transitions.publish(event)
 
     def last_cycles_are_over(self) -> bool:
-        """Count one of the extra cycles of a node or interface, and return whether all of them have passed."""
+        """Count one of the extra cycles of a node or an interface, and return whether all extra cycles have passed."""
         self._cycles_left -= 1
         return self._cycles_left < 0
 
     def set_controller(self, controller: Controller | None) -> None:
-        """Add the interface of ``controller`` after the extra cycles of the previous interface."""
+        """Add the interface of ``controller`` after the extra cycles of the previous interface have passed."""
         if self.controller is controller or (self._interface_entities is not None and not self.last_cycles_are_over()):
             return
         self._remove_interface()
@@ -108,12 +110,13 @@ class ControllerNode:
                 LOG.exception(_INCOMPLETE, controller.name)
 
     def destroy(self) -> None:
-        """Destroy the action servers, which rclpy would leave in the graph, and then the node."""
+        """Destroy the action servers, which rclpy would otherwise leave in the ROS graph, and then the node."""
         self._remove_interface()
         self.node.destroy_node()
 
     def _set_interface(self, interface: ControllerInterfaceNode | None) -> None:
-        """Set the interface. Its protocols are checked once, because these checks are slow."""
+        """Set the interface. The protocols that the interface node implements are checked only once, because these
+        checks are slow."""
         self._interface = interface
         self._every_cycle = interface if isinstance(interface, EveryCycleNode) else None
         self._newest_cycle = interface if isinstance(interface, NewestCycleNode) else None
@@ -127,7 +130,7 @@ class ControllerNode:
 
 
 class ControllerNodes:
-    """ROS nodes of all loaded controllers. Only one thread at a time may call the methods."""
+    """ROS nodes of all loaded controllers. Only one thread at a time may call the methods of this class."""
 
     def __init__(
         self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor, ros_time: RosTime
@@ -139,7 +142,8 @@ class ControllerNodes:
         self._nodes: dict[str, ControllerNode] = {}
         self._unloaded: dict[str, ControllerNode] = {}
         self._failed: dict[str, Loaded] = {}
-        """Controllers whose nodes could not be updated. An update is retried only after the controller changes."""
+        """Controllers whose nodes could not be updated. The update of such a node is retried only after its controller
+        has changed."""
         self._synchronized_with: object = None
         self._complete = True
 
@@ -150,16 +154,17 @@ class ControllerNodes:
 
     @property
     def current(self) -> bool:
-        """Whether the graph matches the manager."""
+        """Whether the ROS graph matches the controller manager."""
         return self._manager.registry.loaded is self._synchronized_with and self._complete
 
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
-        """Publish the cycles since the last call with their stamps. ``stamp`` is the stamp of the newest cycle."""
+        """Publish all cycles since the last call, each with its stamp. ``stamp`` is the stamp of the newest cycle."""
         for node in (*self._nodes.values(), *self._unloaded.values()):
             node.publish(stamp, cycles)
 
     def synchronize(self) -> bool:
-        """Update the graph to match the manager. Return False if another cycle is needed to complete it."""
+        """Update the ROS graph to match the controller manager. Return False if another cycle is needed to complete the
+        update."""
         if self.current:
             return True
         loaded = self._manager.registry.loaded
@@ -191,7 +196,8 @@ class ControllerNodes:
                     node.destroy()
 
     def _update(self, name: str, entry: Loaded) -> None:
-        """Update one node to match the manager. A failure does not delay the responses of other controllers."""
+        """Update one node to match the controller manager. A failure does not delay the responses to clients of other
+        controllers."""
         self._failed[name] = entry
         with _logged(name):
             if name not in self._nodes:
@@ -204,7 +210,7 @@ class ControllerNodes:
         self._executor.add_node(self._nodes[spec.name].node)
 
     def _publish_transitions(self) -> None:
-        """Publish all new transitions."""
+        """Publish all transitions since the last call."""
         while self._manager.registry.transitions:
             transition = self._manager.registry.transitions.popleft()
             node = self._nodes.get(transition.name) or self._unloaded.get(transition.name)

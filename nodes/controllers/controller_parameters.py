@@ -19,9 +19,9 @@ BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than
 class ControllerParameters:
     """ROS parameters of one controller. Names of nested parameters contain dots (``constraints.joint1.goal``).
 
-    A parameter can be set if ``settable`` contains its name or its group. A missing parameter can be set until the
-    controller is ``configured``. All others are read-only. ``change`` receives the new parameters and raises ValueError
-    to reject them.
+    A parameter can be set if its name or the name of its group is in ``settable``. A parameter without a value can be
+    set until the controller is ``configured``. All others are read-only. The function ``change`` receives the new
+    parameters and raises ValueError to reject them.
     """
 
     def __init__(
@@ -87,13 +87,13 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
     """Return a copy of the parameters with some values changed.
 
     Args:
-        parameters: Present parameters.
+        parameters: Current parameters.
         values: New values by dotted name.
 
     Raises:
         ValidationError: A value is invalid.
     """
-    # If some parameters are missing, the others have not been validated and may cause warnings.
+    # If some parameters are missing, the other parameters have not been validated and may cause warnings.
     content = parameters.model_dump(warnings=False)
     for name, value in values.items():
         *groups, last = name.split(".")
@@ -132,14 +132,14 @@ def _descriptor(value: Any, info: FieldInfo | None, settable: bool) -> Parameter
 
 
 def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
-    if value == []:  # rclpy would guess bytes as the type of an empty list.
+    if value == []:  # rclpy would take an empty list for a list of bytes.
         kind = Parameter.Type.STRING_ARRAY
         node.declare_parameter(name, kind)
         node.set_parameters([Parameter(name, kind, [])])
         descriptor.type = kind.value
         node.set_descriptor(name, descriptor)
     else:
-        # The value already includes an override (-p) in the right type.
+        # The value already contains an override (-p) of the right type.
         node.declare_parameter(name, value, descriptor, ignore_override=True)
 
 

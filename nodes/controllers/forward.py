@@ -11,10 +11,10 @@ from nodes.publishing import ANY_CLIENT
 
 
 class TakesCommands(Protocol):
-    """A forward command controller for any command interface."""
+    """A forward command controller, whatever its command interface is."""
 
     def submit(self, values: list[float]) -> str | None:
-        """Submit a command. Return the reason if the command is dropped, or None."""
+        """Submit a command. Return the reason why the command is dropped, or None if it is accepted."""
         ...
 
 

@@ -53,7 +53,7 @@ class GripperNode(ABC):
         return self._controller.joint
 
     def publish(self, stamp: Time) -> None:
-        """Publish feedback for the running goal, and end the decided goals."""
+        """Publish feedback for the running goal, and send the results of ended goals."""
         if not self._goals.waiting:
             return
         due = self._rate_limiter.due(stamp.sec + stamp.nanosec * 1e-9, self._controller.parameters.action_monitor_rate)

@@ -47,17 +47,19 @@ class EveryCycleNode(Protocol):
 
 
 ControllerInterfaceNode = NewestCycleNode | EveryCycleNode
-"""An interface node with one or both of these methods. ``publish`` is called after ``publish_cycle`` of all cycles.
+"""An interface node with one or both of these methods. ``publish`` is called after ``publish_cycle`` was called for all
+cycles.
 
-Its methods never run at the same time as a callback of a node. It exists from the configuration of its controller to
-the cleanup. It is created as ``Class(node, controller)``. The manager creates ``node`` with its name, parameters and
-remappings when the controller is loaded and keeps it until the controller is unloaded. At cleanup it removes everything
-that the interface node has added to ``node``.
+The methods never run at the same time as a callback of a node. The interface node exists from the configuration of its
+controller to the cleanup. The interface node is created as ``Class(node, controller)``. The manager creates ``node``
+with the name, parameters and remappings of the controller when the controller is loaded, and keeps the node until the
+controller is unloaded. At cleanup, the manager removes everything that the interface node has added to ``node``.
 """
 
 
 class PlainNode:
-    """Interface node of a controller type without ROS interfaces. Its node has parameters only."""
+    """Interface node of a controller type without ROS interfaces. The ROS node of such a controller has only
+    parameters."""
 
     def __init__(self, node: Node, controller: Controller) -> None:
         self.node = node
@@ -80,7 +82,8 @@ _OURS: Final[Mapping[str, Callable[[Node, Any], ControllerInterfaceNode]]] = {
 
 
 def interface_node_of(node: Node, controller: Controller) -> ControllerInterfaceNode:
-    """Add the interface of a controller to ``node``. Exceptions raised by an installed class are not caught."""
+    """Add the interface of a controller to ``node``. Exceptions raised by an installed interface class are passed to
+    the caller."""
     installed = entry_points(group=ENTRY_POINTS, name=controller.kind)
     maker = next((point.load() for point in installed), _OURS.get(controller.kind, PlainNode))
     interface: ControllerInterfaceNode = maker(node, controller)

@@ -32,13 +32,13 @@ class NodeEntities:
         """Restore the node to its state at the creation of this object."""
         node = self._node
         for waitable in _new(node.waitables, self._waitables):
-            if isinstance(waitable, ActionServer | ActionClient):  # Others are removed with their owners.
+            if isinstance(waitable, ActionServer | ActionClient):  # Other entities are removed with their owners.
                 waitable.destroy()
         for kind, before in self._entities.items():
             for entity in _new(getattr(node, kind), before):
                 getattr(node, _DESTROY[kind])(entity)
         for remove, callback in _new(node.parameter_callbacks, self._callbacks):
-            with suppress(ValueError):  # The owner has already removed it.
+            with suppress(ValueError):  # The owner has already removed this entity.
                 remove(callback)
         node.parameter_callbacks = self._callbacks
         for parameter in node.parameter_names - self._parameters:

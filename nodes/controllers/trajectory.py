@@ -1,4 +1,5 @@
-"""Publish states and feedback of the joint trajectory controller. Its goals are in trajectory_goals.py."""
+"""Publish states and feedback of the joint trajectory controller. The goals of the controller are handled in
+trajectory_goals.py."""
 
 from typing import Final
 
@@ -19,13 +20,13 @@ from nodes.controllers.trajectory_goals import TrajectoryGoals
 from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter, numbers
 
 NOTHING: Final = np.empty(0)
-"""Value of a field that a message leaves empty."""
+"""Value for a field that is empty in a message."""
 
 
 class TrajectoryNode:
-    """Interface node of a joint trajectory controller. It publishes a state and feedback for each cycle.
+    """Interface node of a joint trajectory controller. The node publishes a state and feedback for each cycle.
 
-    In addition to the goals, it has ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
+    Besides the goals, the node provides ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
     ``~/query_state``.
     """
 
@@ -39,7 +40,7 @@ class TrajectoryNode:
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
-        """Publish the state of one cycle and, if due, feedback for the running goals."""
+        """Publish the state of one cycle and, if it is due, the feedback for the running goals."""
         rate_hz = self._controller.parameters.action_monitor_rate
         for tracking in self._controller.tracked(state.stamp_s):
             self._goals.newest = tracking, stamp.sec + stamp.nanosec * 1e-9
@@ -51,7 +52,7 @@ class TrajectoryNode:
             self._goals.newest = None
 
     def publish(self, stamp: Time) -> None:
-        """End the decided goals, after the states of all cycles have been published."""
+        """Send the results of ended goals, after the states of all cycles have been published."""
         self._goals.under_way.finish_decided()
 
     def _on_scaling(self, message: SpeedScalingFactor) -> None:

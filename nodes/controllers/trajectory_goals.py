@@ -30,7 +30,8 @@ IGNORED = "trajectory on the topic ignored"
 class TrajectoryGoals:
     """Action ``~/follow_joint_trajectory`` and topic ``~/joint_trajectory``, as in ros2_control.
 
-    The additional topic ``~/rejection_reason`` is latched. It explains why the last goal or trajectory was rejected.
+    The additional topic ``~/rejection_reason`` is latched. The topic explains why the last goal or trajectory was
+    rejected.
     """
 
     def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
@@ -99,7 +100,7 @@ class TrajectoryGoals:
 
 
 def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, from_topic: bool) -> TrajectoryGoal:
-    """Convert a trajectory. Its stamp is compared with ``now_s``, the present ROS time."""
+    """Convert a trajectory. The stamp of the trajectory is compared with ``now_s``, the current ROS time."""
     stamp_s = _seconds(message.header.stamp)
     points = tuple(
         GoalPoint(
@@ -118,8 +119,8 @@ def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, 
 def _tolerance(message: JointTolerance) -> float:
     """Return the position tolerance.
 
-    Tolerances of velocity and acceleration do not affect position commands. As in ros2_control, however, an invalid one
-    makes the whole tolerance invalid.
+    Tolerances of velocity and acceleration do not affect position commands. As in ros2_control, however, an invalid
+    tolerance of velocity or acceleration makes the whole tolerance invalid.
     """
     others = (message.velocity, message.acceleration)
     return next((float(other) for other in others if other < 0.0 and other != ERASE), float(message.position))
@@ -130,7 +131,7 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was rejected. A bound method in the client limits would keep the node alive."""
+    """Publish why a message was rejected. A bound method in the client limits would keep the node from being freed."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

@@ -47,7 +47,8 @@ BASE_CLASS = "controller_interface::ControllerInterface"
 
 
 class ManagerNode:
-    """Node ``/controller_manager``. Its methods run in the ROS thread and wait for the loop without blocking others."""
+    """Node ``/controller_manager``. The methods run in the ROS thread and wait for the control loop without blocking
+    other requests."""
 
     def __init__(
         self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
@@ -62,7 +63,7 @@ class ManagerNode:
         parameters = stack.factory.file.manager
         self._declare(parameters)
         self._introspection = self._introspect(stack) if parameters.get("publish_introspection") else None
-        group = ReentrantCallbackGroup()  # Others are served while one waits.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
             (ListControllerTypes, "list_controller_types", self._types),
@@ -106,7 +107,8 @@ class ManagerNode:
             self._activity.publish(message)
 
     def _declare(self, parameters: Mapping[str, Any]) -> None:
-        """Declare the parameters of the controllers file, as ros2_control does, and the robot description in use."""
+        """Declare the parameters of the controllers file, as ros2_control does, and declare the robot description in
+        use."""
         rate = round(1.0 / self._stack.loop.period_s)
         fixed = {"update_rate": rate, "robot_description": self._stack.description.xml, "enforce_command_limits": True}
         fixed["publish_introspection"] = bool(parameters.get("publish_introspection", False))
@@ -202,7 +204,7 @@ class ManagerNode:
 
 
 def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
-    """Create the state message of a controller. There are no chained or asynchronous controllers."""
+    """Create the state message of a controller. Chained and asynchronous controllers are not supported."""
     return ControllerState(
         name=entry.name,
         state=entry.state.name.lower(),

@@ -17,14 +17,15 @@ COMPENSATION = "gravity_compensation"
 
 
 class HardwareNodes:
-    """Nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` runs after each cycle."""
+    """Nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` must be called after each
+    cycle."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         components = stack.description.components
         self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
         self._stack = stack
         self._state: JointState | None = None
-        # The first node reports for all components in one message, because they run in one process.
+        # The first node reports for all components in one message, because all components run in one process.
         self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.nodes[0].create_timer(1.0, self._publish)
         for component, node in zip(components, self.nodes, strict=True):

@@ -18,17 +18,18 @@ from nodes.publishing import EVERY_CALL
 from nodes.stack import Stack
 
 LONGEST_NAME: Final = 100
-"""Maximum number of characters of a name in a message, so that the rest of the message fits."""
+"""Maximum length of a name in a message, in characters, so that the rest of the message fits."""
 
 
 class HardwareServices:
-    """Hardware services, in the ROS thread. A state change may take seconds. Other requests are served meanwhile."""
+    """Hardware services of ``/controller_manager``, which run in the ROS thread. A state change may take seconds. Other
+    requests are served during a state change."""
 
     def __init__(self, node: Node, stack: Stack, pending: PendingRequests) -> None:
         self._node = node
         self._stack = stack
         self._pending = pending
-        group = ReentrantCallbackGroup()  # Others are served while one waits.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
         for kind, name, callback in (
             (ListHardwareComponents, "list_hardware_components", self._list_components),
             (ListHardwareInterfaces, "list_hardware_interfaces", self._list_interfaces),

@@ -10,13 +10,15 @@ Result = TypeVar("Result")
 
 
 class PendingRequests:
-    """Requests that the loop has not completed. Only one thread at a time may call the methods."""
+    """Requests that the control loop has not completed yet. Only one thread at a time may call the methods of this
+    class."""
 
     def __init__(self) -> None:
         self._pending: list[tuple[Request[object], Future]] = []
 
     async def result(self, request: "Request[Result]") -> Result:
-        """Wait for the result of a request in an ``async`` callback. Exceptions of the request propagate."""
+        """Wait for the result of a request in an ``async`` callback. Exceptions raised by the request are passed to the
+        caller."""
         if not request.done:
             future: Future = Future()
             self._pending.append((request, future))  # type: ignore[arg-type]
@@ -25,7 +27,7 @@ class PendingRequests:
 
     @property
     def any_done(self) -> bool:
-        """Whether the callback of a completed request has not been resumed yet."""
+        """Whether a request is complete but its callback has not been resumed yet."""
         return any(request.done for request, _ in self._pending)
 
     def resume_done(self) -> None:

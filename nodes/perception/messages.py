@@ -24,7 +24,7 @@ def image(picture: Picture, header: Header) -> Image:
     """Return an rgb8 image."""
     height, width, _ = picture.shape
     message = Image(header=header, height=height, width=width, encoding="rgb8", step=3 * width)
-    message.data = array("B", picture.tobytes())  # rclpy checks each element of other types
+    message.data = array("B", picture.tobytes())  # rclpy would check each element of a list or tuple.
     return message
 
 
@@ -52,7 +52,8 @@ def camera_info(intrinsics: Intrinsics, header: Header) -> CameraInfo:
 
 
 def apple_array(apples: Sequence[GradedApple], header: Header) -> AppleQualityArray:
-    """Return the values of apples, in the order of ``pose_array``. An apple that has no grade has an empty grade."""
+    """Return the message with the values of the apples, in the order of ``pose_array``. An apple without a grade has an
+    empty string as its grade."""
     return AppleQualityArray(
         header=header,
         apples=[
@@ -68,12 +69,12 @@ def apple_array(apples: Sequence[GradedApple], header: Header) -> AppleQualityAr
 
 
 def pose_array(apples: Sequence[GradedApple], header: Header) -> PoseArray:
-    """Return the centers of apples in base_link."""
+    """Return the message with the centers of the apples in base_link."""
     return PoseArray(header=header, poses=[_pose(apple) for apple in apples])
 
 
 def diagnostics(name: str, status: GradingStatus, stamp: Time) -> DiagnosticArray:
-    """Return the state of the camera and of the grading. If the camera works, each frame is graded."""
+    """Return the diagnostic status of the camera and of the grading. While the camera works, each frame is graded."""
     level = DiagnosticStatus.OK if status.working else DiagnosticStatus.ERROR
     message = status.message if status.working else f"nothing is graded: {status.message}"
     values = [KeyValue(key=key, value=value) for key, value in status.values.items()]

@@ -1,6 +1,7 @@
 """Publish the pictures of a camera and the apples in them.
 
-A thread reads the camera, grades and publishes. The executor serves the parameters and publishes ``/diagnostics``.
+A thread reads the camera, grades the apples and publishes the results. The executor serves the parameters and publishes
+``/diagnostics``.
 """
 
 import threading
@@ -81,7 +82,7 @@ class CameraNode:
                 self._set(loop.status)
                 if seen is not None and rclpy.ok():
                     self._publish(seen, intrinsics)
-        except Exception as error:  # the node must report that it grades nothing
+        except Exception as error:  # The node must report that it grades no pictures.
             self._set(GradingStatus(False, f"internal error: {type(error).__name__}: {error}"))
             self._node.get_logger().error(printable_line(f"the camera has ended: {error!r}"))
         finally:
@@ -90,7 +91,7 @@ class CameraNode:
     def _publish(self, seen: Seen, intrinsics: Intrinsics) -> None:
         rgb, stamp = seen.frame.rgb, self._stamp(seen.frame.stamp_s)
         header = Header(stamp=stamp, frame_id=self._camera_frame)
-        if seen.apples is not None:  # first, because the arm waits for the apples
+        if seen.apples is not None:  # The apples are published first, because the arm waits for them.
             self._apples.publish(apple_array(seen.apples, header))
             self._poses.publish(pose_array(seen.apples, Header(stamp=stamp, frame_id=self._base_frame)))
         self._infos.publish(camera_info(intrinsics, header))
@@ -103,13 +104,13 @@ class CameraNode:
         return RosTimePoint(nanoseconds=round((stamp_s + wall_offset_s(self._clock, time)) * 1e9)).to_msg()
 
     def _set(self, status: GradingStatus) -> None:
-        """Store a state, and log a new failure or the end of one."""
+        """Store a state, and log the beginning or the end of a failure."""
         self._status = status
         problem = "" if status.working else status.message
         if problem == self._logged:
             return
         self._logged = problem
-        if problem:  # rclpy allows only one severity per line of code
+        if problem:  # rclpy allows only one severity per line of code.
             self._node.get_logger().error(printable_line(f"nothing is graded: {problem}"))
         else:
             self._node.get_logger().info("the camera works, and its pictures are graded")
@@ -120,6 +121,6 @@ class CameraNode:
 
 
 def _if_wanted(publisher: Publisher, message: Callable[[], Any]) -> None:
-    """Publish a message only if there is a subscriber, because pictures are large."""
+    """Publish a message only if the topic has a subscriber, because pictures are large."""
     if publisher.get_subscription_count() > 0:
         publisher.publish(message())

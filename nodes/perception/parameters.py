@@ -31,11 +31,11 @@ OWN: Final[dict[str, tuple[Any, str]]] = {
     "camera_file": ("camera.yaml", "intrinsics, as camera_calibration or 'servoloop camera calibrate' writes them"),
     "pose_file": ("camera_pose.yaml", "pose above the plane, as 'servoloop camera plane' writes it"),
     "grades_file": ("", "thresholds of the grades; empty for the built-in ones"),
-    "detector": ("color", "color finds apples by their color, onnx by a model of yours"),
+    "detector": ("color", "color finds apples by their color, onnx with your own model"),
     "model_file": ("", "ONNX file of the detector, in the layout of YOLOv8"),
     "classes_file": ("", "classes of the detector, and their grades"),
 }
-"""Parameters of a camera of this machine."""
+"""Parameters of a camera that is connected to this machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,8 @@ class CameraSetup:
 
 
 Setup = Callable[[Node], CameraSetup]
-"""Function that declares the parameters of a camera and builds it. It raises a PerceptionError if it cannot."""
+"""Function that declares the parameters of a camera and opens the camera. The function raises a PerceptionError if the
+camera cannot be opened."""
 
 
 def declare(node: Node, name: str, default: Any, description: str) -> Any:
@@ -57,12 +58,12 @@ def declare(node: Node, name: str, default: Any, description: str) -> Any:
 
 
 def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:
-    """Return a set-up for a camera that the program has made."""
+    """Return a camera set-up for a camera that the program has created."""
     return lambda node: CameraSetup(source, view.intrinsics, Grader(view, settings).grade)
 
 
 def camera_of_parameters(clock: Clock) -> Setup:
-    """Return a set-up for the camera that the parameters name."""
+    """Return a camera set-up for the camera that the parameters select."""
 
     def setup(node: Node) -> CameraSetup:
         values = {name: declare(node, name, *rest) for name, rest in OWN.items()}
@@ -79,12 +80,12 @@ def camera_of_parameters(clock: Clock) -> Setup:
 
 
 def _grading(values: Mapping[str, Any], grader: Grader) -> Grading:
-    """Return the function that grades pictures with the detector that the parameters name."""
+    """Return the function that grades pictures with the detector that the parameters select."""
     if values["detector"] == "color":
         return grader.grade
     if values["detector"] != "onnx":
         raise PerceptionError(f"parameter 'detector' is {values['detector']!r}: choose color or onnx")
     for name in ("model_file", "classes_file"):
         if not values[name]:
-            raise PerceptionError(f"parameter '{name}' is empty: name the file of your detector")
+            raise PerceptionError(f"parameter '{name}' is empty: set it to the file of your detector")
     return OnnxGrader(Path(values["model_file"]), read_classes(Path(values["classes_file"])), grader).grade

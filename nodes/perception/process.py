@@ -27,7 +27,7 @@ NODE_NAME: Final = "apple_camera"
 
 
 def run(args: Sequence[str]) -> int:
-    """Run the node with the camera that its parameters name, until SIGINT, SIGTERM or SIGHUP.
+    """Run the node with the camera that its parameters select, until SIGINT, SIGTERM or SIGHUP.
 
     Args:
         args: Arguments in the form of ``sys.argv``.
@@ -42,7 +42,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def run_source(source: CameraSource, view: CameraView, settings: GradingSettings, args: Sequence[str]) -> int:
-    """Run the node with a given camera, whose stamps are those of the monotonic clock, as ``run`` does."""
+    """Run the node as ``run`` does, but with a given camera whose stamps are times of the monotonic clock."""
     return _run(args, given_camera(source, view, settings))
 
 
@@ -54,7 +54,7 @@ def _run(args: Sequence[str], setup: Setup) -> int:
     with rcl_errors():
         if parser.parse_known_args(remove_ros_args(args)[1:])[0].network:
             open_to_network(os.environ)
-    cv2.setNumThreads(1)  # other processors belong to the control loop
+    cv2.setNumThreads(1)  # The other processors are left to the control loop.
     init_rclpy(args)
     executor, stopped = SingleThreadedExecutor(), Future()
 

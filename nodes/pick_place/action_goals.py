@@ -17,7 +17,7 @@ _STATUS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCEL
 
 
 class ActionGoals:
-    """Goals for one action server. All calls come from the executor thread."""
+    """Goals for one action server. All methods must be called from the executor thread."""
 
     def __init__(
         self, node: Node, settings: ArmSettings, action: tuple[type, str], reason: Callable[[Any], str]
@@ -74,7 +74,7 @@ class ActionGoals:
         if not await self._waiter.until_moved(timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
             return self._unfinished("the arm did not finish in time; its goal is canceled", timeout_s)
-        if not result.done():  # The motion was stopped by stop().
+        if not result.done():  # stop() has stopped the motion.
             goal.cancel_goal_async()
             cancel_timeout_s = self._settings.cancel_timeout_s
             if not await self._waiter.until_moved(cancel_timeout_s, is_available, result):

@@ -18,7 +18,7 @@ HAND_TOPIC = "/hand_controller/commands"
 
 
 class RosArm:
-    """Arm and hand over ROS, one motion at a time. All calls come from the executor thread."""
+    """Arm and hand over ROS, one motion at a time. All methods must be called from the executor thread."""
 
     def __init__(self, node: Node, settings: ArmSettings) -> None:
         self._settings = settings

@@ -19,13 +19,14 @@ from nodes.ros_process import spin_until_done
 ACTION: Final = "/sorting/arm/pick_place"
 ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
-"""Maximum time for the result after a cancel, in seconds. The node needs up to 3 s for the response to its goal and 2 s
+"""Maximum time for the result after a cancel, in seconds. The node takes up to 3 s for the response to its goal and 2 s
 for the confirmation that the arm has stopped."""
 GONE_S: Final = 3.5
 """Time without an answer after which the server counts as gone, in seconds. A killed node leaves the graph only when
 its liveliness lease ends, after 20 s (Fast DDS)."""
 GONE_CANCELED_S: Final = 0.8
-"""Same time after a cancel, in seconds, because the user waits for the end of the program."""
+"""Maximum time without an answer from the server after a cancel, in seconds. It is shorter, because the user is waiting
+for the program to end."""
 QUIET_S: Final = 120.0
 """Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
 15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""
@@ -34,7 +35,7 @@ _SPIN_S: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class PickOutcome:
-    """Outcome of a job. ``message`` comes from the node, or explains why the node sent none."""
+    """Outcome of a job. ``message`` comes from the node, or explains why the node sent no message."""
 
     success: bool
     message: str

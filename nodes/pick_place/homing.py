@@ -1,4 +1,4 @@
-"""Move the arm to the ready pose with an open hand, from wherever a failed job has left it."""
+"""Move the arm from the pose in which a failed job has left it to the ready pose, with the hand open."""
 
 from collections.abc import Callable
 from time import monotonic

@@ -1,4 +1,4 @@
-"""Connect the jobs of the node to the arm: directly to its controllers, or through a motion planner."""
+"""Connect the jobs of the node to the arm: either directly to its controllers, or through a motion planner."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from pick_place.settings import JobSettings
 
 
 class ServedArm(Protocol):
-    """Arm that an action server moves."""
+    """Arm that is moved through an action server."""
 
     def wait_for_server(self, timeout_s: float) -> bool:
         """Block until the action server appears, and return whether it appeared in time."""
@@ -25,12 +25,12 @@ class ServedArm(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Motions:
-    """An arm, and the motions of each job with it."""
+    """An arm, and the motions that each job executes with it."""
 
     arm: ServedArm
     of_job: Callable[[], JobMotions]
     missing: str
-    """Message if the server of the arm is not available."""
+    """Message for the case that the action server of the arm is not available."""
 
 
 def motions_of(node: Node, settings: JobSettings | PoseSettings) -> Motions:
@@ -43,7 +43,7 @@ def motions_of(node: Node, settings: JobSettings | PoseSettings) -> Motions:
 
 def _planned(node: Node, settings: PoseSettings) -> Motions:
     try:
-        from nodes.pick_place.planned_arm import PlannedArm  # The planner's messages need not be installed.
+        from nodes.pick_place.planned_arm import PlannedArm  # The messages of the planner may not be installed.
     except ModuleNotFoundError as error:
         raise RosError(f"motion: poses needs the package {error.name}: run `make setup`") from error
     planner = PlannedArm(node, settings)

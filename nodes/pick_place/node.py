@@ -29,8 +29,8 @@ from pick_place.vision import candidate, reason_not_fresh
 _LOG_EVERY_S = 5.0
 _RESULT_DELAY_S = 0.1
 _DISCOVERY_S = 4.0
-"""Time to discover the arm before the first job, in seconds. Participants find each other at their next announcement,
-which Fast DDS sends every 3 s without this_machine.xml. A job waits for the arm for only 2 s."""
+"""Time to discover the arm before the first job, in seconds. DDS participants find each other at their next
+announcement, which Fast DDS sends every 3 s without this_machine.xml. A job itself waits only 2 s for the arm."""
 
 
 class PickPlaceNode:
@@ -91,7 +91,7 @@ class PickPlaceNode:
         return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:
-        # If _on_goal created the job and the response to the client were lost, the node would remain busy.
+        # If _on_goal created the job, and the response to the client were lost, the node would remain busy.
         self._job = self._new_job(handle.request.grade, handle.publish_feedback)
         handle.execute()
 

@@ -19,7 +19,8 @@ _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def undeclare_overrides(node: Node) -> set[str]:
-    """Undeclare the parameters set by files and arguments, and return their names. ``declare`` declares them again.
+    """Undeclare the parameters that were set by files and arguments, and return their names. ``declare`` declares these
+    parameters again.
 
     The node must be created with ``automatically_declare_parameters_from_overrides``. rclpy offers no other way to list
     the overrides.
@@ -41,7 +42,7 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
 
 
 def declare(node: Node) -> JobSettings | PoseSettings:
-    """Declare all parameters of the kind of motion and read the settings.
+    """Declare all parameters for the configured kind of motion, and read the settings.
 
     Raises:
         ValueError: A parameter is invalid. The message lists all mistakes.
@@ -92,7 +93,7 @@ def _object(node: Node, default: PickObject) -> PickObject:
 
 
 def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
-    """Read the settings of every kind of motion."""
+    """Read the settings of both kinds of motion."""
     return {
         "joints": tuple(_fixed(node, "joints", list(default.joints))),
         "ready_rad": _pose(node, "poses.ready", default.ready_rad),
@@ -116,6 +117,6 @@ def _fixed(node: Node, name: str, default: Any) -> Any:
 
 
 def _pose(node: Node, name: str, default: Sequence[float] | None) -> tuple[float, ...]:
-    """Read a pose. The poses of additional grades have a type but no default."""
+    """Read a pose. The poses of additional grades have a type but no default value."""
     known = Parameter.Type.DOUBLE_ARRAY if default is None else list(default)
     return tuple(_fixed(node, name, known))

@@ -22,11 +22,12 @@ from pick_place.pose_settings import PoseSettings, ToolPose
 MOVE_ACTION: Final = "/move_action"
 EXECUTE_ACTION: Final = "/execute_trajectory"
 COMPLETE: Final = 1.0 - 1e-6
-"""Smallest fraction of a straight line that counts as all of it."""
+"""Smallest fraction of a straight line that counts as the whole line."""
 
 
 class PlannedArm:
-    """Arm and hand through a motion planner, one motion at a time. All calls come from the executor thread."""
+    """Arm and hand that are moved by a motion planner, one motion at a time. All methods must be called from the
+    executor thread."""
 
     def __init__(self, node: Node, settings: PoseSettings) -> None:
         self._settings = settings
@@ -44,7 +45,7 @@ class PlannedArm:
         return self._plans.wait_for_server(timeout_s)
 
     def stop(self) -> None:
-        """Cancel the running motion, if any, and end the running wait."""
+        """Cancel the running motion, if any, and end the current wait."""
         self._plans.stop()
         self._executions.stop()
         if not self._stop.done():
@@ -72,36 +73,36 @@ class PlannedArm:
         return await self._executions.send(ExecuteTrajectory.Goal(trajectory=line.solution))
 
     async def hand(self, position_m: float) -> JobOutcome:
-        """Send a position to the fingers and give them time to reach it."""
+        """Send a position to the fingers, and wait until they have had time to reach it."""
         self._hand.publish(Float64MultiArray(data=[position_m]))
         self._stop = Future()
         await self._waiter.until_moved(self._settings.hand_time_s, lambda: True, self._stop)
         return JobOutcome(not self._stop.done())
 
     async def lay_object(self) -> JobOutcome:
-        """Add the object to the scene, at its place before the pick."""
+        """Add the object to the planning scene at its position before the pick."""
         return await self._change(messages.laid(self._settings))
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool, as it is gripped at the pick pose."""
+        """Attach the object to the tool in the position in which it is gripped at the pick pose."""
         return await self._change(messages.attached(self._settings))
 
     async def remove_object(self) -> JobOutcome:
-        """Remove the object from the tool and from the scene. It need not be there."""
+        """Remove the object from the tool and from the planning scene. It need not be there."""
         return await self._remove(only_attached=False)
 
     async def drop_object(self) -> JobOutcome:
-        """Remove the object if it is attached to the tool. Otherwise, keep the scene."""
+        """Remove the object if it is attached to the tool. If the object is not attached, keep the scene unchanged."""
         return await self._remove(only_attached=True)
 
     async def _remove(self, *, only_attached: bool) -> JobOutcome:
-        """Remove the object where it is. MoveIt reports a failure if an object that is to be removed is not there."""
+        """Remove the object from its current place. MoveIt reports a failure if the object to remove does not exist."""
         outcome, response = await self._call(self._scene, OBJECTS)
         if not outcome.reached:
             return outcome
         name, scene = self._settings.target.name, response.scene
         attached = name in {held.object.id for held in scene.robot_state.attached_collision_objects}
-        # MoveIt lays a detached object into the world, from where it is removed, too.
+        # MoveIt moves a detached object into the world, so it must also be removed from there.
         laid = name in {item.id for item in scene.world.collision_objects} and not only_attached
         if not (attached or laid):
             return JobOutcome(True)
@@ -114,7 +115,7 @@ class PlannedArm:
         return outcome
 
     async def _call(self, client: Any, request: Any) -> tuple[JobOutcome, Any]:
-        """Call a service, and return whether it responded in time, with its response."""
+        """Call a service, and return whether it responded in time, together with the response."""
         waits_s = self._settings.goal_timeout_s + self._settings.planning_time_s
         self._stop = Future()
         answer = client.call_async(request)

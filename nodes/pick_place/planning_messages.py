@@ -1,4 +1,4 @@
-"""Messages for the node move_group: goals of the arm, straight lines, and changes of the planning scene."""
+"""Messages for the node move_group: goals for the arm, straight lines, and changes of the planning scene."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -18,19 +18,19 @@ LINE_STEP_M: Final = 0.01
 
 
 def joint_goal(settings: PoseSettings, positions_rad: Sequence[float]) -> MoveGroup.Goal:
-    """Return the goal of a motion to joint positions."""
+    """Return the goal for a motion to joint positions."""
     constraints = goals.joint_constraints(dict(zip(settings.joints, positions_rad, strict=True)))
     return goals.motion_goal(settings.group, constraints, settings.speed, settings.planning_time_s)
 
 
 def pose_goal(settings: PoseSettings, pose: ToolPose) -> MoveGroup.Goal:
-    """Return the goal of a motion of the tool to a pose."""
+    """Return the goal for a motion of the tool to a pose."""
     constraints = goals.pose_constraints(settings.tool_link, settings.frame, pose[:3], pose[3:])
     return goals.motion_goal(settings.group, constraints, settings.speed, settings.planning_time_s)
 
 
 def line(settings: PoseSettings, pose: ToolPose) -> GetCartesianPath.Request:
-    """Return the request of a straight line from the present pose of the tool to ``pose``."""
+    """Return the request for a straight line from the current pose of the tool to ``pose``."""
     request = GetCartesianPath.Request(
         group_name=settings.group,
         link_name=settings.tool_link,
@@ -46,12 +46,12 @@ def line(settings: PoseSettings, pose: ToolPose) -> GetCartesianPath.Request:
 
 
 def laid(settings: PoseSettings) -> PlanningScene:
-    """Return the change of the scene that adds the object at its place before the pick."""
+    """Return the scene change that adds the object at its position before the pick."""
     return change([object_message(_object(settings), settings.frame)])
 
 
 def attached(settings: PoseSettings) -> PlanningScene:
-    """Return the change of the scene that attaches the object to the tool. It is at its place before the pick."""
+    """Return the scene change that attaches the object to the tool. The object is at its position before the pick."""
     held = AttachedCollisionObject(
         link_name=settings.tool_link,
         object=object_message(_object(settings), settings.frame),

@@ -13,7 +13,8 @@ PULSE_S: Final = 0.25
 LOST_S: Final = 1.0
 """Time after which a request without an answer is repeated, in seconds. The server may be slow."""
 _NO_GOAL: Final = CancelGoal.Request()
-"""Request to cancel a goal that does not exist, which every action server answers without an effect."""
+"""Request to cancel a goal that does not exist. Every action server answers such a request, and it has no other
+effect."""
 _NO_GOAL.goal_info.goal_id = UUID(uuid=[0xFF] * 16)
 
 

@@ -12,10 +12,11 @@ LAST_S: Final = 1.0
 
 
 def on_stop_signal(call: Callable[[], object]) -> None:
-    """Run ``call`` at the first signal, and end the process at the second. Must be called in the main thread.
+    """Run ``call`` at the first signal, and end the process at the second. This function must be called in the main
+    thread.
 
     A SIGHUP never counts as the second signal, because the kernel and the shell both send one when a terminal is
-    closed. If SIGHUP is ignored, as under nohup, it remains ignored.
+    closed. If SIGHUP is ignored, as under nohup, the signal remains ignored.
 
     An ordinary handler would run only when the main thread returns to Python, but that thread sleeps in the middleware.
     The wake-up descriptor is written immediately, regardless of the thread that receives the signal.

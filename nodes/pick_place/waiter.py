@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 GONE_S: Final = 2.0
-"""Time for which a server must be missing from the graph before the wait for its motion ends, in seconds."""
+"""Time for which a server must be missing from the graph before the wait for a motion of this server ends, in
+seconds."""
 _CHECK_S: Final = 0.5
 
 
@@ -19,7 +20,7 @@ class Waiter:
     Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
 
     In a simulation, motions are timed by the clock of the node. This clock stops when the simulation ends. The wait for
-    a motion therefore also ends when its server is gone.
+    a motion therefore also ends when its server has disappeared.
     """
 
     def __init__(self, node: Node) -> None:
@@ -31,7 +32,8 @@ class Waiter:
         return await self._until(timeout_s, self._steady, *futures)
 
     async def until_moved(self, timeout_s: float, available: Callable[[], bool], *futures: Future) -> bool:
-        """Wait like ``until`` for a motion, on the node's clock if simulated, and only while its server exists."""
+        """Wait like ``until`` for the end of a motion, on the node's clock if time is simulated, and only while its
+        server exists."""
         clock, gone, absent = self._node.get_clock(), Future(), 0
 
         def check_server() -> None:

@@ -1,4 +1,4 @@
-"""Controllers of the running stack that carry out trajectories: of the arm, of grippers and of forward commands."""
+"""Controllers of the running stack that execute trajectories: for the arm, for grippers, and for forward commands."""
 
 from collections.abc import Callable
 from typing import Any, Final, Protocol
@@ -22,15 +22,15 @@ ANSWER_S: Final = 3.0
 CANCEL_S: Final = 10.0
 """Maximum time for a controller to stop after a cancel, in seconds."""
 SLACK: Final = 2.0
-"""Factor of the duration of a trajectory after which its controller counts as stuck."""
+"""If a controller takes longer than the duration of a trajectory times this factor, it counts as stuck."""
 SLACK_S: Final = 10.0
-"""Time that is added to it, in seconds."""
+"""Time added to the duration times ``SLACK``, in seconds."""
 REST_S: Final = 0.4
 """Time without motion after which the joints of a forward controller are at rest, in seconds."""
 CLOSE: Final = 2e-3
-"""Distance from the command within which a joint has arrived, in rad or m."""
+"""Distance from the command within which a joint counts as arrived, in rad or m."""
 STILL: Final = 5e-4
-"""Motion between two checks below which a joint is at rest, in rad or m."""
+"""Motion between two checks below which a joint counts as at rest, in rad or m."""
 POLL_S: Final = 0.05
 """Period of these checks, in seconds."""
 
@@ -45,7 +45,7 @@ class Stop:
 
     @property
     def requested(self) -> bool:
-        """Whether the motion is to stop."""
+        """Whether the motion must stop."""
         return bool(self.future.done())
 
     def request(self, code: str, message: str) -> None:
@@ -56,12 +56,12 @@ class Stop:
 
 
 class Controller(Protocol):
-    """Carries out trajectories of its joints."""
+    """Controller that executes trajectories of its joints."""
 
     route: Route
 
     async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
-        """Follow a trajectory until its end or a stop. Return the reason if it was not carried out, or ""."""
+        """Follow a trajectory until its end or a stop. Return the reason if the trajectory was not executed, or ""."""
         ...
 
 
@@ -87,7 +87,8 @@ class ActionController:
         self._client = ActionClient(node, action, self._name, callback_group=ReentrantCallbackGroup())
 
     async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
-        """Send one goal and wait for its result. A stop cancels it, and the controller brakes along the path."""
+        """Send one goal and wait for its result. A request to stop cancels the goal, and the controller brakes along
+        the path."""
         for _ in range(round(ANSWER_S / POLL_S)):
             if self._client.server_is_ready() or stop.requested:
                 break
@@ -100,7 +101,7 @@ class ActionController:
             return f"{self.route.name} did not answer within {ANSWER_S:g} s: check the log of the stack"
         handle = sent.result()
         if not handle.accepted:
-            return f"{self.route.name} rejected the trajectory: the log of the stack has the reason"
+            return f"{self.route.name} rejected the trajectory: the log of the stack contains the reason"
         return await self._result(handle, seconds_of(trajectory.points[-1].time_from_start), stop)
 
     async def _result(self, handle: Any, duration_s: float, stop: Stop) -> str:
@@ -133,7 +134,8 @@ class ActionController:
 
 
 class ForwardController:
-    """Controller with a topic. It approaches the last point within its limits; the way to it is its own."""
+    """Controller with a topic. The controller moves to the last point within its limits, on a path that it chooses
+    itself."""
 
     def __init__(self, node: Node, route: Route, joints: JointMonitor) -> None:
         self.route = route
@@ -143,7 +145,8 @@ class ForwardController:
         self._commands = node.create_publisher(Float64MultiArray, self._name, 10)
 
     async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
-        """Send the last point, and wait until the joints have arrived or are at rest, as when they hold an object."""
+        """Send the last point, and wait until the joints have arrived or are at rest, for example because they hold an
+        object."""
         for _ in range(round(ANSWER_S / POLL_S)):
             if self._commands.get_subscription_count() or stop.requested:
                 break
@@ -180,6 +183,6 @@ class ForwardController:
 
 
 def _cancel_if_accepted(sent: Future) -> None:
-    """Cancel a goal that was accepted after the timeout, because nothing waits for its motion."""
+    """Cancel a goal that was accepted after the timeout, because no client waits for its motion."""
     if sent.result() is not None and sent.result().accepted:
         sent.result().cancel_goal_async()

@@ -19,19 +19,19 @@ from planning.scene import Pose, SceneObject
 
 
 class WorldEdit:
-    """A series of changes. ``world`` is the result; if a change is refused, use the world from before."""
+    """A series of changes. ``world`` is the result. If a change is refused, use the previous world."""
 
     def __init__(self, robot: PlanningRobot, world: World, state: Callable[[], State | None]) -> None:
         self.world = world
-        """The world with the changes so far."""
+        """The world with all changes so far."""
         self._robot = robot
         self._state = state
 
     def apply_scene(self, message: PlanningScene) -> None:
-        """Apply a scene: changes if ``is_diff`` is set, or a whole scene.
+        """Apply a scene message: only its changes if ``is_diff`` is set, otherwise the whole scene.
 
-        Objects are detached, then those of the world are changed, then objects are attached. A change can therefore
-        detach an object and remove it, or remove an object and attach it.
+        First, objects are detached, then the objects of the world are changed, and then objects are attached. A change
+        can therefore detach an object and remove it, or remove an object and attach it.
 
         Raises:
             RequestError, PlanningError: A part of the scene is invalid, or the scene is for another robot.
@@ -61,7 +61,8 @@ class WorldEdit:
         self.world = self.world.settled(self._robot)
 
     def apply_object(self, message: CollisionObject) -> None:
-        """Add, append to, move or remove an object of the world. Raises RequestError or PlanningError."""
+        """Add an object of the world, append shapes to it, move it or remove it. Raises RequestError or
+        PlanningError."""
         self._change_object(message)
         self.world = self.world.settled(self._robot)
 
@@ -114,7 +115,7 @@ class WorldEdit:
         )
 
     def _remove(self, name: str) -> None:
-        """Remove an object, or all objects if the name is empty. An attached object of this name stays attached."""
+        """Remove an object, or all objects if the name is empty. An attached object with this name stays attached."""
         scene = self.world.scene
         if name in scene.attached:
             return

@@ -1,4 +1,4 @@
-"""Errors of requests, and their messages with MoveIt's codes."""
+"""Errors of requests, and messages with MoveIt's error codes."""
 
 import traceback
 from pathlib import Path
@@ -10,11 +10,11 @@ from drivers.printable import printable_line
 from planning.errors import PlanningError
 
 SOURCE: Final = "servoloop"
-"""Name of this server in the error codes that it sends."""
+"""Name of this server, as the source of the error codes that it sends."""
 
 
 class RequestError(Exception):
-    """A request cannot be carried out. The message names the cause and the remedy."""
+    """Error for a request that cannot be carried out. The message names the cause and what the client can do."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -23,21 +23,21 @@ class RequestError(Exception):
 
 
 REFUSALS: Final = (RequestError, PlanningError)
-"""Errors whose messages are for the client."""
+"""Errors whose messages are sent to the client."""
 
 
 def success() -> MoveItErrorCodes:
-    """Return the code of a request that was carried out."""
+    """Return the error code of a successful request."""
     return MoveItErrorCodes(val=MoveItErrorCodes.SUCCESS, source=SOURCE)
 
 
 def error_code(error: RequestError | PlanningError) -> MoveItErrorCodes:
-    """Return the code of an error, with its message."""
+    """Return the error code of an exception, with its message."""
     return coded(error.code, str(error))
 
 
 def crash(log: Any, error: Exception) -> MoveItErrorCodes:
-    """Return the code of an error that no request should cause, and write its place to the log for a report."""
+    """Return the error code of an internal error, and write its traceback to the log for a bug report."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}"
     message = f"internal error, please report it: {type(error).__name__}: {error} ({place})"
@@ -46,5 +46,5 @@ def crash(log: Any, error: Exception) -> MoveItErrorCodes:
 
 
 def coded(code: str, message: str) -> MoveItErrorCodes:
-    """Return a code by its name, with a message."""
+    """Return the error code with a given name, with a message."""
     return MoveItErrorCodes(val=getattr(MoveItErrorCodes, code), message=printable_line(message), source=SOURCE)

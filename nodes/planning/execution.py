@@ -1,4 +1,4 @@
-"""Execution of trajectories with the controllers of the stack, and its end if the scene changes."""
+"""Execute trajectories with the controllers of the stack, and stop them if the scene changes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ from planning.paths.timing import TimedPath
 from planning.robot import PlanningRobot
 
 START_RAD: Final = 0.05
-"""Largest distance of a joint from the start of a trajectory, in rad or m."""
+"""Maximum distance of a joint from the start of a trajectory, in rad or m."""
 LAG_S: Final = 0.5
-"""Maximum lag of the arm on its trajectory, in seconds."""
+"""Maximum delay of the arm relative to its trajectory, in seconds."""
 INVALIDATED: Final = "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE"
-"""Code of a motion that a change of the scene has ended."""
+"""Error code of a motion that was stopped because the scene changed."""
 
 
 @dataclass(eq=False)
 class Running:
-    """A motion that is being carried out."""
+    """A motion that is being executed."""
 
     path: TimedPath
     """The motion of all driven joints."""
@@ -41,13 +41,13 @@ class Running:
     begun_s: float
     """Time of the node's clock at the start, in seconds."""
     names: tuple[str, ...]
-    """Names of the controllers that carry it out."""
+    """Names of the controllers that execute the motion."""
     is_monitored: bool = True
-    """Whether changes of the scene stop it. A motion that touches something from the start is not monitored."""
+    """Whether changes of the scene stop the motion. A motion that touches an object from the start is not monitored."""
     is_checked: bool = False
-    """Whether a check of the rest against the scene is under way."""
+    """Whether the rest of the motion is being checked against the scene."""
     is_outdated: bool = False
-    """Whether the scene has changed since the check under way began."""
+    """Whether the scene has changed since the current check began."""
 
 
 class Execution:
@@ -64,12 +64,12 @@ class Execution:
         self.controllers: Mapping[str, Controller] = {}
         """Controllers of the stack by name."""
         self.idle = Future()
-        """Done when no motion is under way after ``stop_all``."""
+        """Future that is done when no motion is running after ``stop_all``."""
         store.listeners.append(self._check_all)
 
     @property
     def is_idle(self) -> bool:
-        """Whether no motion is under way."""
+        """Whether no motion is running."""
         return not self._running
 
     def stop_all(self, code: str, message: str) -> None:
@@ -80,17 +80,17 @@ class Execution:
     async def run(
         self, trajectory: RobotTrajectory, names: Sequence[str], stop: Stop, *, must_be_free: bool = False
     ) -> None:
-        """Carry out a trajectory until its end or a stop.
+        """Execute a trajectory until its end or until it is stopped.
 
         Args:
             trajectory: The trajectory.
-            names: Controllers to use; empty: those of the joints.
+            names: Controllers to use; if empty, the controllers of the joints.
             stop: Stops the motion.
-            must_be_free: Whether a trajectory that touches something in the present scene is refused. Otherwise it is
-                carried out, as in MoveIt, and changes of the scene do not stop it.
+            must_be_free: Whether a trajectory that touches an object in the current scene is refused. If False, the
+                trajectory is executed, as in MoveIt, and changes of the scene do not stop it.
 
         Raises:
-            RequestError: The trajectory is invalid, was stopped, or was not carried out.
+            RequestError: The trajectory is invalid, was stopped, or was not executed.
         """
         message = trajectory.joint_trajectory
         if trajectory.multi_dof_joint_trajectory.joint_names:
@@ -130,11 +130,11 @@ class Execution:
         except RequestError as error:
             reason = str(error)
         if reason and not stop.requested:
-            stop.request("CONTROL_FAILED", reason)  # the other controllers stop, too
+            stop.request("CONTROL_FAILED", reason)  # The other controllers stop, too.
         return reason
 
     def _chosen(self, message: JointTrajectory, names: Sequence[str]) -> list[Controller]:
-        """Return the controllers of the joints of a trajectory. Raises RequestError."""
+        """Return the controllers for the joints of a trajectory. Raises RequestError."""
         for name in names:
             if name not in self.controllers:
                 known = ", ".join(self.controllers)
@@ -152,18 +152,17 @@ class Execution:
                 chosen.append(owner)
         busy = {name for running in self._running for name in running.names}
         if taken := [one.route.name for one in chosen if one.route.name in busy]:
-            raise RequestError(
-                "CONTROL_FAILED", f"{taken[0]} carries out another motion: wait for its end or cancel it"
-            )
+            raise RequestError("CONTROL_FAILED", f"{taken[0]} executes another motion: wait for its end or cancel it")
         return chosen
 
     def _moved(self, usable: Sequence[Controller]) -> str:
         return ", ".join(joint for one in usable for joint in one.route.joints)
 
     def _check_start(self, message: JointTrajectory, now: Snapshot) -> None:
-        """Check that the arm is at the start of a trajectory, because it would jump there otherwise.
+        """Check that the arm is at the start of the trajectory. Otherwise, the arm would jump there.
 
-        A trajectory of one point, or whose first point has a time above 0, has no start.
+        This check is skipped for a trajectory with one point or with a first point after time 0, because such a
+        trajectory has no start.
         """
         first = message.points[0]
         if len(message.points) == 1 or first.time_from_start.sec or first.time_from_start.nanosec:

@@ -1,4 +1,4 @@
-"""The measured state of the robot, from /joint_states."""
+"""Monitor the measured state of the robot on /joint_states."""
 
 import math
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from nodes.publishing import ANY_CLIENT
 from planning.robot import PlanningRobot
 
 STALE_S: Final = 2.0
-"""Age from which on a measured position is not used, in seconds."""
+"""Age from which on a measured position is no longer used, in seconds."""
 
 POLL_S: Final = 0.05
-"""Period of checks for the first positions, in seconds."""
+"""Period of the checks for the first positions, in seconds."""
 
 
 class JointMonitor:
-    """Positions of the driven joints. All calls come from the thread of the executor."""
+    """Positions of the driven joints. All methods must be called from the executor thread."""
 
     def __init__(self, node: Node, robot: PlanningRobot) -> None:
         self._robot = robot
@@ -29,7 +29,7 @@ class JointMonitor:
         self._positions: dict[str, float] = {}
         self._seen_s: dict[str, float] = {}
         self.listeners: list[Callable[[], None]] = []
-        """Functions that are called after each message."""
+        """Functions to call after each message."""
         node.create_subscription(JointState, "/joint_states", self._on_states, ANY_CLIENT)
 
     def state(self) -> dict[str, float]:
@@ -48,7 +48,8 @@ class JointMonitor:
         return {joint: self._positions[joint] for joint in self._robot.limits}
 
     async def wait(self) -> None:
-        """Wait for the first positions, which arrive shortly after the start of this server, at most ``STALE_S``."""
+        """Wait for the first positions, which arrive shortly after the start of this server, for at most
+        ``STALE_S``."""
         for _ in range(round(STALE_S / POLL_S)):
             if self._seen_s.keys() >= self._robot.limits.keys():
                 return

@@ -1,4 +1,4 @@
-"""The actions of move_group: plan and execute, and execute a trajectory."""
+"""Serve the actions of move_group: plan and execute a motion, and execute a trajectory."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -28,20 +28,21 @@ from nodes.planning.world_store import WorldStore
 from nodes.publishing import EVERY_CALL, LATCHED
 
 REPLANS: Final = 5
-"""Number of new plans after changes of the scene, if the request gives none."""
+"""Default number of new plans after changes of the scene."""
 MOST_REPLANS: Final = 100
-"""Largest number of new plans."""
+"""Maximum number of new plans."""
 LONGEST_DELAY_S: Final = 10.0
-"""Largest time before a new plan, in seconds."""
+"""Maximum delay before a new plan, in seconds."""
 CANCELED: Final = "the goal was canceled"
-"""Message of a canceled goal."""
+"""Message of a goal that was canceled."""
 
 Run = Callable[[Any, Any, Stop], Awaitable[None]]
-"""Runs the goal of a handle, and fills in its result."""
+"""Function that executes the goal of a handle and fills in its result."""
 
 
 class Planning:
-    """Plans in the thread of searches, and shows the plans. All calls come from the thread of the executor."""
+    """Plans motions in the search thread, and publishes the plans for display. All methods must be called from the
+    executor thread."""
 
     def __init__(self, node: Node, requests: Requests, store: WorldStore, workers: Workers) -> None:
         self.requests = requests
@@ -51,7 +52,7 @@ class Planning:
         self._plans = node.create_publisher(DisplayTrajectory, "/display_planned_path", LATCHED)
 
     async def plan(self, request: MotionPlanRequest, stop: Stop, diff: PlanningScene | None = None) -> Planned:
-        """Plan a motion and show it. Raises RequestError or PlanningError."""
+        """Plan a motion and publish it for display. Raises RequestError or PlanningError."""
         robot = self.requests.robot
         limit_s = self.requests.time_limit_s(request)
         now = await self._store.snapshot()
@@ -79,7 +80,8 @@ class Planning:
 
 
 class MoveActions:
-    """Serves /move_action and /execute_trajectory. Several goals may run; each plan waits for those before it."""
+    """Server of /move_action and /execute_trajectory. Several goals may run at the same time; each plan waits for the
+    plans before it."""
 
     def __init__(self, node: Node, planning: Planning, execution: Execution) -> None:
         self._planning = planning
@@ -94,7 +96,7 @@ class MoveActions:
         ]
 
     def stop_all(self, code: str, message: str) -> None:
-        """Stop all goals, also those that are being planned."""
+        """Stop all goals, including those that are still being planned."""
         for stop in self._stops.values():
             stop.request(code, message)
         self._execution.stop_all(code, message)
@@ -138,7 +140,7 @@ class MoveActions:
             known = RequestError(stop.code, stop.message) if stop.requested else error
             result.error_code = error_code(known)
             self._log.warning(printable_line(f"{known.code}: {known}"))
-        except Exception as error:  # The other clients must not lose the server.
+        except Exception as error:  # After an error, the server must remain available to the other clients.
             result.error_code = crash(self._log, error)
         finally:
             del self._stops[bytes(handle.goal_id.uuid)]
@@ -163,7 +165,7 @@ class MoveActions:
         if not options.plan_only and request.start_state.joint_state.name:
             request.start_state = RobotState(
                 is_diff=True, attached_collision_objects=request.start_state.attached_collision_objects
-            )  # a motion begins where the robot is, as in MoveIt
+            )  # A motion begins at the current state of the robot, as in MoveIt.
         for replans in range(_replans(options) + 1):
             handle.publish_feedback(MoveGroup.Feedback(state="PLANNING"))
             planned = await self._planning.plan(request, stop, options.planning_scene_diff)
@@ -183,7 +185,7 @@ class MoveActions:
             await self._waiter.until(min(max(options.replan_delay, 0.0), LONGEST_DELAY_S) + 1e-3, stop.future)
 
     async def _run(self, result: Any, stop: Stop) -> None:
-        """Execute the planned trajectory. A change of the scene stops only this attempt."""
+        """Execute the planned trajectory. A change of the scene stops only the current attempt."""
         attempt = Stop()
         stop.future.add_done_callback(lambda _: attempt.request(stop.code, stop.message))
         if stop.requested:
@@ -198,7 +200,7 @@ def _replans(options: Any) -> int:
 
 
 def _has_changes(diff: PlanningScene) -> bool:
-    """Return whether a scene has changes. Clients leave the default message, which is no scene at all."""
+    """Return whether a scene has changes. Clients leave the default message, which contains no scene."""
     return bool(
         diff.is_diff
         or diff.robot_model_name

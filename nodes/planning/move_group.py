@@ -24,9 +24,9 @@ from planning.robot import PlanningRobot
 NAME: Final = "move_group"
 """Name of the node, to which MoveIt's clients connect."""
 CHECK_S: Final = 1.0
-"""Period in which other nodes of this name are looked for, in seconds."""
+"""Period of the search for other nodes with this name, in seconds."""
 END_S: Final = 12.0
-"""Maximum time for motions to stop at the end of the program, in seconds."""
+"""Maximum time until all motions have stopped when the program ends, in seconds."""
 
 
 class MoveGroupNode:
@@ -49,10 +49,10 @@ class MoveGroupNode:
         group = ReentrantCallbackGroup()
         node.create_subscription(String, "/trajectory_execution_event", self._on_event, 10, callback_group=group)
         node.create_timer(CHECK_S, self._look_for_others, callback_group=group)
-        self._actions = MoveActions(node, planning, execution)  # the last, because clients wait for /move_action
+        self._actions = MoveActions(node, planning, execution)  # created last, because clients wait for /move_action
 
     async def stop(self, reason: str) -> None:
-        """Stop all motions along their paths and wait for their ends."""
+        """Stop all motions along their paths, and wait until they have ended."""
         self._actions.stop_all("PREEMPTED", reason)
         for _ in range(round(END_S / CHECK_S * 20)):
             if self._actions.is_idle:
@@ -85,6 +85,6 @@ class MoveGroupNode:
 
 
 def others(node: Node) -> int:
-    """Return the number of nodes with the name move_group, including this one."""
+    """Return the number of nodes named move_group, including this node."""
     own = (NAME, node.get_namespace())
     return sum(found == own for found in node.get_node_names_and_namespaces())

@@ -18,12 +18,12 @@ from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_
 from planning.robot import PlanningRobot
 
 DISCOVERY_S: Final = 2.0
-"""Time in which other nodes are discovered before the start, in seconds."""
+"""Time to discover other nodes before the start, in seconds."""
 OTHER: Final = (
     "another node is named /move_group: a MoveIt or another servoloop plan-server is running; "
     "end it first, because both would move the arm"
 )
-"""Message if another server is in the graph."""
+"""Message if another server is in the ROS graph."""
 
 
 def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], None], *, sim_time: bool = False) -> int:
@@ -31,8 +31,8 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
 
     Args:
         robot: The robot.
-        routes: Controllers of the stack.
-        ready: Called when clients can send requests.
+        routes: Controllers of the stack and their joints.
+        ready: Function to call when clients can send requests.
         sim_time: Whether the stack runs in simulated time.
 
     Returns:

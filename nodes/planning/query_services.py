@@ -49,7 +49,7 @@ PLANNERS: Final = (
 
 
 class QueryServices:
-    """Answers requests that do not move the robot. Long computations run in other threads."""
+    """Server of requests that do not move the robot. Long computations run in other threads."""
 
     def __init__(
         self, node: Node, planning: Planning, store: WorldStore, joints: JointMonitor, workers: Workers
@@ -61,7 +61,7 @@ class QueryServices:
         self._joints = joints
         self._workers = workers
         self._log = node.get_logger()
-        self._group = ReentrantCallbackGroup()  # a request is answered while others are computed
+        self._group = ReentrantCallbackGroup()  # A request is answered while others are being computed.
         services: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
             (GetMotionPlan, "/plan_kinematic_path", self._plan),
             (GetPositionIK, "/compute_ik", self._inverse),
@@ -132,7 +132,7 @@ class QueryServices:
         except REFUSALS as error:
             self._refused("/check_state_validity", error)
             return response
-        except Exception as error:  # The other clients must not lose the server.
+        except Exception as error:  # After an error, the server must remain available to the other clients.
             crash(self._log, error)
             return response
         response.valid = found.is_valid and not broken
@@ -178,19 +178,19 @@ class QueryServices:
         return response
 
     async def _now(self, names: list[str]) -> Snapshot:
-        """Return the scene and the state. A request that names all joints needs no measured state."""
+        """Return the scene and the state. A request that contains all joints needs no measured state."""
         if set(self._robot.limits) <= set(names):
             return Snapshot(self._store.world, self._robot.rest)
         return await self._store.snapshot()
 
     async def _answer(self, response: Any, name: str, work: Awaitable[None]) -> None:
-        """Carry out the work and set the error code of a response."""
+        """Execute the request, and set the error code of the response."""
         try:
             await work
             response.error_code = success()
         except REFUSALS as error:
             response.error_code = self._refused(name, error)
-        except Exception as error:  # The other clients must not lose the server.
+        except Exception as error:  # After an error, the server must remain available to the other clients.
             response.error_code = crash(self._log, error)
 
     def _refused(self, name: str, error: Any) -> Any:

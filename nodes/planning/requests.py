@@ -1,4 +1,5 @@
-"""Requests of clients as computations on a robot and one planning scene. No function here uses ROS communication."""
+"""Convert requests of clients to computations on a robot and one planning scene. No function in this module
+communicates over ROS."""
 
 import math
 from collections.abc import Callable
@@ -26,11 +27,11 @@ from planning.robot import PlanningRobot
 PIPELINE: Final = "ompl"
 """Name of the only planning pipeline."""
 DEFAULT_TIME_S: Final = 5.0
-"""Time limit of a request without one, in seconds."""
+"""Default time limit of a request, in seconds."""
 LONGEST_TIME_S: Final = 60.0
-"""Largest time limit of a request, in seconds."""
+"""Maximum time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
-"""Largest number of searches of a request, whatever the number of its attempts."""
+"""Maximum number of searches of a request, whatever number of attempts it requests."""
 SLOWEST: Final = 1e-3
 """Smallest scaling factor."""
 IK_POSITION_M: Final = 1e-4
@@ -41,7 +42,7 @@ IK_TURN_RAD: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The planning scene and the measured state at the moment of a request."""
+    """The planning scene and the measured state when a request arrived."""
 
     world: World
     state: State
@@ -55,17 +56,17 @@ class Planned:
     start: State
     group: str
     seconds: float
-    """Time spent planning, in seconds."""
+    """Time spent on planning, in seconds."""
 
 
 class Requests:
-    """Computes the answers to requests. It never changes; one thread at a time may call ``motion``."""
+    """Computes the answers to requests. Its state never changes; only one thread at a time may call ``motion``."""
 
     def __init__(self, robot: PlanningRobot) -> None:
         self.robot = robot
 
     def time_limit_s(self, request: MotionPlanRequest) -> float:
-        """Return the time limit of a request, in seconds. Raises RequestError if it is not a number."""
+        """Return the time limit of a request, in seconds. Raises RequestError if the time limit is not a number."""
         limit_s = request.allowed_planning_time
         if math.isnan(limit_s):
             raise RequestError("PLANNING_FAILED", "allowed_planning_time is nan: send a time in seconds")
@@ -102,7 +103,7 @@ class Requests:
         return Planned(motion, start, group.group.name, begun_s - remaining_s())
 
     def inverse(self, request: PositionIKRequest, now: Snapshot) -> State:
-        """Return a state in which a link is at a pose. Raises RequestError or PlanningError."""
+        """Return a state of the robot in which a link is at a given pose. Raises RequestError or PlanningError."""
         group = self.robot.group(request.group_name)
         seed, world = self._placed(request.robot_state, now)
         if len(request.pose_stamped_vector) > 1:
@@ -118,7 +119,7 @@ class Requests:
         return found
 
     def forward(self, request: GetPositionFK.Request, now: Snapshot) -> list[PoseStamped]:
-        """Return the poses of links in the frame of the header. Raises RequestError or PlanningError."""
+        """Return the poses of links in the frame given in the header. Raises RequestError or PlanningError."""
         state, world = self._placed(request.robot_state, now)
         frames = Frames(self.robot, state, world.scene, world.items)
         base = frames.in_base(request.header.frame_id).inverse()
@@ -134,7 +135,8 @@ class Requests:
         return found
 
     def straight(self, request: GetCartesianPath.Request, now: Snapshot) -> tuple[State, LineMotion]:
-        """Return the start and a straight motion, as far as it is possible. Raises RequestError or PlanningError."""
+        """Return the start and a straight motion, as far as the motion is possible. Raises RequestError or
+        PlanningError."""
         group = self.robot.group(request.group_name)
         start, world = self._placed(request.start_state, now)
         reader = self._reader(group, start, world)
@@ -162,7 +164,7 @@ class Requests:
         return start, replace(found, motion=slowed(group, found.motion, limited, request.max_cartesian_speed))
 
     def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, str, World]:
-        """Return the check of a state, the first broken constraint and the scene. Raises RequestError."""
+        """Return the result of a state check, the first violated constraint and the scene. Raises RequestError."""
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
         group = self.robot.group(request.group_name or next(iter(self.robot.groups.groups)))
@@ -217,7 +219,7 @@ def _steps(request: GetCartesianPath.Request) -> Steps:
 
 
 def _scaling(velocity: float, acceleration: float) -> Scaling:
-    """Return the factors of which those outside (0, 1] stand for 1, as in MoveIt. Raises RequestError."""
+    """Return the scaling factors. As in MoveIt, factors outside (0, 1] are replaced by 1. Raises RequestError."""
     for name, value in (("velocity", velocity), ("acceleration", acceleration)):
         if math.isnan(value) or 0.0 < value < SLOWEST:
             raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is {value}: send {SLOWEST} to 1")
@@ -225,6 +227,6 @@ def _scaling(velocity: float, acceleration: float) -> Scaling:
 
 
 def _margins(world: World) -> Margins:
-    """Return the usual margins, or the largest padding that clients have set."""
+    """Return the usual margins, or the largest padding that a client has set."""
     usual = Margins()
     return Margins(max(usual.padding_m, *world.padding_m.values()), usual.tolerance_m) if world.padding_m else usual

@@ -8,7 +8,7 @@ Kind = Literal["trajectory", "gripper", "parallel_gripper", "forward"]
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A controller and the joints that it moves, in its order."""
+    """A controller, with the joints that it moves in the controller's order."""
 
     name: str
     kind: Kind

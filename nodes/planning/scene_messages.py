@@ -1,4 +1,4 @@
-"""The planning scene as a message, whole or in parts."""
+"""Convert the planning scene to a message, as a whole or in parts."""
 
 from moveit_msgs.msg import LinkPadding, LinkScale, ObjectColor, PlanningScene, PlanningSceneComponents
 
@@ -22,7 +22,7 @@ def scene_message(
         world: The scene.
         state: Positions of all driven joints; None if they are not known.
         parts: Sum of components of PlanningSceneComponents; 0 for all of them.
-        is_diff: Whether the message has only the state of the robot, as a change.
+        is_diff: Whether the message contains only the state of the robot, as a change.
     """
     message = PlanningScene(robot_model_name=robot_name(robot), is_diff=is_diff)
     message.robot_state.is_diff = state is None or is_diff

@@ -1,4 +1,4 @@
-"""Limits of the speed of a link along a motion."""
+"""Limit the speed of a link along a motion."""
 
 import math
 from dataclasses import replace
@@ -12,10 +12,10 @@ from planning.paths.timing import TimedPath
 
 
 def slowed(group: GroupPlanner, motion: Motion, link: str, speed_m_s: float) -> Motion:
-    """Return a motion along the same path in which a link is not faster than a speed.
+    """Return a motion along the same path in which the speed of a link stays within a limit.
 
     Args:
-        group: Planner of the group that moves.
+        group: Planner for the group that moves.
         motion: The motion.
         link: Link whose speed is limited; the tip of the group if empty.
         speed_m_s: Maximum speed, in m/s. 0 or less is no limit.

@@ -1,4 +1,4 @@
-"""States of the robot as messages and as positions of the driven joints."""
+"""Conversions between messages of robot states and positions of the driven joints."""
 
 import math
 from collections.abc import Mapping
@@ -16,10 +16,10 @@ from planning.scene import Scene
 
 
 def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[str, float]:
-    """Return the state of a message. Joints that the message does not name are where they are now.
+    """Return the robot state of a message. Joints that the message does not contain keep their current positions.
 
     Raises:
-        RequestError: The message has not one position for each name.
+        RequestError: The number of positions differs from the number of names.
         PlanningError: A joint does not exist, or a position is not finite.
     """
     names, positions = message.joint_state.name, message.joint_state.position
@@ -46,7 +46,7 @@ def world_of(robot: PlanningRobot, message: RobotState, world: World, state: Sta
 
 
 def joint_message(robot: PlanningRobot, state: State) -> JointState:
-    """Return the message of a state, with the mimic joints."""
+    """Return the message of a state, including the mimic joints."""
     positions = {**state, **followers(robot, state)}
     message = JointState(name=list(positions), position=list(positions.values()))
     message.header = Header(frame_id=robot.frame)

@@ -1,4 +1,4 @@
-"""Threads that compute for the callbacks of an executor, so that no request waits for the computation of another."""
+"""Threads that compute for the callbacks of an executor, so that requests do not wait for each other's computations."""
 
 from collections.abc import Callable
 from concurrent.futures import Future as ThreadFuture
@@ -9,13 +9,13 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 COMPUTING: Final = 3
-"""Number of threads for everything except searches."""
+"""Number of threads for all computations except searches."""
 
 Answer = TypeVar("Answer")
 
 
 class Workers:
-    """One thread for searches, because OMPL's random generator is global, and several for other computations."""
+    """Searches share one thread, because OMPL's random generator is global. Other computations use several threads."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -23,15 +23,16 @@ class Workers:
         self._compute = ThreadPoolExecutor(COMPUTING, "compute")
 
     async def search(self, work: Callable[[], Answer]) -> Answer:
-        """Run a search after those that wait, and return its result."""
+        """Run a search after the searches that are already waiting, and return its result."""
         return await self._run(self._search, work)
 
     async def compute(self, work: Callable[[], Answer]) -> Answer:
-        """Run another computation, and return its result."""
+        """Run a computation other than a search, and return its result."""
         return await self._run(self._compute, work)
 
     def close(self) -> None:
-        """Forget the work that has not begun. Searches that are running end when their time is over."""
+        """Discard the work that has not begun. Searches that are already running end when their time limit is
+        reached."""
         self._search.shutdown(wait=False, cancel_futures=True)
         self._compute.shutdown(wait=False, cancel_futures=True)
 

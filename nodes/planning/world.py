@@ -1,4 +1,4 @@
-"""The planning scene of the server: objects as messages and for planning, pairs that may touch, and colors."""
+"""The planning scene of the server: objects (as messages and for planning), pairs that may touch, and colors."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Spher
 
 @dataclass(frozen=True)
 class World:
-    """A planning scene. It never changes; ``edits.WorldEdit`` makes changed copies."""
+    """A planning scene. The world itself never changes; ``edits.WorldEdit`` creates changed copies."""
 
     scene: Scene
     items: Mapping[str, CollisionObject] = field(default_factory=dict)
@@ -33,15 +33,15 @@ class World:
         return [*robot.links, *kept, *self.scene.objects, *self.scene.attached]
 
     def settled(self, robot: PlanningRobot) -> "World":
-        """Return this world with the pairs that may touch according to its matrix."""
+        """Return a copy of this world with the pairs that may touch according to the matrix of a message."""
         return replace(self, scene=replace(self.scene, allowed=self.allowed.touching(self.names(robot))))
 
 
 def first_world(robot: PlanningRobot) -> World:
-    """Return the world at the start: the fixed objects of the arm's scene file, as objects that clients can change.
+    """Return the initial world, with the fixed objects of the arm's scene file as objects that clients can change.
 
-    Objects that can move, such as the cube of a simulated bench, are left out: after the first motion they are
-    elsewhere. Meshes of the scene file stay obstacles that clients cannot see.
+    Objects that can move, such as the cube of a simulated bench, are omitted, because they are elsewhere after the
+    first motion. Meshes of the scene file remain obstacles that clients cannot see.
     """
     scene, items = robot.scene, dict[str, CollisionObject]()
     for name, geoms in robot.arm().world_geoms().items():
@@ -75,7 +75,7 @@ def _is_loose(model: mujoco.MjModel, geoms: Iterable[int]) -> bool:
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Shape, Pose] | None:
     """Return the shape of a geom with its pose in the world of the scene file, or None if it is a mesh.
 
-    A plane becomes a box below it.
+    A plane becomes a box below the plane.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

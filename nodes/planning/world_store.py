@@ -19,21 +19,21 @@ from planning.motion import State
 from planning.robot import PlanningRobot
 
 CHANGES: Final = QoSProfile(depth=100)
-"""Profile of the topics that change the scene, so that a burst of objects is kept."""
+"""QoS profile of the topics that change the scene, so that no object of a burst is lost."""
 STATE_S: Final = 0.25
-"""Period of the state of the robot in /monitored_planning_scene, in seconds."""
+"""Period at which the state of the robot is published on /monitored_planning_scene, in seconds."""
 
 Change = Callable[[WorldEdit], None]
 
 
 class WorldStore:
-    """The current scene. All calls come from the thread of the executor."""
+    """The current scene. All methods must be called from the executor thread."""
 
     def __init__(self, node: Node, robot: PlanningRobot, joints: JointMonitor) -> None:
         self.world = first_world(robot)
-        """The current scene, which never changes itself."""
+        """The current scene. The object itself never changes."""
         self.listeners: list[Callable[[], None]] = []
-        """Functions that are called after each change."""
+        """Functions to call after each change."""
         self._robot = robot
         self._joints = joints
         self._log = node.get_logger()
@@ -54,14 +54,14 @@ class WorldStore:
         return Snapshot(self.world, self._joints.state())
 
     def apply(self, what: str, change: Change) -> str:
-        """Change the scene as a whole or not at all. Return the reason if it was refused, or ""."""
+        """Apply a change of the scene completely or not at all. Return the reason if the change was refused, or ""."""
         edit = WorldEdit(self._robot, self.world, self._state)
         try:
             change(edit)
         except REFUSALS as error:
             self._log.error(printable_line(f"{what} refused: {error}"))
             return str(error)
-        except Exception as error:  # The other clients must not lose the server.
+        except Exception as error:  # After an error, the server must remain available to the other clients.
             return str(crash(self._log, error).message)
         self.world = edit.world
         self._scenes.publish(scene_message(self._robot, self.world, self._state()))
@@ -70,7 +70,7 @@ class WorldStore:
         return ""
 
     def apply_scene(self, message: PlanningScene) -> str:
-        """Apply a scene message. Return the reason if it was refused, or ""."""
+        """Apply a scene message. Return the reason if the change was refused, or ""."""
         if message.world.octomap.octomap.data:
             self._log.warning("the octomap of a scene is ignored: send boxes or meshes", once=True)
         return self.apply("a planning scene was", lambda edit: edit.apply_scene(message))

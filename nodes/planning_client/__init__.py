@@ -1,1 +1,1 @@
-"""Clients of a node move_group: of ``servoloop plan-server``, or of a real MoveIt."""
+"""Clients of a move_group node: that of ``servoloop plan-server`` or of a real MoveIt."""

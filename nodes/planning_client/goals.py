@@ -1,4 +1,4 @@
-"""Goals of the action /move_action, and the text of MoveIt's error codes."""
+"""Goals of the action /move_action, and texts for MoveIt's error codes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -26,7 +26,7 @@ _CODES: Final = {
 
 
 def error_text(code: MoveItErrorCodes) -> str:
-    """Return the name of an error code with its message, if it has one."""
+    """Return the name of an error code and its message, if there is one."""
     name = _CODES.get(code.val, f"error code {code.val}")
     return f"{name}: {code.message}" if code.message else f"{name}; the log of move_group may contain the reason"
 
@@ -50,7 +50,7 @@ def joint_constraints(positions: Mapping[str, float]) -> Constraints:
 def pose_constraints(
     link: str, frame: str, position_m: Sequence[float], quaternion: Sequence[float] | None
 ) -> Constraints:
-    """Return constraints that bring a link to a pose.
+    """Return constraints that move a link to a pose.
 
     Args:
         link: Name of the link.
@@ -83,7 +83,7 @@ def _orientation(link: str, frame: str, quaternion: Sequence[float]) -> Orientat
 
 
 def motion_goal(group: str, constraints: Constraints, speed: float, planning_time_s: float) -> MoveGroup.Goal:
-    """Return the goal to plan a motion of a group from its current state, and to execute it.
+    """Return the goal to plan a motion of a group from its current state and, optionally, to execute it.
 
     Args:
         group: Planning group.

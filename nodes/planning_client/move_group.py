@@ -1,4 +1,4 @@
-"""Client of a node move_group for a command. All waits are limited in time and end with a signal."""
+"""Client of a move_group node, for use in a command. All waits are limited in time and end when a signal arrives."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,18 +27,18 @@ CANCEL_S: Final = 5.0
 EXECUTION_S: Final = 120.0
 """Maximum time of an execution, in seconds."""
 GONE_S: Final = 2.0
-"""Time for which the server must be missing before a wait for its result ends, in seconds."""
+"""Time for which the server must be missing before a wait for its result is given up, in seconds."""
 _SPIN_S: Final = 0.05
 _KINDS: Final = {getattr(SolidPrimitive, name): name.lower() for name in ("BOX", "SPHERE", "CYLINDER", "CONE")}
 START: Final = "start `servoloop up --plan`, or `servoloop plan-server` beside a running stack"
 
 
 class PlannerError(DriverError):
-    """No move_group responds, or it refused a request. The message contains the reason."""
+    """Error if no move_group responds, or if it refuses a request. The message contains the reason."""
 
 
 class UserInterruptError(Exception):
-    """The user ended the command with a signal."""
+    """Error if the user ends the command with a signal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class FoundObject:
 
 
 class MoveGroupClient:
-    """Client of move_group. The caller's thread spins ``executor``, which contains ``node``."""
+    """Client of move_group. The caller's thread must spin ``executor``, which contains ``node``."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, stop: Callable[[], bool]) -> None:
         """Create the client. Every wait ends with UserInterruptError when ``stop`` returns True."""
@@ -89,17 +89,18 @@ class MoveGroupClient:
         return texts[0], texts[1]
 
     def objects(self) -> list[FoundObject]:
-        """Return all objects of the scene, the attached ones last. Raises PlannerError."""
+        """Return all objects of the scene, with the attached objects last. Raises PlannerError."""
         scene = self._call(GetPlanningScene, "/get_planning_scene", OBJECTS).scene
         world = [FoundObject(item) for item in scene.world.collision_objects]
         return world + [FoundObject(one.object, one.link_name) for one in scene.robot_state.attached_collision_objects]
 
     def add(self, objects: list[CollisionObject]) -> None:
-        """Add objects to the scene. Objects of the same names are replaced. Raises PlannerError."""
+        """Add objects to the scene. Existing objects of the same names are replaced. Raises PlannerError."""
         self._apply(change(objects))
 
     def remove(self, name: str) -> None:
-        """Remove an object from the world or from the link that holds it. Raises PlannerError if it does not exist."""
+        """Remove an object from the world or from the link that holds it. Raises PlannerError if the object does not
+        exist."""
         found = [one for one in self.objects() if one.message.id == name]
         if not found:
             known = ", ".join(one.message.id for one in self.objects()) or "none"
@@ -112,7 +113,7 @@ class MoveGroupClient:
             raise PlannerError("move_group did not change the scene; its log contains the reason")
 
     def move(self, goal: MoveGroup.Goal) -> Planned:
-        """Plan a motion and, unless the goal is to plan only, execute it.
+        """Plan a motion and execute it, unless the goal is only to plan.
 
         Raises:
             PlannerError: There is no plan, or the execution failed.

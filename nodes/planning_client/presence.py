@@ -5,7 +5,7 @@ from typing import Final
 from rclpy.node import Node
 
 PLANNER_SERVICE: Final = "/move_action/_action/send_goal"
-"""Service of the action with which clients plan."""
+"""Service of the action that clients use to plan."""
 
 
 def is_planner_present(node: Node) -> bool:

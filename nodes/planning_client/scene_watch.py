@@ -51,7 +51,7 @@ class ShownPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WatchedScene:
-    """The newest scene and the newest plan. A changed scene or plan is another object."""
+    """The newest scene and the newest plan. A changed scene or plan is a new object."""
 
     items: tuple[SceneItem, ...] = ()
     plan: ShownPlan | None = None
@@ -59,7 +59,7 @@ class WatchedScene:
 
 @dataclass(slots=True)
 class SceneWatch:
-    """Watches move_group, if it runs. ``newest`` may be read in any thread."""
+    """Watches move_group if it is running. ``newest`` may be read from any thread."""
 
     newest: WatchedScene = field(default_factory=WatchedScene)
     _is_new: bool = True
@@ -72,7 +72,7 @@ class SceneWatch:
     _thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Start to watch, in a thread and a ROS context of its own."""
+        """Start to watch, in a separate thread and ROS context."""
         stay_on_this_machine(os.environ)
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
@@ -106,7 +106,8 @@ class SceneWatch:
         self.newest = WatchedScene(self.newest.items, plan_of(message))
 
     def _request(self) -> None:
-        """Request the scene if it has changed. A lost answer is requested again after the next change."""
+        """Request the scene if it has changed. If an answer is lost, the scene is requested again after the next
+        change."""
         if self._is_new and self._client.service_is_ready():
             if self._answer is not None:
                 self._client.remove_pending_request(self._answer)
@@ -120,7 +121,7 @@ class SceneWatch:
 
 
 def items_of(scene: PlanningScene) -> tuple[SceneItem, ...]:
-    """Return the objects of a scene. Objects that cannot be drawn are left out."""
+    """Return the objects of a scene. Objects that cannot be drawn are omitted."""
     world = [("", item) for item in scene.world.collision_objects]
     held = [(one.link_name, one.object) for one in scene.robot_state.attached_collision_objects]
     return tuple(found for link, item in (*world, *held) if (found := _item(item, link)) is not None)
@@ -136,7 +137,7 @@ def _item(item: CollisionObject, link: str) -> SceneItem | None:
 
 
 def plan_of(message: DisplayTrajectory) -> ShownPlan | None:
-    """Return the last part of a displayed plan; None if it has no points."""
+    """Return the last part of a displayed plan; None if that part has no points."""
     trajectories = [one.joint_trajectory for one in message.trajectory if one.joint_trajectory.points]
     if not trajectories:
         return None

@@ -1,4 +1,4 @@
-"""Changes of the planning scene as messages."""
+"""Create messages for changes of the planning scene."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -31,7 +31,7 @@ _SOLIDS: Final[dict[type[Shape], int]] = {
 
 
 def object_message(item: SceneObject, frame: str) -> CollisionObject:
-    """Return the message that adds an object, or replaces the object of the same name.
+    """Return the message that adds an object, or replaces the object with the same name.
 
     Args:
         item: Object, with its pose in ``frame``.
@@ -51,7 +51,7 @@ def object_message(item: SceneObject, frame: str) -> CollisionObject:
 
 
 def removal(name: str, *, is_attached: bool) -> PlanningScene:
-    """Return the change that removes an object. MoveIt moves a detached object into the world before."""
+    """Return the change that removes an object. MoveIt then moves a detached object into the world."""
     gone = CollisionObject(id=name, operation=CollisionObject.REMOVE)
     return change([gone], [AttachedCollisionObject(object=gone)] if is_attached else [])
 

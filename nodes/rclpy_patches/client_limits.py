@@ -1,7 +1,7 @@
 """Limit the size of messages and the rate of goals that this process accepts from clients.
 
-Messages beyond the limits are rejected before conversion to Python, at a fraction of the cost of reading and planning
-them.
+Messages beyond the limits are rejected before conversion to Python, which costs only a fraction of the time for reading
+and planning.
 """
 
 import logging
@@ -18,11 +18,13 @@ LOG = logging.getLogger("servoloop.nodes")
 
 PARAMETER: Final = "max_message_size"
 GOALS_PER_S, BURST = 100.0, 10
-"""Number of goals read per second from all clients, and in a burst from one client. Each takes some milliseconds."""
+"""Number of goals that are read per second from all clients, and in a burst from one client. Reading a goal takes some
+milliseconds."""
 REFUSALS_PER_S, REFUSALS_AT_ONCE = 100.0, 5
-"""Number of rejections sent per second and in one burst. Later rejections wait, without delaying other responses."""
+"""Number of rejections that are sent per second and in one burst. Later rejections wait, without delaying other
+responses."""
 STATUSES_PER_S, STATUSES_AT_ONCE = 5.0, 10
-"""Rate and burst of the status messages of an action. Each message contains all goals of the last 10 s."""
+"""Rate and burst of the status messages of an action. Each status message contains all goals of the last 10 s."""
 REPORT_INTERVAL_S: Final = 1.0
 """Minimum time between two reports about rejected messages on one topic, service or action, in seconds."""
 TOO_OFTEN: Final = (
@@ -32,19 +34,19 @@ TOO_OFTEN: Final = (
 
 
 class ClientLimits:
-    """Limits for the clients of this process. All calls come from the ROS thread."""
+    """Limits for the clients of this process. All methods must be called from the ROS thread."""
 
     def __init__(self) -> None:
         self.bytes = sys.maxsize
-        """Maximum size of a message in memory, in bytes. The node of the controller manager sets it."""
+        """Maximum size of a message in memory, in bytes. The node of the controller manager sets this limit."""
         self.goals = FairRate(GOALS_PER_S, BURST)
         self.refusals = FairRate(REFUSALS_PER_S, REFUSALS_AT_ONCE)
         self.statuses = FairRate(STATUSES_PER_S, STATUSES_AT_ONCE)
         """Rate of status messages, by action."""
         self.on_refused: dict[str, Callable[[str], None]] = {}
-        """Function that receives the reason for a rejection, by topic or action."""
+        """Function that receives the reason for a rejection, by topic or action name."""
         self.actions: dict[int, str] = {}
-        """Resolved names of actions, by the pointers of their servers. rcl itself only knows the unresolved names."""
+        """Resolved names of actions, by the pointers of their servers. rcl itself knows only the unresolved names."""
         self._reported_s: dict[str, float] = {}
 
     def add_action(self, server: ActionServer, name: str) -> None:
@@ -73,4 +75,4 @@ class ClientLimits:
 
 
 CLIENT_LIMITS: Final = ClientLimits()
-"""Limits of this process. They are global, like the patches of rclpy that apply them."""
+"""Limits of this process. These limits are global, like the patches of rclpy that apply them."""

@@ -28,10 +28,10 @@ Take = Callable[[Entity], object]
 
 
 class CycleExecutor(SingleThreadedExecutor):
-    """Executor that returns from ``serve`` when it is woken. Callbacks run as on rclpy's executor."""
+    """Executor that returns from ``serve`` when it is woken. Callbacks run in the same way as on rclpy's executor."""
 
     def __init__(self, turn: AbstractContextManager[object]) -> None:
-        """Create the executor. It holds ``turn`` while callbacks run, but not while it waits."""
+        """Create the executor. The executor holds ``turn`` while callbacks run, but not while it waits."""
         super().__init__()
         self._turn = turn
         self._posted = GuardCondition(callback=None, callback_group=None, context=self._context)
@@ -45,7 +45,7 @@ class CycleExecutor(SingleThreadedExecutor):
         self._entities: dict[str, dict[int, tuple[Entity, Node, Take]]] = {}
 
     def post(self) -> None:
-        """Make ``serve`` return because a client expects an answer. Thread-safe and non-blocking."""
+        """Make ``serve`` return because a client expects an answer. This method is thread-safe and does not block."""
         self._posted.trigger()
 
     def wake(self) -> None:
@@ -111,7 +111,7 @@ class CycleExecutor(SingleThreadedExecutor):
         self._wait_set = None
 
     def _gather(self) -> None:
-        """Collect all entities for a new wait set, and keep their handles alive until the next collection."""
+        """Collect all entities for a new wait set, and keep references to their handles until the next collection."""
         self._release()
         self._outdated = False
         self._add.clear()
@@ -154,7 +154,8 @@ class CycleExecutor(SingleThreadedExecutor):
     def _hold(
         self, nodes: Iterable[Node], kind: str, take: Take, add: Callable[..., None]
     ) -> dict[int, tuple[Entity, Node, Take]]:
-        """Collect the entities of one kind by handle pointer, by which the wait set identifies ready entities."""
+        """Collect the entities of one kind by handle pointer, because the wait set identifies ready entities by these
+        pointers."""
         found = {}
         for entity, node in self._executable(nodes, kind):
             try:
@@ -166,7 +167,7 @@ class CycleExecutor(SingleThreadedExecutor):
         return found
 
     def _fill(self) -> None:
-        """Add all entities to the wait set again, because waiting empties it."""
+        """Add all entities to the wait set again, because waiting removes them."""
         wait_set = self._wait_set
         wait_set.clear_entities()
         for add, handle in self._add:
@@ -174,7 +175,7 @@ class CycleExecutor(SingleThreadedExecutor):
         for waitable, _ in self._waitables:
             waitable.add_to_wait_set(wait_set)
         for guard, _, _ in self._entities["guard_condition"].values():
-            if guard._executor_triggered:  # It was triggered while it could not be served.
+            if guard._executor_triggered:  # The guard condition was triggered while its callback could not be served.
                 guard.trigger()
 
     def _run_ready(self) -> None:
@@ -189,12 +190,12 @@ class CycleExecutor(SingleThreadedExecutor):
         self._run(self._make_handler(*entry) for entry in ready if self._can_run(entry[0]))
 
     def _can_run(self, entity: Entity) -> bool:
-        # rcl reports a timer as ready even if it was canceled meanwhile.
+        # rcl reports a timer as ready even if the timer has been canceled in the meantime.
         return self.can_execute(entity) and (not isinstance(entity, Timer) or entity.is_ready())
 
 
 def _blocks(entity: Entity) -> bool:
-    """Return whether a callback of the entity blocks its callback group. A task without an entity does not."""
+    """Return whether a callback of the entity blocks its callback group. A task without an entity blocks no group."""
     return entity is not None and not isinstance(entity.callback_group, ReentrantCallbackGroup)
 
 

@@ -1,14 +1,15 @@
-"""Limit the rate at which clients are served. All active clients have equal shares."""
+"""Limit the rate at which the requests of clients are served. All active clients have equal shares."""
 
 from collections.abc import Hashable
 from typing import Final
 
 ACTIVE_S: Final = 1.0
-"""Time after its last request during which a client counts as active, in seconds."""
+"""Time after a client's last request during which the client counts as active, in seconds."""
 
 
 class FairRate:
-    """Token bucket for each client. Serving a client costs one token, and tokens return at its share of the rate."""
+    """Token bucket for each client. Serving a client costs one token, and each client regains tokens at its share of
+    the rate."""
 
     def __init__(self, per_second: float, burst: int) -> None:
         """Set the limits.
@@ -23,7 +24,7 @@ class FairRate:
         """Tokens and time of the last request, by client."""
 
     def allows(self, client: Hashable, now_s: float) -> bool:
-        """Return whether a request of a client is served now."""
+        """Return whether a request of a client may be served now."""
         known = self._clients
         if client not in known:  # Also remove inactive clients.
             self._clients = known = {name: entry for name, entry in known.items() if now_s - entry[1] <= ACTIVE_S}

@@ -3,7 +3,7 @@
 rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients come and
 go (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each response to a
 client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these waits, and
-thus no control cycle.
+therefore no control cycle runs.
 
 The functions of rcl_calls.py replace twelve methods of rclpy and call the same C functions through ctypes. Messages
 that are too large or too frequent are not converted to Python (see client_limits.py).
@@ -37,19 +37,19 @@ _SIGNATURES: Final = {
         "publish_status": f"(self: {_C}.ActionServer) -> None",
     },
 }
-"""Signatures of the replaced C methods by class, as documented by pybind11."""
+"""Signatures of the replaced C methods by class, as pybind11 documents them."""
 _SEND_RESPONSE: Final = ("self", "response", "header")
 """Parameters of ``Service.send_response``, the only replaced method written in Python."""
 _FIELDS: Final = {
     "rmw_service_info_t": ("source_timestamp", "received_timestamp", "request_id"),
     "rmw_request_id_t": ("sequence_number",),
 }
-"""Names in rclpy of the fields of structures whose layouts rcl_calls.py defines."""
+"""rclpy's names for the fields of the structures whose layouts rcl_calls.py defines."""
 
 
 def replacements() -> list[tuple[Any, str, Any]]:
     """Return the owner, name and replacement of each replaced method."""
-    from nodes.rclpy_patches import rcl_calls  # The import opens the C libraries.
+    from nodes.rclpy_patches import rcl_calls  # This import opens the C libraries.
 
     server = rclpy_implementation.ActionServer
     return [
@@ -71,7 +71,8 @@ def release_gil_in_middleware() -> None:
 
 
 def send_delayed() -> None:
-    """Send rejections and statuses that a flood of goals has delayed. Must be called often if the patch is in use."""
+    """Send the rejections and statuses that a flood of goals has delayed. This function must be called often if the
+    patch is in use."""
     from nodes.rclpy_patches import rcl_calls
 
     rcl_calls.send_refusals()
@@ -80,7 +81,7 @@ def send_delayed() -> None:
 
 def _differences() -> Iterable[str]:
     yield from _other_methods()
-    replacements()  # This fails if a C library or one of its functions is missing.
+    replacements()  # This import fails if a C library or one of its functions is missing.
     yield from _other_layouts()
 
 
@@ -101,7 +102,7 @@ def _other_layouts() -> Iterable[str]:
 
     for name, fields in _FIELDS.items():
         yield from missing(getattr(rclpy_implementation, name), fields)
-    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This fails if the layout differs.
+    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This check fails if the layout differs.
     ours = ctypes.sizeof(rcl_calls.GoalStatuses)
     if platform.machine() == "x86_64" and (theirs := rcl_calls.written_by_zero_initialized_goal_statuses()) != ours:
         yield f"rcl_action_goal_status_array_t has {theirs} bytes instead of {ours}"

@@ -1,9 +1,10 @@
 """Select the patches that fit the installed rclpy.
 
-Without a patch, the stack still runs but has a limitation, about which it warns.
+Without a patch, the stack still runs, but with a limitation that it reports in a warning.
 
 Patches depend on the layouts of C structures. A patch that does not fit could crash the process that controls the arm.
-Each patch is therefore used only with the rclpy versions it was tested with, and only if its checks find no difference.
+Each patch is therefore used only with the rclpy versions with which it was tested, and only if its checks find no
+difference.
 """
 
 import logging
@@ -30,7 +31,8 @@ def rclpy_version() -> str:
 
 @cache
 def usable_patches() -> frozenset[Patch]:
-    """Return the patches that fit this rclpy. The first call in a process logs a warning about the others."""
+    """Return the patches that fit this rclpy. The first call in a process logs a warning about the patches that do not
+    fit."""
     usable, warning = select(PATCHES, rclpy_version())
     if warning:
         LOG.warning("%s", warning)
@@ -38,7 +40,8 @@ def usable_patches() -> frozenset[Patch]:
 
 
 def select(patches: Iterable[Patch], found: str) -> tuple[frozenset[Patch], str]:
-    """Return the patches that fit the version ``found``, and a warning about the others ("" if all fit)."""
+    """Return the patches that fit the version ``found``, and a warning about the patches that do not fit ("" if all
+    fit)."""
     reasons = {patch: _reason(patch, found) for patch in patches}
     usable = frozenset(patch for patch, reason in reasons.items() if not reason)
     if not any(reasons.values()):
@@ -49,7 +52,7 @@ def select(patches: Iterable[Patch], found: str) -> tuple[frozenset[Patch], str]
 
 
 def _reason(patch: Patch, found: str) -> str:
-    """Return why a patch cannot be used, or "" if it can."""
+    """Return the reason why a patch cannot be used, or "" if it can be used."""
     if found not in patch.versions:
         return (
             f"rclpy {found or 'of unknown version'} is not supported (supported: {', '.join(sorted(patch.versions))})"

@@ -1,8 +1,8 @@
 """Measure the size of a C message before its conversion to Python.
 
 The conversion holds the GIL. It does not release the GIL within a list of numbers. With 200,000 trajectory points, the
-control cycles compete for the GIL for almost two seconds. The offsets of the fields come from the
-introspection type support. Its structures (message_introspection.h of Jazzy) are defined here.
+control loop has to compete for the GIL for almost two seconds. The offsets of the fields come from the introspection
+type support. The structures of the type support (message_introspection.h of Jazzy) are defined in this module.
 """
 
 import ctypes
@@ -14,10 +14,10 @@ from typing import Any, Final
 import numpy as np
 
 _INTROSPECTION: Final = b"rosidl_typesupport_introspection_c"
-_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # Like the sizes below, these are from field_types.h.
+_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # These values and the sizes below are from field_types.h.
 _SIZES: Final = {1: 4, 2: 8, 3: 16, 4: 1, 5: 2, 6: 1, 7: 1, 8: 1, 9: 1, 10: 2, 11: 2, 12: 4, 13: 4, 14: 8, 15: 8}
 _NO_FIELD: Final = "structure_needs_at_least_one_member"
-"""Name of the C field of an empty message."""
+"""Name of the C field in an empty message."""
 _WORD: Final = ctypes.sizeof(ctypes.c_size_t)
 _SEQUENCE: Final = 3 * _WORD
 """Size of a sequence or string header in bytes: address of the data, size and capacity."""
@@ -68,9 +68,9 @@ class _Part:
     size: int
     """Size of each element, in bytes."""
     within: "Layout | None" = None
-    """Layout of each element, if the elements contain sequences."""
+    """Layout of each element if the elements contain sequences."""
     inline: int = 0
-    """Number of elements of an array inside the message, or 0 for a sequence."""
+    """Number of elements of an array within the message, or 0 for a sequence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,8 @@ class Layout:
     parts: tuple[_Part, ...]
 
     def measured(self, address: int, allowed: int) -> int:
-        """Return the size of the message at ``address`` in bytes, or any number above ``allowed`` if it is larger."""
+        """Return the size of the message at ``address`` in bytes, or any number above ``allowed`` if the message is
+        larger."""
         return self.size + self._contents(address, allowed - self.size)
 
     def _contents(self, address: int, allowed: int) -> int:
@@ -123,7 +124,7 @@ def _words(address: int, count: int) -> Any:
 
 @cache
 def layout_of(kind: Any) -> Layout:
-    """Return the layout of a message type. Exceptions of ctypes propagate.
+    """Return the layout of a message type. Exceptions of ctypes are passed to the caller.
 
     Raises:
         ValueError: The fields differ from those of the Python type.
@@ -137,7 +138,7 @@ def layout_of(kind: Any) -> Layout:
 
 
 def capsule_address(capsule: object) -> int:
-    """Return the address in an unnamed Python capsule."""
+    """Return the address that an unnamed Python capsule contains."""
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
     return int(get(capsule, None))

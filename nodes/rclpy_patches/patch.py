@@ -1,23 +1,26 @@
-"""Define a patch: a private or replaced part of rclpy, with the versions it supports."""
+"""Patches: private or replaced parts of rclpy, with the versions that each patch supports."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 RCLPY_7_1_5: Final = frozenset({"7.1.5"})
-"""Version reported by rclpy itself; its wheel is named ros-rclpy 7.1.6. Version 7.1.9 resumes callbacks differently."""
+"""Version that rclpy itself reports. The wheel of this version is named ros-rclpy 7.1.6. Version 7.1.9 resumes
+callbacks differently."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A patch of rclpy. It is used only with one of ``versions``, and only if ``differences`` finds none."""
+    """A patch of rclpy. The patch is used only with one of ``versions``, and only if ``differences`` finds no
+    difference."""
 
     name: str
     versions: frozenset[str]
     loss: str
     """Limitation of the stack without the patch, as a clause for the warning."""
     differences: Callable[[], Iterable[str]]
-    """Function that lists differences of the installed rclpy from the supported one. It may raise any exception."""
+    """Function that lists differences between the installed and the supported rclpy. The function may raise any
+    exception."""
 
 
 def missing(owner: Any, names: Iterable[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Executor for rclpy versions that cycle_executor.py does not support. It is rclpy's own executor."""
+"""Executor for rclpy versions that cycle_executor.py does not support. The executor is rclpy's own."""
 
 from contextlib import AbstractContextManager
 
@@ -15,7 +15,7 @@ class PlainExecutor(SingleThreadedExecutor):
         self._posted = node.create_guard_condition(lambda: None)
 
     def post(self) -> None:
-        """Make ``serve`` return because a client expects an answer. Thread-safe and non-blocking."""
+        """Make ``serve`` return because a client expects an answer. This method is thread-safe and does not block."""
         self._posted.trigger()
 
     def serve(self, timeout_s: float) -> None:

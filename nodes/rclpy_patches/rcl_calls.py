@@ -1,7 +1,8 @@
-"""Call functions of rcl through ctypes, which releases the GIL. gil_release.py installs these functions in rclpy.
+"""Call functions of rcl through ctypes, because ctypes releases the GIL. gil_release.py installs these functions in
+rclpy.
 
 The layouts come from rmw/types.h and action_msgs/msg/detail/goal_status_array__struct.h of Jazzy. Only gil_release.py
-may import this module, because the import opens the C libraries and looks up their functions.
+may import this module, because the import opens the C libraries and resolves their functions.
 """
 
 import ctypes
@@ -100,7 +101,7 @@ class _Kind:
         """Convert a message to C, pass it to ``send`` and return the return code."""
         raw = self._create()
         try:
-            self._from_python(message, raw)  # This fails for an invalid message.
+            self._from_python(message, raw)  # The conversion fails for an invalid message.
             return send(raw)
         finally:
             self._destroy(raw)
@@ -110,7 +111,7 @@ class _Kind:
 
         Args:
             take: Function that fills in a C message and returns a return code.
-            refuses: Function that returns whether the message comes too often.
+            refuses: Function that returns whether the messages come too often.
 
         Returns:
             The return code and the message. The message is None after an error, and TOO_LARGE or TOO_OFTEN if it
@@ -211,7 +212,7 @@ def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | N
 
 
 def _answer_empty(kind: Any, send: Callable[[int], int]) -> None:
-    """Send an empty response to a request that was not read. Its default values mean "not ok" or "not accepted"."""
+    """Send a default response to a request that was not read. The default values mean "not ok" or "not accepted"."""
     response = getattr(sys.modules[kind.__module__], kind.__name__.removesuffix("Request") + "Response")
     if _kind(response).sent(response(), send):
         LOG.warning("no response could be sent to a client whose message is too large: %s", _error_text())
@@ -279,7 +280,8 @@ class _Refusal:
 
 
 _REFUSALS: Final[deque[_Refusal]] = deque(maxlen=10_000)
-"""Pending rejections, sent at a limited rate. Every client receives all responses, and most queue only ten."""
+"""Pending rejections, sent at a limited rate. Every client receives all responses, and most clients queue only ten of
+them."""
 
 
 def send_refusals() -> None:
@@ -320,7 +322,7 @@ def server_publish_status(server: Any) -> None:
 
 
 def publish_waiting_statuses() -> None:
-    """Publish the delayed statuses that the rate limit allows. Must be called in every cycle."""
+    """Publish the delayed statuses that the rate limit allows. This method must be called in every cycle."""
     for pointer, server in list(_DELAYED.items()):
         try:
             server_publish_status(server)
@@ -338,7 +340,8 @@ def _publish_status_now(server: Any) -> None:
 
 
 def written_by_zero_initialized_goal_statuses() -> int:
-    """Return the size of rcl's goal status array in bytes. Requires x86_64, which returns structures by pointer."""
+    """Return the size of rcl's goal status array in bytes. The function requires x86_64, which returns structures by
+    pointer."""
     untouched = 0xA5
     buffer = (ctypes.c_ubyte * 4096)(*[untouched] * 4096)
     _function(_RCL_ACTION, "rcl_action_get_zero_initialized_goal_status_array", 1)(buffer)

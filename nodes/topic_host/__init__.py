@@ -1,1 +1,1 @@
-"""ROS interface of an arm that another controller manager drives through topics."""
+"""ROS interface of an arm that another controller manager drives over topics."""

@@ -1,4 +1,5 @@
-"""Run the node of an arm under another controller manager: commands on one thread, states on another."""
+"""Run the node of an arm under another controller manager: receive commands in one thread, publish states in
+another."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -19,12 +20,13 @@ from nodes.topic_host.topics import HostTopics
 
 
 class TopicHostInterface:
-    """ROS 2 interface of a stack that another controller manager drives. It has one node and no services."""
+    """ROS 2 interface of a stack that another controller manager drives. The interface has one node and no services."""
 
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics) -> None:
         self._send_delayed = start_rclpy()
         self._turn = threading.Lock()
-        """Held by the thread that uses the node: the executor in its callbacks, or the publisher of cycles."""
+        """Lock that is held by the thread that uses the node: the executor in its callbacks, or the publisher of
+        cycles."""
         self._publisher = CyclePublisher(self._publish_cycles)
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         with rcl_errors():
@@ -34,7 +36,7 @@ class TopicHostInterface:
         self._publisher.start()
 
     def post(self, state: JointState) -> None:
-        """Pass a completed cycle to its publisher, without blocking."""
+        """Pass a completed cycle to its publisher without blocking."""
         self._publisher.post(state)
 
     def wake(self) -> None:
@@ -42,11 +44,12 @@ class TopicHostInterface:
         self._executor.post()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all cycles are published, and return whether they are."""
+        """Wait at most ``longest_s`` seconds until all cycles are published, and return whether this was done in
+        time."""
         return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
+        """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end this loop."""
         serve(stop, (partial(self._executor.serve, WAKE_S), self._send_delayed))
 
     def finish(self) -> None:

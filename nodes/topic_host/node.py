@@ -30,12 +30,13 @@ STATUS: Final = "servoloop: topic host"
 REPEAT_S: Final = 5.0
 """Minimum time between two reports of the same reason for a refused message, in seconds."""
 RELIABLE: Final = QoSProfile(depth=1)
-"""Profile of the plug-in's commands. A best-effort subscriber, such as the plug-in, also receives reliable states."""
+"""QoS profile for the plug-in's commands. A best-effort subscriber, such as the plug-in, also receives reliable
+states."""
 DIAGNOSTICS_S: Final = 1.0
 
 
 class HostNode:
-    """Node of the arm. ``publish`` runs after each cycle, all other methods are callbacks."""
+    """Node of the arm. ``publish`` must be called after each cycle; all other methods are callbacks."""
 
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics, ros_time: RosTime) -> None:
         self.node = node = ParameterNode(NAME, ros_time)
@@ -52,15 +53,15 @@ class HostNode:
         """Number of publishers of commands."""
         self._state: JointState | None = None
         self._unpublished = ""
-        """Why the newest state was not published; empty if it was."""
+        """Reason why the newest state was not published; empty if it was published."""
         self._refusals = 0
         self._refused, self._refused_s = "", -REPEAT_S
-        """Reason of the last report of a refused message, and its time in seconds."""
+        """Reason and time (in seconds) of the last report about a refused message."""
 
     def publish(self, state: JointState, stamp: Time) -> None:
         """Publish the states of all joints, or none if a joint was not measured in this cycle.
 
-        The plug-in does not check the age of a state. It keeps the last message.
+        The plug-in does not check the age of a state. The plug-in keeps the last message.
         """
         self._state = state
         states = self._broadcaster.sample(state)
@@ -71,7 +72,7 @@ class HostNode:
         message = self._message
         message.header.stamp = stamp
         message.position = numbers(states.position)
-        # A version of the plug-in fails on values of interfaces that its block does not declare.
+        # One version of the plug-in fails if a message has values of interfaces that its block does not declare.
         message.velocity, message.effort = (
             numbers(values if np.isfinite(values).all() else values[:0]) for values in (states.velocity, states.effort)
         )

@@ -1,1 +1,1 @@
-"""Calibrate a camera with a ChArUco board: its intrinsics, and its pose above the table."""
+"""Calibrate the intrinsics of a camera, and its pose above the table, with a ChArUco board."""

@@ -1,4 +1,4 @@
-"""The ChArUco board: a chessboard with a marker in each white square, and its detection in pictures."""
+"""Draw and detect a ChArUco board, which is a chessboard with a marker in each white square."""
 
 import zlib
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from perception.frames import Picture
 
 MARKERS: Final = cv2.aruco.DICT_5X5_50
 MARKER_SHARE: Final = 0.74
-"""Side of a marker, as a share of the side of a square."""
+"""Side length of a marker, as a share of the side length of a square."""
 LEAST_CORNERS: Final = 8
-"""Number of corners from which a view is used."""
+"""Minimum number of corners for a view to be used."""
 A4_M: Final = (0.297, 0.210)
 """Width and height of the page, in m."""
 POINT_M: Final = 0.0254 / 72.0
@@ -25,15 +25,15 @@ POINT_M: Final = 0.0254 / 72.0
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """Size of a board. The default fills a page of A4."""
+    """Size of a board. The default board fills an A4 page."""
 
     columns: int = 9
     rows: int = 6
     square_m: float = 0.03
-    """Side of a square, in m, as measured on the print."""
+    """Side length of a square, in m, as measured on the print."""
 
     def detector_board(self) -> Any:
-        """Return the board of OpenCV."""
+        """Return the board as an object of OpenCV."""
         dictionary = cv2.aruco.getPredefinedDictionary(MARKERS)
         size = (self.columns, self.rows)
         return cv2.aruco.CharucoBoard(size, self.square_m, MARKER_SHARE * self.square_m, dictionary)
@@ -57,7 +57,7 @@ class BoardView:
 
 
 class BoardDetector:
-    """Finds a board in pictures."""
+    """Detector that finds a board in pictures."""
 
     def __init__(self, board: Board) -> None:
         self._board = board.detector_board()
@@ -74,8 +74,8 @@ class BoardDetector:
         count = 0 if ids is None else len(ids)
         if count < LEAST_CORNERS:
             raise CalibrationRefused(
-                f"the picture shows {count} corners of the board instead of at least {LEAST_CORNERS}: bring the whole "
-                "board into the picture, flat and without reflections"
+                f"the picture shows {count} corners of the board, but at least {LEAST_CORNERS} are needed: bring the "
+                f"whole board into the picture, flat and without reflections"
             )
         points, pixels = self._board.matchImagePoints(corners, ids)
         flat = np.asarray(points, dtype=np.float64).reshape(-1, 3)[:, :2]
@@ -91,7 +91,7 @@ def board_picture(board: Board, square_px: int = 120) -> NDArray[np.uint8]:
 
 
 def board_pdf(board: Board) -> bytes:
-    """Return a page of A4 with the board in its true size.
+    """Return an A4 page with the board in its true size.
 
     Raises:
         CalibrationRefused: The board does not fit on the page.
@@ -128,7 +128,7 @@ def board_pdf(board: Board) -> bytes:
 
 
 def _pdf(objects: tuple[bytes, ...]) -> bytes:
-    """Return a PDF file of objects, of which the first is the catalog."""
+    """Return a PDF file with these objects. The first object is the catalog."""
     text, offsets = b"%PDF-1.4\n", []
     for number, content in enumerate(objects, start=1):
         offsets.append(len(text))

@@ -1,4 +1,4 @@
-"""Choose the views of a board from a moving picture: one for each new pose in which the board is held still."""
+"""Collect views of a board from a stream of pictures, one view for each new pose in which the board is held still."""
 
 from typing import Final
 
@@ -9,13 +9,13 @@ from perception.errors import CalibrationRefused
 from perception.frames import Picture
 
 STILL_PX: Final = 2.5
-"""Largest mean motion of the corners between two frames of a board that is held still, in pixels."""
+"""Largest mean motion of the corners between two frames at which a board counts as held still, in pixels."""
 NEW_SHARE: Final = 0.05
-"""Least mean distance of the corners from those of each earlier view, as a share of the width of the picture."""
+"""Smallest mean distance of the corners from those of each earlier view, as a share of the width of the picture."""
 
 
 class ViewCollector:
-    """Collects different views of one board."""
+    """Collector of different views of one board."""
 
     def __init__(self, detector: BoardDetector) -> None:
         self._detector = detector
@@ -23,7 +23,7 @@ class ViewCollector:
         self.views: list[BoardView] = []
 
     def offer(self, picture: Picture, still: bool = True) -> bool:
-        """Add the view of a picture if it shows the board in a new pose.
+        """Add the view in a picture if the picture shows the board in a new pose.
 
         Args:
             picture: RGB picture (height, width, 3).
@@ -47,8 +47,8 @@ class ViewCollector:
 
 
 def distance_px(one: BoardView, other: BoardView) -> float:
-    """Return the mean distance between the common corners of two views, in pixels; inf if there are none."""
-    # Corners of one board have the same places in all views.
+    """Return the mean distance between the common corners of two views, in pixels. It is infinite if there are none."""
+    # The corners of a board have the same positions on the board in all views.
     places = {tuple(place): pixel for place, pixel in zip(one.corners_m.round(5).tolist(), one.pixels, strict=True)}
     pairs = [
         (places[tuple(place)], pixel)

@@ -14,11 +14,12 @@ from perception.intrinsics import Intrinsics
 
 LEAST_VIEWS: Final = 8
 LEAST_TILT_RAD: Final = 0.26
-"""Least angle between the directions from which two of the views show the board. Fewer do not determine the lens."""
+"""Smallest spread of the directions from which the views show the board. A smaller angle does not determine the lens.
+"""
 LEAST_COVERED: Final = 0.3
-"""Least share of the picture in which the views together show corners."""
+"""Smallest share of the picture in which all views together must show corners."""
 MOST_ERROR_PX: Final = 1.0
-"""Largest RMS reprojection error, in pixels. A sharp camera has about 0.2."""
+"""Largest RMS reprojection error, in pixels. With a sharp camera, the error is about 0.2."""
 CELLS: Final = 6
 """The picture is divided into 6 × 6 cells to measure how much of it the views cover."""
 
@@ -31,19 +32,17 @@ class LensReport:
     error_px: float
     """RMS distance between corners and their reprojections, in pixels."""
     view_errors_px: tuple[float, ...]
-    """RMS of each view, in pixels."""
+    """RMS reprojection error of each view, in pixels."""
     tilt_rad: float
     """Largest angle between the directions from which two views show the board, in rad."""
     covered: float
-    """Share of the picture in which the views together show corners."""
+    """Share of the picture in which all views together show corners."""
 
 
 def calibrate_lens(views: Sequence[BoardView], name: str = "camera") -> LensReport:
     """Calibrate a camera.
 
-    Args:
-        views: At least ``LEAST_VIEWS`` views of one board, from different sides.
-        name: Name of the camera.
+    Args: views: At least ``LEAST_VIEWS`` views of one board, from different sides. name: Name of the camera.
 
     Raises:
         CalibrationRefused: The views do not determine the intrinsics, or contradict each other.

@@ -1,7 +1,7 @@
 """Find the pose of a camera above the table from one view of a board that lies on the table.
 
-The place of the board in base_link is measured with a ruler. This is more exact than the motion of an arm with small
-servos, whose repeatability of 1 to 2 degrees would shift the result by centimeters.
+The position of the board in base_link is measured with a ruler. This is more accurate than a measurement with an arm
+that has small servos: their repeatability of 1 to 2 degrees would shift the result by centimeters.
 """
 
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ MOST_ERROR_PX: Final = 1.5
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """Place of a board on the table, in base_link."""
+    """Position and direction of a board on the table, in base_link."""
 
     x_m: float
     y_m: float
-    """Top left corner of the board, as it is printed."""
+    """Top left corner of the printed board."""
     yaw_rad: float = 0.0
-    """Direction of the upper edge, from left to right; 0 is along x, and pi / 2 is along y."""
+    """Direction of the upper edge from left to right: 0 is along x, and pi / 2 is along y."""
     height_m: float = 0.0
     """z of the surface of the board, in m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneReport:
-    """Result of a calibration of the plane."""
+    """Result of a plane calibration."""
 
     pose: CameraPose
     error_px: float
@@ -48,11 +48,11 @@ def calibrate_plane(view: BoardView, intrinsics: Intrinsics, place: BoardPlace) 
     Args:
         view: View of the board on the table.
         intrinsics: Intrinsics of the camera.
-        place: Place of the board.
+        place: Position and direction of the board.
 
     Raises:
         CalibrationRefused: The view does not match the intrinsics.
-        CameraFileError: The view has another resolution than the intrinsics.
+        CameraFileError: The resolutions of the view and the intrinsics differ.
     """
     check_size(intrinsics, view.size, "the camera")
     points = _in_base(view.corners_m, place)
@@ -78,7 +78,7 @@ def calibrate_plane(view: BoardView, intrinsics: Intrinsics, place: BoardPlace) 
 
 
 def _in_base(corners_m: FloatArray, place: BoardPlace) -> FloatArray:
-    """Return the points (n, 3) of corners (n, 2) of a board in base_link, in m."""
+    """Return the points (n, 3) in base_link that correspond to corners (n, 2) of a board, in m."""
     right = np.array([np.cos(place.yaw_rad), np.sin(place.yaw_rad), 0.0])
     down = np.array([np.sin(place.yaw_rad), -np.cos(place.yaw_rad), 0.0])
     origin = np.array([place.x_m, place.y_m, place.height_m])

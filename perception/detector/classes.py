@@ -1,4 +1,4 @@
-"""The file that maps the classes of a detector to grades."""
+"""Read the file that maps the classes of a detector to grades."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ class DetectorClasses:
     """Grades of the classes of a detector, and its thresholds."""
 
     grades: tuple[str, ...]
-    """Grade of each class, in the order of the classes. An apple of a class with an empty grade gets no grade."""
+    """Grade of each class, in the order of the classes. If the grade is empty, apples of this class get no grade."""
     least_score: float
     most_overlap: float
 
@@ -40,7 +40,7 @@ class _File(BaseModel):
 
 
 def read_classes(path: Path) -> DetectorClasses:
-    """Read the classes of a detector and their grades. Raises GradesFileError, with all mistakes and their lines."""
+    """Read the classes of a detector and their grades. Raise GradesFileError with the line of every mistake."""
     file = load(path, _File, GradesFileError)
     grades = tuple(file.grades.get(name, "").strip().upper() for name in file.classes)
     return DetectorClasses(grades, file.least_score, file.most_overlap)

@@ -11,9 +11,9 @@ from hal.types import FloatArray
 from perception.frames import Picture
 
 GRAY: Final = 114
-"""Value of the margins that make a picture fit the input of a detector."""
+"""Gray value of the margins that fit a picture to the input of a detector."""
 MOST_BOXES: Final = 300
-"""Number of boxes, those with the highest scores, that are compared with each other."""
+"""Number of boxes with the highest scores that are compared with each other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,12 +48,12 @@ def fitted(picture: Picture, size: tuple[int, int]) -> tuple[NDArray[np.float32]
 
 
 def decoded(output: NDArray[np.float32], least_score: float, most_overlap: float) -> list[Detection]:
-    """Return the objects of an output (4 + classes, boxes), in pixels of the input, best first.
+    """Return the objects in an output (4 + classes, boxes), in pixels of the input, highest score first.
 
     Args:
         output: Center x, y, width, height and the score of each class, for each box.
-        least_score: Score from which a box counts.
-        most_overlap: Largest intersection over union of two boxes that are two objects.
+        least_score: Minimum score of a box.
+        most_overlap: Largest intersection over union at which two boxes count as two objects.
     """
     scores = output[4:]
     labels = scores.argmax(axis=0)
@@ -68,7 +68,7 @@ def decoded(output: NDArray[np.float32], least_score: float, most_overlap: float
 
 
 def _separate(boxes: FloatArray, most_overlap: float) -> list[int]:
-    """Return the boxes (n, 4), best first, that overlap with no better box."""
+    """Return the indices of boxes (n, 4), sorted best first, that do not overlap with a better box."""
     kept: list[int] = []
     for index in range(len(boxes)):
         if not kept or float(_overlaps(boxes[index], boxes[kept]).max()) <= most_overlap:
@@ -77,7 +77,7 @@ def _separate(boxes: FloatArray, most_overlap: float) -> list[int]:
 
 
 def _overlaps(box: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the intersections over union of a box (4,) with others (n, 4)."""
+    """Return the intersection over union of a box (4,) with each of several boxes (n, 4)."""
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=1)
     areas = np.prod(others[:, 2:] - others[:, :2], axis=1)

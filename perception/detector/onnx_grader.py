@@ -1,4 +1,4 @@
-"""Grade apples with an ONNX model of the user."""
+"""Grade apples with the user's ONNX model."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -12,19 +12,22 @@ from perception.frames import Picture
 from perception.grading.grader import FoundBox, GradedApple, Grader
 
 USUAL_SIZE: Final = 640
-"""Width and height of the input of a model that accepts any size, in pixels."""
+"""Width and height of the input for a model that accepts any size, in pixels."""
 LARGEST_SIZE: Final = 4096
 
 
 class OnnxGrader:
-    """Finds and grades apples with a model. Sizes, places and skin are measured as without a model."""
+    """Grader that finds and grades apples with a model.
+
+    Their size, position and skin are measured as without a model.
+    """
 
     def __init__(self, path: Path, classes: DetectorClasses, grader: Grader) -> None:
         """Load a model.
 
         Args:
             path: ONNX file in the layout of YOLOv8: input (1, 3, height, width), output (1, 4 + classes, boxes).
-            classes: Grades of its classes.
+            classes: Grades of the classes of the model.
             grader: Grader that measures the apples.
 
         Raises:
@@ -34,14 +37,14 @@ class OnnxGrader:
         self._session = _session(path)
         self._input, self._size = self._input_of()
         picture = np.full((48, 64, 3), 128, np.uint8)
-        self._run(picture)  # a model with another output is refused before the first frame
+        self._run(picture)  # a model with the wrong output is rejected before the first frame
 
     def grade(self, picture: Picture) -> list[GradedApple]:
         """Grade the apples of an RGB picture (height, width, 3), as ``Grader.grade`` does.
 
         Raises:
             DetectorError: The model fails.
-            PictureRefused: The picture has another resolution, is black or overexposed.
+            PictureRefused: The picture has the wrong resolution, or is black or overexposed.
         """
         output, scale, margin = self._run(picture)
         found = decoded(output, self._classes.least_score, self._classes.most_overlap)
@@ -84,9 +87,9 @@ def _session(path: Path) -> Any:
     except ModuleNotFoundError as error:
         raise DetectorError("a detector needs onnxruntime: install the extra onnx") from error
     if not path.is_file():
-        raise DetectorError(f"there is no model {path}: name an ONNX file")
+        raise DetectorError(f"model {path} does not exist: name an ONNX file")
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1  # other processors belong to the control loop
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # the other processors are left to the control loop
     options.log_severity_level = 4
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

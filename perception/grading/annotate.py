@@ -29,7 +29,7 @@ def annotated(picture: Picture, apples: Sequence[GradedApple]) -> Picture:
 
 
 def _write(picture: Picture, text: str, place: tuple[int, int]) -> None:
-    """Write a text that is legible on any ground, within the picture."""
+    """Write a text within the picture that is legible on any background."""
     (width, height), _ = cv2.getTextSize(text, FONT, SCALE, 1)
     x = min(max(place[0], 2), max(picture.shape[1] - width - 2, 2))
     y = min(max(place[1], height + 2), picture.shape[0] - 4)

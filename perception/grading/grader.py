@@ -11,6 +11,7 @@ from hal.types import FloatArray
 from perception.camera_view import CameraView
 from perception.errors import PictureRefused
 from perception.frames import Picture
+from perception.grading.edges import at_transitions
 from perception.grading.light import Pixels, relative_to_table
 from perception.grading.outlines import Outline, box_outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
@@ -22,12 +23,12 @@ MOST_ERROR: Final = 0.12
 MOST_OUTLINES: Final = 100
 """Maximum number of outlines that are examined in a picture."""
 BESIDE: Final = 1.15
-"""Squared distance from the middle of an apple from which a pixel belongs to another one; its outline has 1."""
+"""Squared distance from the center of an apple beyond which a pixel belongs to another apple. The outline is at 1."""
 MOST_COVERED: Final = 0.015
-"""Largest share of an apple without color, apart from spots inside its outline. A larger one is another object in front
-of it, such as a finger."""
+"""Largest share of an apple without color, apart from spots inside its outline. A larger share is another object in
+front of the apple, such as a finger."""
 LEAST_SKIN: Final = 25
-"""Smallest number of pixels whose skin is judged."""
+"""Minimum number of pixels for the skin of an apple to be judged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +36,7 @@ class GradedApple:
     """One apple of a picture."""
 
     grade: str
-    """Name of the grade; empty if the apple has none."""
+    """Name of the grade; empty if the apple has no grade."""
     diameter_mm: float
     red_ratio: float
     """Share of the visible surface that is red, from 0 to 1."""
@@ -46,7 +47,7 @@ class GradedApple:
     box_px: tuple[int, int, int, int]
     """Left, top, width and height in the picture, in pixels."""
     reason: str = ""
-    """Reason why the apple has no grade; empty if it has one."""
+    """Reason why the apple has no grade; empty if it has a grade."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +57,7 @@ class FoundBox:
     box_px: FloatArray
     """Left, top, right and bottom (4,), in pixels."""
     grade: str
-    """Its grade; empty if the detector gives none."""
+    """Grade of the apple; empty if the detector gives none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,14 +70,13 @@ class _Found:
 
 
 class Grader:
-    """Grades pictures of one camera. One thread uses it."""
+    """Grader for the pictures of one camera. Only one thread may use it."""
 
     def __init__(self, view: CameraView, settings: GradingSettings | None = None) -> None:
         """Prepare the grader.
 
-        Args:
-            view: Calibrated camera.
-            settings: Thresholds of the grades, and limits of apples; by default those of ``GradingSettings``.
+        Args: view: Calibrated camera. settings: Thresholds of the grades, and limits for apples; by default those of
+        ``GradingSettings``.
         """
         self._view = view
         self._settings = settings or GradingSettings()
@@ -93,17 +93,17 @@ class Grader:
             picture: RGB picture (height, width, 3) with the resolution of the calibration.
 
         Returns:
-            The apples, nearest to the camera first.
+            The apples, closest to the camera first.
 
         Raises:
-            PictureRefused: The picture has another resolution, is black or overexposed.
+            PictureRefused: The picture has the wrong resolution, or is black or overexposed.
         """
         relative = self._relative(picture)
-        found = self._found(outlines(colored(relative, self._region)))
+        found = self._found(relative, outlines(colored(relative, self._region)))
         return [self._graded(relative, index, found) for index in range(len(found))]
 
     def grade_boxes(self, picture: Picture, boxes: Sequence[FoundBox]) -> list[GradedApple]:
-        """Measure the apples that a detector has found. Arguments and errors are those of ``grade``."""
+        """Measure the apples that a detector has found. Arguments and errors are the same as in ``grade``."""
         relative = self._relative(picture)
         found = []
         for box in boxes:
@@ -124,7 +124,7 @@ class Grader:
         return relative_to_table(picture, self._region)
 
     def _searched(self, pixels: FloatArray) -> NDArray[np.bool_] | None:
-        """Return the pixels (height, width) that show an apple in the region of the settings."""
+        """Return which pixels (height, width) may show an apple in the region of the settings."""
         region = self._settings.region_m
         if region is None:
             return None
@@ -140,10 +140,11 @@ class Grader:
         searched: NDArray[np.bool_] = inside | raised
         return searched.reshape(self._view.intrinsics.height, self._view.intrinsics.width)
 
-    def _found(self, shapes: Sequence[Outline]) -> list[_Found]:
-        """Return the outlines that are apples, nearest to the camera first."""
+    def _found(self, relative: Pixels, shapes: Sequence[Outline]) -> list[_Found]:
+        """Return the outlines that are apples, closest to the camera first."""
         found, left = [], list(shapes)
-        for outline in left:
+        for shape in left:
+            outline = at_transitions(shape, relative)
             sphere = fit_sphere(self._view, outline.pixels)
             if sphere is None or sphere.error > MOST_ERROR:
                 continue
@@ -154,7 +155,7 @@ class Grader:
         return sorted(found, key=lambda one: one.range_m)
 
     def _behind(self, outline: Outline, sphere: Sphere) -> Outline | None:
-        """Return the visible part of an apple behind another one of the same color, which has no neck between them."""
+        """Return the visible part of an apple behind another apple of the same color, if no neck separates them."""
         left, top, width, height = outline.box
         rays = self._rays[top : top + height, left : left + width].reshape(-1, 3)
         covered = sphere.inside(rays)[1].reshape(height, width) < BESIDE
@@ -164,7 +165,7 @@ class Grader:
         return float(np.linalg.norm(sphere.center_m - self._view.pose.position_m))
 
     def _is_apple(self, sphere: Sphere) -> bool:
-        """Whether an object has the size of an apple, and is in the region."""
+        """Whether an object has the size of an apple and is in the region."""
         smallest, largest = self._settings.diameter_mm
         if not smallest <= 2000.0 * sphere.radius_m <= largest:
             return False
@@ -226,14 +227,14 @@ def _box(outline: Outline) -> tuple[int, int, int, int]:
 
 
 def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
-    """Whether two boxes (left, top, width, height) have common pixels."""
+    """Whether two boxes (left, top, width, height) have pixels in common."""
     apart_x = one[0] + one[2] <= other[0] or other[0] + other[2] <= one[0]
     apart_y = one[1] + one[3] <= other[1] or other[1] + other[3] <= one[1]
     return not (apart_x or apart_y)
 
 
 def _grown(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """Return a box with a margin of a quarter of its size, within a picture of a shape (height, width, …)."""
+    """Return a box with a margin of a quarter of its size, clipped to a picture of this shape (height, width, …)."""
     left, top, width, height = box
     margin = max(width, height) // 4 + 2
     low_x, low_y = max(left - margin, 0), max(top - margin, 0)

@@ -1,6 +1,6 @@
-"""Light of a picture: linear colors, relative to those of the table.
+"""Convert pictures to linear colors relative to the color of the table.
 
-All cues of grading are ratios to the table, so the brightness and the color of the light have no influence.
+All features for grading are ratios to the table, so the brightness and the color of the light have no influence.
 """
 
 from typing import Any, Final
@@ -16,15 +16,15 @@ Pixels = NDArray[np.float32]
 """Linear RGB (height, width, 3)."""
 
 DARKEST: Final = 0.01
-"""Linear brightness that the bright pixels of a picture must exceed, as a share of white."""
+"""Minimum linear brightness of the bright pixels of a picture, as a share of white."""
 BRIGHT_PERCENT: Final = 90.0
-"""Percentile of the brightness that ``DARKEST`` is compared with."""
+"""Percentile of the brightness that is compared with ``DARKEST``."""
 CLIPPED: Final = 250
-"""Value from which a pixel counts as overexposed."""
+"""Smallest value at which a pixel counts as overexposed."""
 MOST_CLIPPED: Final = 0.25
 """Largest share of overexposed pixels in a picture."""
 STEP: Final = 3
-"""The color of the table is estimated from every third pixel in both directions."""
+"""Step between the pixels, in both directions, from which the color of the table is estimated."""
 SPAN: Final = 2.0
 BIN: Final = 0.04
 """Range and bin width of the histogram of log ratios of two color channels."""
@@ -60,19 +60,19 @@ def relative_to_table(picture: Picture, region: NDArray[np.bool_] | None = None)
 
 
 def _largest(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the largest value (n,) of each pixel (n, 3). numpy takes far longer for a maximum over three values."""
+    """Return the largest value (n,) of each pixel (n, 3). A maximum of numpy over three values takes far longer."""
     largest: NDArray[Any] = np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
     return largest
 
 
 def table_color(pixels: Pixels) -> NDArray[np.float32]:
-    """Return the most frequent color (3,) among pixels (n, 3), which is that of the table, in linear RGB."""
+    """Return the most frequent color (3,) among pixels (n, 3), in linear RGB. This is the color of the table."""
     lit = pixels[-_largest(-pixels) > 0.5 * DARKEST]
     if not len(lit):
-        raise PictureRefused("the picture has no pixel that is well exposed: correct the exposure of the camera")
+        raise PictureRefused("the picture has no well exposed pixel: correct the exposure of the camera")
     ratios = np.log(lit[:, [0, 2]] / lit[:, 1:2])
     edges = np.arange(-SPAN, SPAN + BIN, BIN)
-    # Apples are saturated and have many shades, so the peak is the table even if apples cover half of the picture.
+    # Apples are saturated and have many shades, so the table has the peak even if apples cover half of the picture.
     counts = np.histogram2d(ratios[:, 0], ratios[:, 1], bins=(edges, edges))[0]
     smooth = cv2.GaussianBlur(counts, (5, 5), 1.0)
     peak = np.array(np.unravel_index(int(smooth.argmax()), smooth.shape))

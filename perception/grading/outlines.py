@@ -1,4 +1,4 @@
-"""Find the outlines of apples: a mask of colored pixels, split where apples touch."""
+"""Find the outlines of apples in a mask of colored pixels, which is split where apples touch."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from perception.grading.light import Pixels
 
 FloatMap = NDArray[np.float32]
 Mask = NDArray[np.uint8]
-"""Picture (height, width) with 255 at the pixels that belong to it, otherwise 0."""
+"""Picture (height, width) with 255 at the pixels that belong to the mask, and 0 elsewhere."""
 
 LEAST_SATURATION: Final = 0.3
-"""Saturation (1 - min / max, relative to the table) from which a pixel is colored. Shadows on the table keep 0."""
+"""Smallest saturation (1 - min / max, relative to the table) of a colored pixel. Shadows on the table have 0."""
 SMALLEST_PX: Final = 60
 """Smallest area of an apple, in pixels."""
 NECK: Final = 0.86
-"""Two parts of a mask are two apples if the mask between them is narrower than this share of the smaller part."""
+"""Largest width of the neck of a mask between two apples, as a share of the smaller apple."""
 LEAST_PART: Final = 0.35
-"""Smallest half width of a part of a mask, as a share of the largest part."""
+"""Smallest half width of a part of a mask that counts as an apple, as a share of the largest part."""
 LEAST_REST: Final = 0.06
-"""Smallest area of the visible part of an apple behind another one, as a share of the other one."""
+"""Smallest visible area of an apple behind another apple, as a share of the area of the other apple."""
 BOX_POINTS: Final = 72
-"""Number of points of an outline that fills a box."""
+"""Number of points of an outline that is made from a box."""
 BORDER_PX: Final = 2
-"""Distance from the edge of the picture within which an outline counts as cut off, in pixels."""
+"""Distance from the edge of the picture below which an outline counts as cut off, in pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,9 +36,9 @@ class Outline:
     """Visible outline of one apple."""
 
     pixels: FloatArray
-    """Pixels (n, 2) of the outline, without those that another apple or the edge of the picture cuts off."""
+    """Pixels (n, 2) of the outline, without pixels at another apple or at the edge of the picture."""
     mask: Mask
-    """Its colored pixels (height, width of ``box``)."""
+    """Colored pixels of the apple (height, width of ``box``)."""
     box: tuple[int, int, int, int]
     """Left, top, width and height of ``mask`` in the picture, in pixels."""
     cut: bool
@@ -50,9 +50,9 @@ def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
 
     Args:
         relative: Linear RGB (height, width, 3), relative to the table.
-        region: Pixels (height, width) in which apples are searched; None for all pixels.
+        region: Pixels (height, width) in which to search for apples; None for all pixels.
     """
-    red, green, blue = cv2.split(relative)  # numpy takes far longer for a minimum over three values
+    red, green, blue = cv2.split(relative)  # a minimum of numpy over three values takes far longer
     largest, smallest = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
     mask = np.where(largest - smallest > LEAST_SATURATION * largest, 255, 0).astype(np.uint8)
     if region is not None:
@@ -63,7 +63,7 @@ def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
 
 
 def _filled(mask: NDArray[np.generic]) -> Mask:
-    """Return a mask without its holes, which are gray spots and reflections."""
+    """Fill the holes of a mask, which are gray spots and reflections."""
     contours = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     filled = np.zeros(mask.shape, np.uint8)
     cv2.drawContours(filled, list(contours), -1, 255, cv2.FILLED)
@@ -97,14 +97,14 @@ def _split(part: Mask, box: tuple[int, int, int, int], shape: tuple[int, ...]) -
 
 
 def _outline(own: Mask, others: NDArray[np.bool_], box: tuple[int, int, int, int], shape: tuple[int, ...]) -> Outline:
-    """Return the outline of a mask, which has a margin of 1 pixel around its box, beside the pixels of other apples."""
+    """Return the outline of a mask, except next to pixels of other apples. The box has a margin of 1 pixel."""
     pixels = _free_edge(own, others) + (np.array(box[:2]) - 1.0)
     inside = ((pixels >= BORDER_PX) & (pixels <= np.array(shape[1::-1]) - 1 - BORDER_PX)).all(axis=1)
     return Outline(pixels[inside], own[1:-1, 1:-1], box, cut=not bool(inside.all()))
 
 
 def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
-    """Return the outline of an apple that fills a box (4,), left, top, right and bottom; None if it is too small.
+    """Return the outline of an apple that fills a box (left, top, right, bottom). None if it is too small.
 
     ``shape`` is the height and width of the picture.
     """
@@ -122,7 +122,7 @@ def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
 
 
 def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -> Outline | None:
-    """Return the part of an outline beside an apple, if this part is large enough to be a second, hidden apple.
+    """Return the part of an outline beside an apple, if this part is large enough to be a partly hidden second apple.
 
     Args:
         outline: The outline.
@@ -161,7 +161,7 @@ def _neck(depth: FloatMap, one: tuple[int, int], other: tuple[int, int]) -> floa
 
 
 def _nearest(mask: Mask, depth: FloatMap, seeds: list[tuple[int, int]]) -> NDArray[np.int64]:
-    """Return the number (from 1) of the apple to which each pixel belongs: the nearest one, relative to its size."""
+    """Return the number (from 1) of the apple of each pixel, which is the nearest apple relative to its size."""
     y, x = np.indices(mask.shape, dtype=np.float32)
     distances = [np.hypot(x - seed[0], y - seed[1]) / float(depth[seed[1], seed[0]]) for seed in seeds]
     labels: NDArray[np.int64] = np.where(mask > 0, np.argmin(distances, axis=0) + 1, 0)
@@ -169,7 +169,7 @@ def _nearest(mask: Mask, depth: FloatMap, seeds: list[tuple[int, int]]) -> NDArr
 
 
 def _free_edge(own: Mask, others: NDArray[np.bool_]) -> FloatArray:
-    """Return the pixels (n, 2) of the edge of a mask that are not beside another apple, half a pixel outward."""
+    """Return the edge pixels (n, 2) of a mask that are not next to another apple, moved outward by half a pixel."""
     contours = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     contour = max(contours, key=cv2.contourArea).reshape(-1, 2)
     near = cv2.dilate(others.astype(np.uint8), np.ones((7, 7), np.uint8))

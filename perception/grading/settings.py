@@ -1,4 +1,4 @@
-"""Settings of the grading, read from a file: thresholds of the grades, and which things count as apples."""
+"""Read the settings of the grading: thresholds of the grades, and limits for what counts as an apple."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -11,17 +11,17 @@ from hal.yaml_file import load_with_lines
 from perception.errors import GradesFileError
 
 QUANTITIES: Final = ("diameter_mm", "red_ratio", "defect_score")
-"""Measured quantities that have thresholds."""
+"""Names of the measured quantities that have thresholds."""
 TOPS: Final = {"diameter_mm": 1000.0, "red_ratio": 1.0, "defect_score": 1.0}
-"""Largest value of each quantity. A range that ends there includes its end."""
+"""Largest value of each quantity. A range that ends at this value includes the value."""
 
 Range = tuple[float, float]
-"""Lower end (included) and upper end (not included)."""
+"""Range with its lower end (included) and its upper end (not included)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GradeRule:
-    """One grade, and the values that an apple of this grade has. A grade may have several rules."""
+    """Rule with a grade and the ranges of values of its apples. A grade may have several rules."""
 
     grade: str
     diameter_mm: Range = (0.0, 1000.0)
@@ -48,25 +48,25 @@ DEFAULT_RULES: Final = (
     GradeRule("B", defect_score=(0.03, 0.12)),
     GradeRule("C", defect_score=(0.12, 1.0)),
 )
-"""Red apples without defects are A, apples with large defects are C, and all others are B."""
+"""Default rules: red apples without defects are A, apples with large defects are C, and all other apples are B."""
 
 
 @dataclass(frozen=True, slots=True)
 class GradingSettings:
-    """Thresholds, and limits of what counts as an apple."""
+    """Thresholds of the grades, and limits for what counts as an apple."""
 
     rules: tuple[GradeRule, ...] = DEFAULT_RULES
     diameter_mm: Range = (15.0, 130.0)
-    """Range of the diameters of apples. Smaller and larger things are ignored."""
+    """Range of the diameters of apples. Smaller and larger objects are ignored."""
     region_m: tuple[float, float, float, float] | None = None
-    """Least x and y, and largest x and y in base_link, in m, where apples are searched; None for the whole picture."""
+    """Region in base_link in which to search for apples: smallest x and y, largest x and y, in m. None for no limit."""
     table_rgb: tuple[float, float, float] = (0.6, 0.6, 0.6)
-    """Share of red, green and blue light that the table reflects. A gray table has three equal values."""
+    """Shares of red, green and blue light that the table reflects. For a gray table, the three values are equal."""
     least_visible: float = 0.7
-    """Share of an apple that must be visible so that it gets a grade."""
+    """Minimum visible share of an apple that gets a grade."""
 
     def grade_of(self, diameter_mm: float, red_ratio: float, defect_score: float) -> str:
-        """Return the grade of an apple, or an empty text if no rule covers its values."""
+        """Return the grade of an apple, or an empty string if no rule covers its values."""
         values = {"diameter_mm": diameter_mm, "red_ratio": red_ratio, "defect_score": defect_score}
         return next((rule.grade for rule in self.rules if rule.covers(values)), "")
 
@@ -120,7 +120,8 @@ def read_settings(path: Path) -> GradingSettings:
     """Read the settings of the grading from a file.
 
     Raises:
-        GradesFileError: The file has mistakes, or rules of different grades overlap. The message has their lines.
+        GradesFileError: The file has mistakes, or rules of different grades overlap. The message has the line of each
+            mistake.
     """
     file, places = load_with_lines(path, _File, GradesFileError)
     rules = tuple(entry.rule() for entry in file.grades)

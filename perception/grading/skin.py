@@ -1,8 +1,8 @@
-"""Judge the skin of an apple: which of its pixels are red, and which are defects.
+"""Find the red pixels and the defects in the skin of an apple.
 
-Brightness is compared with that of sound skin at the same place of the sphere, because the side away from the lamp is
-dark but sound. A defect is darker than sound skin and has a color that the sound skin does not have, so that the shadow
-of another object is not a defect.
+The brightness of a pixel is compared with sound skin at the same place on the sphere, because the side away from the
+lamp is dark but sound. A defect is darker than sound skin and has a color that does not occur in sound skin, so that
+the shadow of another object is not a defect.
 """
 
 from dataclasses import dataclass
@@ -17,36 +17,42 @@ from hal.types import FloatArray
 Flags = NDArray[np.bool_]
 
 RED_HUE: Final = 0.6
-"""Largest hue of red skin, (G - B) / (R - B) in linear light: 0 is red, 1 is yellow."""
+"""Largest hue of red skin, as (G - B) / (R - B) in linear light: 0 is red, and 1 is yellow."""
 DARKER: Final = -0.3
 """Largest log of the brightness of a defect, relative to the darkest sound skin at the same place."""
 HALF: Final = -0.45
 """Largest log of the relative brightness of a pixel beside a defect that mixes the defect and sound skin."""
 BLACK: Final = -1.9
-"""Log of the relative brightness below which a pixel is a defect, whatever its color is."""
+"""Log of the relative brightness below which a pixel of any color is a defect."""
 BROWN: Final = (0.28, 0.74)
-"""Range of G / R of brown. Red skin has less green, and yellow or green skin has more."""
+"""Range of G / R for brown. Red skin has less green, and yellow or green skin has more."""
 BROWN_BLUE: Final = 0.14
-"""Least B / R of brown. The change from red to green skin has less blue."""
+"""Smallest B / R of brown. The transition from red to green skin has less blue."""
+MUCH_DARKER: Final = -0.6
+DARK_BROWN_BLUE: Final = 0.06
+"""Largest log of the relative brightness, and smallest B / R, of a brown with little blue. The transition from red to
+green skin has this color, but it is not as dark."""
 GRAY_BLUE: Final = 0.33
-"""Least B / R of gray and black."""
+"""Smallest B / R of gray and black."""
 MOSTLY: Final = 0.6
-"""Share of brown pixels from which an apple is either yellow or rotten as a whole."""
+"""Smallest share of brown pixels at which the whole apple counts as either yellow or rotten."""
 YELLOW: Final = 0.22
-"""Median brightness from which such an apple is yellow."""
+"""Smallest median brightness at which such an apple counts as yellow."""
+LEAST_SOUND: Final = 0.4
+"""Smallest share of the red pixels, or of the green pixels, that are not brown, so that their brightness counts."""
 ROUNDS: Final = 6
 MOST_POINTS: Final = 800
-"""Number of pixels from which the brightness of sound skin is estimated."""
+"""Minimum number of pixels for estimating the brightness of sound skin."""
 SPREAD: Final = 0.12
 """Deviation of the log brightness of sound skin."""
 CHROMA_BIN: Final = 0.15
 """Bin width of the colors of sound skin, in log ratios."""
 COMMON: Final = 0.02
-"""Smallest share of a color that counts as a color of the sound skin."""
+"""Smallest share of the skin at which a color counts as a color of sound skin."""
 RIM_PX: Final = 1.2
-"""Width of the rim of an apple whose skin is not judged, in pixels, because it mixes the apple and the table."""
+"""Width of the rim that is not judged, in pixels, because its colors are a mixture of the apple and the table."""
 RING: Final = 0.08
-"""Width of the ring inside the rim, as a squared share of the radius. Its pixels also stand for the rim."""
+"""Width of the ring inside the rim, as a squared share of the radius. The pixels of the ring also count for the rim."""
 DIMMEST: Final = 1e-3
 """Lowest brightness, relative to the table."""
 
@@ -56,7 +62,7 @@ class Skin:
     """The visible skin of one apple."""
 
     red_ratio: float
-    """Share that is red and not a defect."""
+    """Share of the skin that is red and not a defect."""
     defect_score: float
     """Share that is a defect."""
 
@@ -67,7 +73,7 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
     Args:
         colors: Linear RGB (n, 3) of the pixels, relative to a white surface.
         places: Positions (n, 2) of the pixels in the outline, whose radius is 1.
-        area: The n pixels in a part (height, width) of the picture.
+        area: Position of the n pixels in a part (height, width) of the picture.
     """
     red, green, blue = np.maximum(colors, DIMMEST).T
     is_red = (green - blue) < RED_HUE * np.maximum(red - blue, DIMMEST)
@@ -76,13 +82,15 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
     brown = _brown(ratio_green, ratio_blue, brightness)
     relative = brightness - _sound(brightness, places, is_red, brown)
     skin_colors = _common(np.log(ratio_green), np.log(ratio_blue), (relative > -0.2) & ~brown)
-    defect = (relative < BLACK) | ((relative < DARKER) & brown & ~skin_colors)
+    dark_brown = (relative < MUCH_DARKER) & (ratio_green > BROWN[0]) & (ratio_green < BROWN[1])
+    dark_brown &= ratio_blue > DARK_BROWN_BLUE
+    defect = (relative < BLACK) | (((relative < DARKER) & brown | dark_brown) & ~skin_colors)
     defect = defect | (_beside(defect, area) & (relative < HALF))
     return is_red & ~defect, defect
 
 
 def _beside(defect: Flags, area: Flags) -> Flags:
-    """Return which pixels are beside a defect. There, the color is a mixture that is neither brown nor sound."""
+    """Return which pixels are next to a defect. Their color is a mixture that is neither brown nor sound."""
     mask = np.zeros(area.shape, np.uint8)
     mask[area] = defect
     beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
@@ -90,7 +98,7 @@ def _beside(defect: Flags, area: Flags) -> Flags:
 
 
 def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> Skin:
-    """Return the shares of red pixels and defects, from the arguments of ``judge``."""
+    """Return the shares of red pixels and defects. The arguments are the same as in ``judge``."""
     red, defect = judge(colors, places, area)
     away = (places * places).sum(axis=1)
     ring = float(away.max()) - RING
@@ -111,8 +119,8 @@ def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags
 def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Flags) -> FloatArray:
     """Return the log brightness (n,) of the darkest sound skin at each pixel.
 
-    The estimate is a smooth function of the place with one level for red and one for green skin. Darker pixels have
-    little weight: they are spots or in a shadow.
+    The estimate is a smooth function of the position, with one level for red skin and one for green skin. Darker pixels
+    have little weight, because they are spots or in a shadow.
     """
     x, y = places.T
     z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
@@ -128,9 +136,15 @@ def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Fla
         left = wanted - sample @ fit
         weights = np.where(left > 0.0, 1.0, 1.0 / (1.0 + (left / SPREAD) ** 2) ** 2)
         weights = weights * np.where(brown[::step] & (left < -SPREAD), 0.05, 1.0)
-    levels = [level for level, kind in ((fit[0], is_red), (fit[1], ~is_red)) if (kind & ~brown).mean() > COMMON]
+    levels = [level for level, kind in ((fit[0], is_red), (fit[1], ~is_red)) if _is_skin(kind, brown)]
     smooth: FloatArray = shapes[:, 2:] @ fit[2:] + (min(levels) if levels else max(fit[0], fit[1]))
     return smooth
+
+
+def _is_skin(kind: Flags, brown: Flags) -> bool:
+    """Return whether red or green pixels are skin. If most of them are brown, they are a spot and its edge."""
+    sound = int((kind & ~brown).sum())
+    return sound > COMMON * len(kind) and sound > LEAST_SOUND * int(kind.sum())
 
 
 def _common(green: FloatArray, blue: FloatArray, sound: Flags) -> Flags:

@@ -1,8 +1,8 @@
-"""Measure an apple from its outline: an almost round body that lies on the plane.
+"""Measure an apple, an almost round body that lies on the plane, from its outline.
 
-The rays of the outline form a cone about the apple. Its opening angle and the height of the plane determine the
-diameter and the position. An apple whose whole outline is visible may be an ellipsoid; otherwise it is measured as a
-sphere.
+The rays of the outline form a cone around the apple. The opening angle of the cone and the height of the plane
+determine the diameter and the position. An apple whose whole outline is visible may be an ellipsoid. Any other apple is
+measured as a sphere.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from hal.types import FloatArray
 from perception.camera_view import CameraView
 
 Ellipse: TypeAlias = tuple[float, float, float, float, float]
-"""Center x, y, half axes and angle of the first axis, in rad."""
+"""Ellipse: center x and y, half axes, and angle of the first axis in rad."""
 
 Circle: TypeAlias = tuple[FloatArray, float]
 """Center (2,) and radius."""
@@ -26,48 +26,48 @@ LEAST_POINTS: Final = 12
 LEAST_ARC: Final = 0.3
 """Smallest share of the outline that determines a sphere."""
 FULL_ARC: Final = 0.7
-"""Share of the outline from which it is fitted as an ellipse."""
+"""Smallest visible share of an outline that is fitted with an ellipse."""
 LARGEST_RATIO: Final = 1.35
-"""Largest ratio of the axes of an apple's outline."""
+"""Largest ratio of the axes of the outline of an apple."""
 ROUNDS: Final = 4
 NOTCH: Final = 0.08
 BUMP: Final = 0.12
-"""Distance inside and outside a circle within which points belong to it, as a share of its radius. An ellipse fits."""
+"""Distance inside and outside a circle within which points belong to the circle, as a share of its radius."""
 OFF_ELLIPSE: Final = 0.025
-"""Distance from an ellipse within which points belong to it, as a share of its radius."""
+"""Distance from an ellipse within which points belong to the ellipse, as a share of its radius."""
 PARTS: Final = 12
 PART: Final = 5
-"""An outline has 12 overlapping parts, each with 5 of 12 of its points."""
+"""Number of overlapping parts of an outline, and their length: each part has 5 of 12 of the points."""
 START_POINTS: Final = 60
-"""Number of points from which the start of a fit is chosen."""
+"""Number of points that are used to choose the start of a fit."""
 SECTORS: Final = 36
 """Number of sectors in which the visible share of an outline is counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sphere:
-    """Size and place of one apple."""
+    """Size and position of one apple."""
 
     center_m: FloatArray
     """Center (3,) in base_link, in m."""
     radius_m: float
     """Half of the largest diameter, in m."""
     frame: FloatArray
-    """Axes (3, 3) of the cone as columns; the last one points to the apple."""
+    """Axes (3, 3) of the cone as columns. The last axis points to the apple."""
     ellipse: Ellipse
     """Center x, y, half axes and angle (rad) of the outline, in the plane at distance 1 along the cone."""
     arc: float
-    """Share of the outline from which it was measured."""
+    """Share of the outline from which the apple was measured."""
     error: float
     """Mean distance of the outline from the ellipse, as a share of its radius."""
 
     def inside(self, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return positions (n, 2) of rays (n, 3) in the outline, whose radius is 1, and the squared distances (n,)."""
+        """Return positions (n, 2) of rays (n, 3) relative to an outline of radius 1, and the squared distances (n,)."""
         return _places(_flat(rays, self.frame), self.ellipse)
 
 
 def fit_sphere(view: CameraView, pixels: FloatArray) -> Sphere | None:
-    """Measure the apple with an outline of pixels (n, 2). Return None if the outline is not that of an apple."""
+    """Measure the apple with an outline of pixels (n, 2). Return None if the outline does not belong to an apple."""
     if len(pixels) < LEAST_POINTS:
         return None
     rays = view.rays(pixels)
@@ -93,7 +93,7 @@ def _placed(view: CameraView, frame: FloatArray, ellipse: Ellipse, quality: tupl
     x, y, a, b, _ = ellipse
     toward = frame @ np.array([x, y, 1.0])
     toward = toward / np.linalg.norm(toward)
-    # Near the middle of its outline, an angle of the cone is the angle between the axis and the outline.
+    # Near the center of the outline, an angle of the cone is the angle between its axis and the outline.
     scale = 1.0 / (1.0 + x * x + y * y)
     sine = float(np.sin(np.arctan(max(a, b) * scale)))
     above_m = float(view.pose.position_m[2]) - view.pose.plane_height_m
@@ -119,10 +119,12 @@ def _flat(rays: FloatArray, frame: FloatArray) -> FloatArray:
 
 
 def _robust_circle(points: FloatArray) -> tuple[FloatArray, float, NDArray[np.bool_]]:
-    """Fit a circle to points (n, 2) along an outline. Return center (2,), radius, and which points are on the circle.
+    """Fit a circle to points (n, 2) along an outline.
+
+    Return the center (2,), the radius, and which points are on the circle.
 
     Points inside the circle are the edges of spots and notches, and points outside belong to another apple. The fit
-    starts with the circle through a part of the outline that most points are on.
+    starts with the circle through one part of the outline that contains the most points.
     """
     few = points[:: max(1, len(points) // START_POINTS)]
     starts = [_circle(part) for part in _parts(few)]
@@ -137,7 +139,7 @@ def _robust_circle(points: FloatArray) -> tuple[FloatArray, float, NDArray[np.bo
 
 
 def _parts(points: FloatArray) -> Iterator[FloatArray]:
-    """Yield all points of an outline, and parts of it."""
+    """Yield all points of an outline, and then its parts."""
     yield points
     length = len(points) * PART // PARTS
     for start in range(PARTS):
@@ -152,7 +154,7 @@ def _on(points: FloatArray, circle: Circle, outside: float) -> NDArray[np.bool_]
 
 
 def _circle(points: FloatArray) -> Circle:
-    """Return center (2,) and radius of the circle through points (n, 2), with least squares."""
+    """Return the center (2,) and the radius of the least-squares circle through points (n, 2)."""
     middle = points.mean(axis=0)
     local = points - middle
     scale = float(np.abs(local).max()) or 1.0
@@ -165,7 +167,7 @@ def _circle(points: FloatArray) -> Circle:
 
 
 def _robust_ellipse(points: FloatArray) -> Ellipse | None:
-    """Fit an ellipse to points (n, 2), and drop those that are not on it. Return None if they determine none."""
+    """Fit an ellipse to points (n, 2), without points that are not on it. Return None if no ellipse is determined."""
     ellipse = _ellipse(points)
     for _ in range(ROUNDS):
         if ellipse is None:
@@ -178,7 +180,7 @@ def _robust_ellipse(points: FloatArray) -> Ellipse | None:
 
 
 def _places(points: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray]:
-    """Return positions (n, 2) of points (n, 2) in an ellipse of radius 1, and the squared distances (n,)."""
+    """Return positions (n, 2) of points (n, 2) relative to an ellipse of radius 1, and the squared distances (n,)."""
     x, y = (points - ellipse[:2]).T
     a, b, cos, sin = ellipse[2], ellipse[3], np.cos(ellipse[4]), np.sin(ellipse[4])
     along, across = (cos * x + sin * y) / a, (cos * y - sin * x) / b
@@ -187,7 +189,7 @@ def _places(points: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArra
 
 
 def _ellipse(points: FloatArray) -> Ellipse | None:
-    """Return the ellipse through points (n, 2), or None if they determine none."""
+    """Return the ellipse through points (n, 2), or None if they do not determine an ellipse."""
     middle = points.mean(axis=0)
     scale = float(np.abs(points - middle).max()) or 1.0
     local = ((points - middle) / scale).astype(np.float32)
@@ -199,6 +201,6 @@ def _ellipse(points: FloatArray) -> Ellipse | None:
 
 
 def _arc(away: FloatArray) -> float:
-    """Return the share of the directions (n, 2) from a center in which there are points."""
+    """Return the share of the directions from a center in which there are points (n, 2)."""
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi) + 0.5
     return len(np.unique((turns * SECTORS).astype(int) % SECTORS)) / SECTORS

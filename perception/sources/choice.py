@@ -1,4 +1,4 @@
-"""Choose the camera source that a text names."""
+"""Choose a camera source by its name on the command line."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from perception.sources.video_device import VideoDevice
 
 
 def source_of(text: str, clock: Clock, size: tuple[int, int], rate_hz: float) -> CameraSource:
-    """Return the source that a text names. It is not opened yet.
+    """Return the source that a text names, without opening it.
 
     Args:
         text: An index, a path of a device, or a path of a video, a picture or a folder of pictures.

@@ -12,7 +12,7 @@ from perception.errors import CameraBusy, CameraDenied, CameraMissing
 
 BY_ID: Final = "dev/v4l/by-id"
 WATCHERS: Final = ("pipewire", "wireplumber")
-"""Programs of the desktop that keep each camera open, but take its pictures only on request."""
+"""Desktop programs that keep every camera open, but use it only on request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class CameraDevice:
     index: int
     name: str
     by_id: str | None
-    """Path that stays the same when cameras are plugged in again; None if the camera has none."""
+    """Path that stays the same when cameras are plugged in again. None if there is no such path."""
     may_open: bool
     """Whether this user may open the camera."""
     owners: tuple[str, ...]
@@ -32,7 +32,7 @@ class CameraDevice:
 
 
 def cameras(root: Path = Path("/")) -> list[CameraDevice]:
-    """Return the cameras of the machine, without opening them. ``root`` is the root of its file system."""
+    """Return the cameras of the machine, without opening them. ``root`` is the root of the file system."""
     return sorted(_cameras(root), key=lambda camera: camera.index)
 
 
@@ -41,7 +41,7 @@ def _cameras(root: Path) -> Iterator[CameraDevice]:
     for folder in (root / "sys/class/video4linux").glob("video*"):
         number = folder.name.removeprefix("video")
         if not number.isdecimal() or _text(folder / "index") not in ("0", ""):
-            continue  # a second node of the same camera, which delivers metadata
+            continue  # a second device of the same camera, which delivers metadata
         path = root / "dev" / folder.name
         link = next((link for link in links if link.resolve() == path.resolve()), None)
         yield CameraDevice(
@@ -83,7 +83,11 @@ def find_device(source: str, root: Path = Path("/")) -> str:
 
 def _others(root: Path) -> str:
     found = [f"{camera.by_id or camera.device} ({camera.name})" for camera in cameras(root)]
-    return f"choose {' or '.join(found)}" if found else "plug in a camera, and look with 'servoloop camera list'"
+    return (
+        f"choose {' or '.join(found)}"
+        if found
+        else "plug in a camera, and list the cameras with 'servoloop camera list'"
+    )
 
 
 def _users(path: Path) -> Iterator[str]:
@@ -94,7 +98,7 @@ def _group(path: Path) -> str:
     number = path.stat().st_gid
     try:
         return grp.getgrgid(number).gr_name
-    except KeyError:  # a container may have no name for the group
+    except KeyError:  # in a container, the group may have no name
         return str(number)
 
 

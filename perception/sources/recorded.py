@@ -1,4 +1,4 @@
-"""A recorded video, or a folder of pictures, as a camera source that plays at its own rate."""
+"""Play a recorded video, or a folder of pictures, as a camera source at its own rate."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ RATES_HZ: Final = (0.1, 240.0)
 
 
 class RecordedSource:
-    """A file or a folder; implementation of ``perception.frames.CameraSource``."""
+    """Camera source for a file or a folder (see ``perception.frames.CameraSource``)."""
 
     def __init__(self, path: Path, clock: Clock) -> None:
         """Prepare the source.
@@ -55,7 +55,7 @@ class RecordedSource:
             files = sorted(file for file in self._path.iterdir() if file.suffix.lower() in PICTURES)
             if not files:
                 raise CameraMissing(
-                    f"the folder {self._path} has no pictures ({', '.join(PICTURES)}): name another one"
+                    f"the folder {self._path} has no pictures ({', '.join(PICTURES)}): name another folder"
                 )
             self._pictures = map(read_picture, files)
         elif self._path.suffix.lower() in PICTURES:
@@ -70,7 +70,7 @@ class RecordedSource:
 
         Raises:
             CameraSilent: The next picture is not due within the timeout.
-            SourceEnded: There is no further picture.
+            SourceEnded: There are no more pictures.
             CameraError: A picture cannot be read.
         """
         now_s = self._clock.now()
@@ -80,7 +80,9 @@ class RecordedSource:
         self._clock.sleep_until(self._due_s)
         rgb = next(self._pictures, None)
         if rgb is None:
-            raise SourceEnded(f"{self._path} has no further picture after {self._number}: start again to repeat it")
+            raise SourceEnded(
+                f"{self._path} has no more pictures after picture {self._number}: start again to repeat it"
+            )
         stamp_s = self._clock.now()
         self._due_s = max(self._due_s + self._interval_s, stamp_s)
         self._number += 1

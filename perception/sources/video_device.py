@@ -1,4 +1,4 @@
-"""A USB camera through OpenCV. A thread takes the frames, so that a reader always gets the newest one."""
+"""Read a USB camera with OpenCV. A thread takes the frames, so that a reader always gets the newest frame."""
 
 import threading
 from collections.abc import Callable
@@ -14,17 +14,17 @@ from perception.sources.devices import find_device
 from perception.sources.rate import RateMeter
 
 FROZEN_S: Final = 2.0
-"""Time in which a working camera delivers different pictures, because each picture has noise, in seconds."""
+"""Time after which identical pictures show that the camera is frozen, in seconds. Real pictures differ by noise."""
 STALE_S: Final = 1.0
 """Largest age of a frame, in seconds. The driver may deliver frames that have waited in its queue."""
 SAMPLE: Final = 8
-"""Frames are compared by every eighth pixel in both directions."""
+"""Step between the pixels, in both directions, by which frames are compared."""
 JOIN_S: Final = 2.0
 """Time to wait for the end of the thread, in seconds."""
 
 
 class Capture(Protocol):
-    """The part of cv2.VideoCapture that is used."""
+    """The methods of cv2.VideoCapture that are used."""
 
     def isOpened(self) -> bool: ...
     def read(self) -> tuple[bool, Any]: ...
@@ -45,7 +45,7 @@ def v4l2_capture(device: str, size: tuple[int, int], rate_hz: float) -> Capture:
 
 
 class VideoDevice:
-    """A camera of the machine; implementation of ``perception.frames.CameraSource``."""
+    """Camera source for a camera of the machine (see ``perception.frames.CameraSource``)."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class VideoDevice:
         """Prepare the camera.
 
         Args:
-            source: Path of the camera, best in /dev/v4l/by-id, or its index.
+            source: Path of the camera, preferably in /dev/v4l/by-id, or its index.
             clock: Monotonic clock of the stamps.
             size: Width and height of the pictures, in pixels.
             rate_hz: Requested rate.
@@ -90,19 +90,21 @@ class VideoDevice:
         return self._rate.rate_hz
 
     def open(self) -> None:
-        """Open the camera. Raises CameraError if it is missing, in use or does not have the picture size."""
+        """Open the camera. Raise CameraError if it is missing, in use, or does not support the picture size."""
         self.close()
         device = self._find(self._source)
         capture = self._make_capture(device, self._size, self._requested_hz)
         if not capture.isOpened():
             capture.release()
-            raise CameraError(f"{self.name} does not open as a camera: choose one that 'servoloop camera list' lists")
+            raise CameraError(
+                f"{self.name} cannot be opened as a camera: choose a camera that 'servoloop camera list' lists"
+            )
         got = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         if got != self._size:
             capture.release()
             raise CameraError(
                 f"{self.name} delivers {got[0]} × {got[1]} pixels instead of {self._size[0]} × {self._size[1]}: "
-                "request a size that the camera has"
+                "request a size that the camera supports"
             )
         self._reset()
         self._capture = capture
@@ -175,7 +177,10 @@ class VideoDevice:
         self._newest = Frame(rgb, stamp_s, self._number)
 
     def _stamp_s(self, capture: Capture) -> float:
-        """Return the time of capture. Video4Linux reports it on the monotonic clock; some drivers report nothing."""
+        """Return the time of capture.
+
+        Video4Linux reports it on the monotonic clock, but some drivers do not report it.
+        """
         now_s = self._clock.now()
         captured_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC)
         return captured_s if 0.0 <= now_s - captured_s < 60.0 and captured_s > 0.0 else now_s

@@ -1,7 +1,7 @@
 """Convert the joints of an arm into arrays for compiled code.
 
-Indices: f for a link, j for a joint of the arm, n for a planned joint. A chain is the list of joints between the world
-and a link, starting at the world.
+Indices: f for a link, j for a joint of the arm, n for a planned joint. A chain is the list of joints from the world to
+    a link.
 """
 
 import math
@@ -35,7 +35,7 @@ class ChainTables(NamedTuple):
     initial: FloatArray
     """Position of each joint in the scene's initial pose (j,)."""
     planned: Any
-    """Index of the joint of each planned joint (n,)."""
+    """Index of each planned joint among the joints of the arm (n,)."""
     follower: Any
     """Index of each mimic joint (m,), leaders first."""
     leader: Any
@@ -43,7 +43,7 @@ class ChainTables(NamedTuple):
     coefficients: FloatArray
     """Polynomial of each mimic joint (m, 5)."""
     steepest: FloatArray
-    """Largest speed of each mimic joint per speed of its leader (m,)."""
+    """Largest ratio of the speed of each mimic joint to the speed of its leader (m,)."""
     chain: Any
     """Joints of each link's chain (f, c)."""
     chain_length: Any
@@ -51,7 +51,7 @@ class ChainTables(NamedTuple):
 
 
 def chain_tables(arm: ArmModel) -> ChainTables:
-    """Return the tables of an arm. Raises PlanningError if a mimic joint has no bounded speed."""
+    """Return the tables of an arm. Raise PlanningError if the speed of a mimic joint is unbounded."""
     model, bodies = arm.model, arm.bodies
     frame = {body: index for index, body in enumerate(bodies)}
     joints = [joint for body in bodies for joint in _joints(model, body)]
@@ -85,7 +85,7 @@ def joint_positions(arm: ArmModel) -> FloatArray:
 
 
 def travels(arm: ArmModel, tables: ChainTables) -> FloatArray:
-    """Return how far each slide can be from its initial position (j,), in m; 0 for hinges."""
+    """Return the largest distance of each slide from its initial position (j,), in m; 0 for hinges."""
     farthest = np.abs(joint_positions(arm) - tables.initial)
     for joint, limit in zip(tables.planned, arm.limits, strict=True):
         ends = np.array([limit.lower, limit.upper]) - tables.initial[joint]

@@ -1,4 +1,4 @@
-"""Distance between two convex shapes in compiled code, by the algorithm of Gilbert, Johnson and Keerthi."""
+"""Distance between two convex shapes in compiled code, with the GJK algorithm (Gilbert, Johnson and Keerthi)."""
 
 from math import sqrt
 from typing import Any, Final
@@ -10,14 +10,14 @@ from planning.clearance.shapes import MATRIX, POSITION, farthest
 from planning.clearance.simplex import on_edge, on_face, on_tetrahedron
 
 ROUNDS: Final = 60
-"""Maximum number of rounds. Most pairs take fewer than ten."""
+"""Maximum number of iterations. Most pairs take fewer than ten."""
 OVERLAP_M2: Final = 1e-20
-"""Squared distance of the cores below which they overlap, in m²."""
+"""Squared distance below which two cores count as overlapping, in m²."""
 
 
 @compiled
 def in_frame(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector of the world in the frame of a geom."""
+    """Transform a vector from the world frame to the frame of a geom."""
     m = MATRIX
     return (
         geoms[geom, m] * x + geoms[geom, m + 3] * y + geoms[geom, m + 6] * z,
@@ -28,7 +28,7 @@ def in_frame(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float
 
 @compiled
 def in_world(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector of the frame of a geom in the world."""
+    """Transform a vector from the frame of a geom to the world frame."""
     m = MATRIX
     return (
         geoms[geom, m] * x + geoms[geom, m + 1] * y + geoms[geom, m + 2] * z,
@@ -48,7 +48,7 @@ def support(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) 
 
 @compiled
 def _nearest(corners: Any, count: int, weights: Any) -> bool:
-    """Write the weights of the corners. Return whether the origin is inside a tetrahedron."""
+    """Write the weights of the corners. Return whether the corners are a tetrahedron with the origin inside."""
     if count == 1:
         weights[0] = 1.0
     elif count == 2:
@@ -62,7 +62,7 @@ def _nearest(corners: Any, count: int, weights: Any) -> bool:
 
 @compiled
 def _without_idle(corners: Any, count: int, weights: Any) -> int:
-    """Remove the corners of weight 0 and return the number of the others."""
+    """Remove the corners of weight 0 and return the number of remaining corners."""
     kept = 0
     for i in range(count):
         if weights[i] > 0.0:
@@ -77,7 +77,7 @@ def _without_idle(corners: Any, count: int, weights: Any) -> int:
 def core_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[float, float], normal: Any) -> float:
     """Return a lower bound of the distance between two cores, in m; 0 if they overlap.
 
-    ``goal`` is (beyond, share): the bound is below the distance by at most the share, and the search ends early with a
+    ``goal`` is (beyond, share). The bound is below the distance by at most ``share``. The search ends early with a
     bound above ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates the cores.
     """
     corners = np.empty((4, 3))

@@ -1,4 +1,4 @@
-"""Distances of geoms and units in compiled code. The shapes are in planning/clearance/shapes.py."""
+"""Distances between geoms and between units in compiled code. planning/clearance/shapes.py defines the shapes."""
 
 from math import sqrt
 from typing import Any
@@ -21,7 +21,7 @@ from planning.clearance.shapes import (
 
 @compiled
 def _from_center(geoms: Any, geom: int, cx: float, cy: float, cz: float) -> float:
-    """Return the distance of a point from a geom, or a lower bound."""
+    """Return the distance of a point from a geom, or a lower bound of the distance."""
     x, y, z = cx - geoms[geom, POSITION], cy - geoms[geom, POSITION + 1], cz - geoms[geom, POSITION + 2]
     if geoms[geom, KIND] != POINT:
         x, y, z = in_frame(geoms, geom, x, y, z)
@@ -30,7 +30,7 @@ def _from_center(geoms: Any, geom: int, cx: float, cy: float, cz: float) -> floa
 
 @compiled
 def _from_geom(geoms: Any, geom: int, other: int) -> float:
-    """Return the distance of the center of ``other`` from a geom, or a lower bound."""
+    """Return the distance of the center of ``other`` from a geom, or a lower bound of the distance."""
     x, y, z = geoms[other, POSITION], geoms[other, POSITION + 1], geoms[other, POSITION + 2]
     return _from_center(geoms, geom, x, y, z)
 
@@ -53,7 +53,7 @@ def _write_normal(geoms: Any, geom: int, other: int, normal: Any) -> None:
 
 @compiled
 def unit_bound(geoms: Any, centers: Any, radii: Any, first: Any, one: int, other: int) -> float:
-    """Return a lower bound of the distance of two units, from the spheres around them."""
+    """Return a lower bound of the distance between two units, based on the spheres around them."""
     ax, ay, az = centers[one, 0], centers[one, 1], centers[one, 2]
     bx, by, bz = centers[other, 0], centers[other, 1], centers[other, 2]
     if first[other + 1] - first[other] == 1:
@@ -79,10 +79,10 @@ def _core_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[
 
 @compiled
 def geom_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[float, float], normal: Any) -> float:
-    """Return the distance of two geoms, or a lower bound that is above ``goal[0]``.
+    """Return the distance between two geoms, or a lower bound above ``goal[0]``.
 
-    ``goal`` is (beyond, share) as in ``core_distance``. The direction of a distance up to ``goal[0]`` is written to
-    ``normal`` (3,).
+    ``goal`` is (beyond, share) as in ``core_distance``. If the distance is at most ``goal[0]``, its direction is
+    written to ``normal`` (3,).
     """
     if geoms[one, KIND] == PLANE:
         one, other = other, one

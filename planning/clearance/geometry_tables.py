@@ -24,7 +24,7 @@ class Geom(NamedTuple):
 
     kind: int
     size: FloatArray
-    """Size (3,), as planning/clearance/shapes.py defines it for each kind."""
+    """Size (3,). planning/clearance/shapes.py defines its meaning for each kind."""
     margin_m: float
     frame: int
     """Index of the link, or ``WORLD``."""
@@ -53,12 +53,12 @@ class Geom(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """Geoms that move together and are checked together: a link, or one shape of an object."""
+    """Geoms that move together and are checked together: those of a link, or one shape of an object."""
 
     name: str
     geoms: tuple[Geom, ...]
     touch_links: frozenset[str]
-    """Links that the unit may touch, for a shape of an attached object."""
+    """Links that the unit may touch, if the unit is a shape of an attached object."""
 
     @property
     def frame(self) -> int:
@@ -104,7 +104,7 @@ def arm_units(arm: ArmModel) -> Iterator[Unit]:
 
 
 def world_units(arm: ArmModel, scene: Scene) -> Iterator[Unit]:
-    """Yield the shapes of the world objects: those of the arm's scene file, then those of the scene."""
+    """Yield the shapes of the world objects: first those of the arm's scene file, then those of the planning scene."""
     gone = scene.removed | set(scene.objects) | set(scene.attached)
     start = mujoco.MjData(arm.model)
     mujoco.mj_kinematics(arm.model, start)
@@ -139,7 +139,7 @@ def _from_model(model: Any, geom: int, frame: int) -> Geom:
     if kind not in _FROM_MUJOCO:
         name = model.geom(geom).name or f"number {geom}"
         raise PlanningError(
-            "INVALID_ROBOT_STATE", f"geom {name} is a height field or an SDF: replace it by boxes or meshes"
+            "INVALID_ROBOT_STATE", f"geom {name} is a height field or an SDF: replace it with boxes or meshes"
         )
     shape, size, margin_m = _FROM_MUJOCO[kind](model.geom_size[geom])
     return Geom(shape, size, margin_m, frame, pose, NO_VERTICES)
@@ -161,7 +161,10 @@ def _from_shape(shape: Shape, frame: int, pose: Pose) -> Geom:
 
 
 def _hull(vertices_m: FloatArray, frame: int, pose: Pose) -> Geom:
-    """Return the convex hull of vertices (v, 3). Its origin is the center of the box around the vertices."""
+    """Return the convex hull of vertices (v, 3).
+
+    The origin of the hull is the center of the box around the vertices.
+    """
     kept = _hull_vertices(vertices_m) if len(vertices_m) > ORDER else vertices_m
     center = (kept.min(axis=0) + kept.max(axis=0)) / 2.0
     centered = np.ascontiguousarray(kept - center)
@@ -176,7 +179,7 @@ def _hull_vertices(vertices_m: FloatArray) -> FloatArray:
     try:
         model = spec.compile()
     except ValueError:
-        return vertices_m  # MuJoCo has no hull for it; all vertices together have the same hull.
+        return vertices_m  # MuJoCo computes no hull for this mesh. The set of all vertices has the same hull.
     graph = int(model.mesh_graphadr[0])
     if graph < 0 or int(model.mesh_vertnum[0]) != len(vertices_m):
         return vertices_m

@@ -1,8 +1,8 @@
 """Clearances of poses and edges in compiled code.
 
-An edge is checked by conservative advancement. At a pose, the clearance of a pair divided by the largest speed of its
-two units gives the part of the edge that is free, before and after the pose. The next poses are in the middle of the
-remaining parts. planning/clearance/speed_bounds.py describes the speeds.
+An edge is checked by conservative advancement. At a pose, the clearance of a pair is divided by the largest speed of
+its two units. The result is the part of the edge that is free before and after the pose. The next poses are in the
+middle of the remaining parts. planning/clearance/speed_bounds.py describes the speeds.
 """
 
 from math import sqrt
@@ -18,13 +18,15 @@ from planning.clearance.placement import Placement, place
 from planning.clearance.speed_bounds import approach, set_bends, set_geom_rates, set_rates
 
 OPEN: Final = 128
-"""Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
+"""Maximum number of unchecked parts of an edge. This number is never reached, because each step at least halves a part.
+"""
 MOST: Final = 2_000
-"""Maximum number of poses for one edge. An edge that slides along something for longer is refused."""
+"""Maximum number of poses for one edge. An edge that needs more poses, because it slides along something, is rejected.
+"""
 SHARE: Final = 1e-3
 """Share by which a distance may be underestimated in the check of an edge."""
 EXACT: Final = 1e-9
-"""Share by which a distance may be underestimated as a result."""
+"""Share by which a distance that is returned may be underestimated."""
 
 
 @compiled
@@ -71,7 +73,7 @@ def pair_distances(chains: ChainTables, pairs: PairTables, now: Placement, posit
 
 @compiled
 def _free_part(rate: float, bend: float, reserve_m: float) -> float:
-    """Return the part of an edge in which a pair comes nearer by at most ``reserve_m``."""
+    """Return the length of the part of an edge in which a pair comes nearer by at most ``reserve_m``."""
     if rate <= 0.0 and bend <= 0.0:
         return 1e300
     return float(2.0 * reserve_m / (rate + sqrt(rate * rate + 2.0 * bend * reserve_m)))
@@ -109,7 +111,7 @@ def _free_pair(
 def free_around(
     chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, lengths_m: tuple[float, float], part: float
 ) -> tuple[float, int]:
-    """Return the part of an edge that is free before and after a pose, at most ``part``; and the pair that limits it.
+    """Return the part of an edge that is free before and after a pose, at most ``part``, and the pair that limits it.
 
     ``lengths_m`` are the padding and the tolerance. The result is -1 if the pose has less clearance than the padding.
     """
@@ -146,9 +148,9 @@ def free_around(
 def edge_contact(
     chains: ChainTables, pairs: PairTables, now: Placement, ends: Any, padding: float, tolerance: float
 ) -> tuple[float, int, int]:
-    """Return the part of an edge at which it comes too near to something, the pair, and the number of poses checked.
+    """Return where an edge comes too near to something (0 to 1), the pair, and the number of poses checked.
 
-    ``ends`` (2, n) are the positions at both ends. The part and the pair are -1 if the edge is free.
+    ``ends`` (2, n) are the positions at both ends. The first two results are -1 if the edge is free.
     """
     speeds, signed = np.zeros(len(chains.slides)), now.signed
     signed[:] = 0.0

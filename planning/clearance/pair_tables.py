@@ -17,14 +17,14 @@ from planning.errors import PlanningError
 from planning.scene import Scene
 
 LONGEST_M: Final = 1e6
-"""Radius that stands for an infinite one, in m."""
+"""Radius that represents an infinite radius, in m."""
 
 
 class PairTables(NamedTuple):
     """Geoms, units and pairs of units. Lengths in m."""
 
     geoms: FloatArray
-    """Geoms (g, ``shapes.COLUMNS``). Those of the world are in place."""
+    """Geoms (g, ``shapes.COLUMNS``). Geoms of the world are already placed."""
     geom_pos: FloatArray
     """Position of each geom in its frame (g, 3)."""
     geom_mat: FloatArray
@@ -40,15 +40,15 @@ class PairTables(NamedTuple):
     unit_radius: FloatArray
     """Radius of the sphere around each unit (u,)."""
     unit_swing: FloatArray
-    """Distance from that center to the farthest point that a rotation moves (u,)."""
+    """Distance from the center of that sphere to the farthest point that a rotation moves (u,)."""
     lever: FloatArray
     """Largest distance of each unit from the axis of each joint of its chain (u, c); 1 for a slide."""
     one: Any
-    """First unit of each pair (p,). It is never in the world."""
+    """First unit of each pair (p,), which never belongs to the world."""
     other: Any
     """Second unit of each pair (p,)."""
     common: Any
-    """Number of joints at the beginning of both chains that are the same (p,)."""
+    """Number of joints that both chains of a pair have in common, from the world on (p,)."""
     extra: FloatArray
     """Work space: distance by which the padding of each pair exceeds that of pairs of links (p,)."""
 
@@ -56,7 +56,7 @@ class PairTables(NamedTuple):
 def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairTables, tuple[str, ...]]:
     """Return the tables of an arm in a scene, and the name of each unit.
 
-    A pair is left out if no planned joint changes its distance, or if it may touch.
+    A pair is left out if no planned joint changes its distance, or if its two units may touch.
 
     Raises PlanningError if an object has the name of a link.
     """
@@ -120,7 +120,7 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTabl
     found: list[tuple[int, int, int]] = []
     for i, one in enumerate(units):
         if one.frame == WORLD:
-            break  # the units of the world are last
+            break  # the units of the world come last
         for j in range(i + 1, len(units)):
             other, first, second = units[j], paths[i], paths[j]
             common = sum(1 for a, b in zip(first, second, strict=False) if a == b)
@@ -134,11 +134,10 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTabl
 
 
 def _levers(unit: Unit, chains: ChainTables, travel: FloatArray) -> FloatArray:
-    """Return how far a unit can be from the axis of each joint of its chain (c,), in m.
+    """Return the largest distance of a unit from the axis of each joint of its chain (c,), in m.
 
-    A sphere counts as its center, because a rotation about the center does not move the sphere.
-
-    The bound holds in every pose: it adds up the distances between the joints.
+    For a sphere, only the center counts, because a rotation about the center does not move the sphere. The bound holds
+    in every pose, because it is a sum of the distances between the joints.
     """
     levers = np.zeros(chains.chain.shape[1])
     link, at, chain = unit.frame, chains.chain_length[unit.frame] - 1, chains.chain

@@ -13,7 +13,7 @@ from planning.clearance.shapes import KIND, MATRIX, POINT, POSITION
 
 
 class Placement(NamedTuple):
-    """Poses of an arm with everything around it, in the world frame. ``place`` overwrites them."""
+    """Poses of an arm and of all objects around it, in the world frame. ``place`` overwrites them."""
 
     joint: FloatArray
     """Position of each joint (j,)."""
@@ -26,13 +26,15 @@ class Placement(NamedTuple):
     axis: FloatArray
     """Axis of each joint (j, 3)."""
     geoms: FloatArray
-    """Geoms in place (g, ``shapes.COLUMNS``)."""
+    """Geoms in the world frame (g, ``shapes.COLUMNS``)."""
     unit_pos: FloatArray
     """Center of the sphere around each unit (u, 3)."""
     rate: FloatArray
     """Work space: largest speed of each unit caused by the last joints of its chain (u, c + 1)."""
     geom_rate: FloatArray
-    """Work space: the same for each geom (g, c + 1); 0 for geoms of the world."""
+    """Work space: largest speed of each geom caused by the last joints of its chain (g, c + 1); 0 for geoms of the
+    world.
+    """
     rated: Any
     """Work space: whether ``geom_rate`` is up to date for each unit (u,)."""
     bend: FloatArray
@@ -42,13 +44,13 @@ class Placement(NamedTuple):
     signed: FloatArray
     """Work space: speed of each joint with its sign (j,)."""
     hints: Any
-    """Work space: the pairs that limited the last poses (2,); -1 for none. They are checked first."""
+    """Work space: the pairs that limited the last poses and are checked first (2,); -1 for none."""
     normal: FloatArray
-    """Work space: direction of the last distance, of length 1 (3,)."""
+    """Work space: unit vector in the direction of the last distance (3,)."""
 
 
 def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Placement:
-    """Return a placement with these positions of all joints (j,). World objects are in place already."""
+    """Return a placement for these positions of all joints (j,). World objects are already placed."""
     links, joints, units = len(chains.parent), len(chains.slides), len(pairs.frame)
     return Placement(
         joint=joint.copy(),
@@ -71,7 +73,7 @@ def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Plac
 
 @compiled
 def _turned(m: Any, link: int, v: Any, row: int) -> tuple[float, float, float]:
-    """Return row ``row`` of the vectors ``v`` in the world, turned with a link."""
+    """Return row ``row`` of the vectors ``v``, rotated from the frame of a link to the world frame."""
     x, y, z = v[row, 0], v[row, 1], v[row, 2]
     return (
         m[link, 0, 0] * x + m[link, 0, 1] * y + m[link, 0, 2] * z,
@@ -82,7 +84,7 @@ def _turned(m: Any, link: int, v: Any, row: int) -> tuple[float, float, float]:
 
 @compiled
 def _turn(m: Any, link: int, axis: Any, joint: int, angle: float) -> None:
-    """Turn a link about the axis of a joint."""
+    """Rotate a link about the axis of a joint."""
     c, s = cos(angle), sin(angle)
     x, y, z, d = axis[joint, 0], axis[joint, 1], axis[joint, 2], 1.0 - c
     for i in range(3):

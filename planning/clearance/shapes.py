@@ -1,8 +1,8 @@
 """Shapes of geoms in compiled code: their farthest points and their distance to a point.
 
 Every shape is a core, which may be a point or a segment, and a margin around the core. A geom is a row of a table of
-floats (g, ``COLUMNS``), because compiled functions pass a single array fastest. Coordinates are in the geom's frame, in
-m.
+floats (g, ``COLUMNS``), because passing a single array to compiled functions is fastest. Coordinates are in the geom's
+frame, in m.
 """
 
 from math import sqrt
@@ -13,13 +13,13 @@ from planning.clearance.compiled import compiled
 POINT: Final = 0
 """Sphere: ``margin`` is its radius."""
 SEGMENT: Final = 1
-"""Capsule along z: ``size[2]`` is half its length without caps, ``margin`` its radius."""
+"""Capsule along z: ``size[2]`` is half the length without caps, and ``margin`` is the radius."""
 BOX: Final = 2
 """Box: ``size`` has the half sides."""
 CYLINDER: Final = 3
-"""Cylinder along z: ``size[0]`` is its radius, ``size[2]`` half its height."""
+"""Cylinder along z: ``size[0]`` is the radius, and ``size[2]`` is half the height."""
 CONE: Final = 4
-"""Cone with its tip at +z: ``size[0]`` is the radius of its base, ``size[2]`` half its height."""
+"""Cone with its tip at +z: ``size[0]`` is the radius of the base, and ``size[2]`` is half the height."""
 ELLIPSOID: Final = 5
 """Ellipsoid: ``size`` has the half axes."""
 HULL: Final = 6
@@ -52,7 +52,7 @@ COLUMNS: Final = 21
 
 @compiled
 def farthest(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the point of a core that is farthest in the direction (x, y, z). ``vertices`` (v, 3): of all hulls."""
+    """Return the point of a core that is farthest in a direction. ``vertices`` (v, 3) are those of all hulls."""
     kind = geoms[geom, KIND]
     if kind == POINT:
         return 0.0, 0.0, 0.0
@@ -87,8 +87,8 @@ def farthest(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float)
 def point_distance(geoms: Any, geom: int, x: float, y: float, z: float) -> float:
     """Return the distance of a point from a core.
 
-    It is exact for points, segments, boxes, cylinders and planes. It is a lower bound for the other cores. Inside a
-    core it is 0, and below a plane negative.
+    The distance is exact for points, segments, boxes, cylinders and planes. For other cores, it is a lower bound. It is
+    0 inside a core, and negative below a plane.
     """
     kind = geoms[geom, KIND]
     if kind == PLANE:

@@ -1,4 +1,4 @@
-"""The point of a simplex that is nearest to the origin, in compiled code.
+"""Find the point of a simplex that is nearest to the origin, in compiled code.
 
 The corners of a simplex are rows of ``corners`` (4, 3), in m. The functions return the weight of each corner. A weight
 of 0 means that the corner does not contribute to the nearest point.
@@ -75,7 +75,10 @@ def _norm(corners: Any, i: int, j: int, k: int, weights: tuple[float, float, flo
 
 @compiled
 def on_tetrahedron(corners: Any, weights: Any) -> bool:
-    """Write the weights (4,) of the corners. Return whether the origin is inside; the weights are then not written."""
+    """Write the weights (4,) of the corners.
+
+    Return whether the origin is inside. In this case, the weights are not written.
+    """
     faces = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
     best = 1e300
     for i, j, k, opposite in faces:

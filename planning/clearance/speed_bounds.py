@@ -1,12 +1,12 @@
-"""Bounds of the speed of links along an edge, in compiled code. An edge takes one unit of time.
+"""Bounds of the speed of links along an edge, in compiled code.
 
-The largest speed of a unit has two terms. The first is the sum, over the joints of its chain, of the joint's speed
-multiplied by the unit's largest distance from the joint's axis in this pose. A sphere counts as its center. The second
-one bounds how these distances grow: other joints of the chain move the unit away from the axis.
-
-Near pairs have a second bound, and the better one counts. A plane separates the two convex geoms at their distance.
-Only the speed at right angles to the plane brings them nearer, plus a term for the acceleration. A link that slides
-along an obstacle is therefore checked in few poses. Mimic joints that follow a curve have no such bound.
+An edge takes one unit of time. The largest speed of a unit has two terms. The first term is a sum over the joints of
+its chain: the speed of the joint times the largest distance of the unit from the joint's axis in this pose. For a
+sphere, only the center counts. The second term bounds the growth of these distances, because other joints of the chain
+move the unit away from the axis. Near pairs have a second bound, and the lower bound is used. A plane separates the two
+convex geoms. They approach each other only with the speed perpendicular to the plane, plus a term for the acceleration.
+A link that slides along an obstacle is therefore checked in few poses. Mimic joints that follow a curve have no such
+bound.
 """
 
 from math import sqrt
@@ -50,7 +50,7 @@ def set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: An
 
 @compiled
 def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, unit: int) -> None:
-    """Write the same for each geom of a unit."""
+    """Write the largest speed of each geom of a unit caused by the last joints of its chain."""
     geoms, link, slides, rates = now.geoms, pairs.frame[unit], chains.slides, now.geom_rate
     now.rated[unit] = True
     for geom in range(pairs.first_geom[unit], pairs.first_geom[unit + 1]):
@@ -66,7 +66,7 @@ def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speed
 
 @compiled
 def set_bends(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
-    """Write the largest growth of each unit's speed, and its largest acceleration. They hold in every pose."""
+    """Write the largest growth of each unit's speed, and its largest acceleration. Both hold in every pose."""
     straight = True
     for i in range(len(chains.follower)):
         for power in range(2, 5):

@@ -1,4 +1,4 @@
-"""Straight paths of the tool, like MoveIt's compute_cartesian_path."""
+"""Compute straight paths of the tool, like MoveIt's compute_cartesian_path."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -15,23 +15,24 @@ from planning.kinematics.descent import Effort, descend
 from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 
 TURN_PER_METER: Final = 3.5
-"""Largest rotation of a step for each meter of its maximum length, in rad/m, as in MoveIt."""
+"""Largest rotation of a step per meter of its maximum length, in rad/m, as in MoveIt."""
 MOST_STEPS: Final = 20_000
 """Maximum number of steps of a path."""
 EFFORT: Final = Effort(steps=40, enough=1)
-"""Effort to reach the next point from the previous one."""
+"""Effort limits of the search for the next point from the previous point."""
 AT_LIMIT: Final = 1e-6
 """Distance from a limit within which a joint is at the limit, in rad or m."""
 
 Problem = Callable[[FloatArray], str]
-"""Describes why joint positions (n,) are not valid, such as "link3 touches box". The text is empty if they are."""
+"""Describes why joint positions (n,) are not valid, such as "link3 touches box". The text is empty if they are valid.
+"""
 EdgeProblem = Callable[[FloatArray, FloatArray], str]
-"""Describes why the straight motion between two joint positions (n,) is not valid. The text is empty if it is."""
+"""Describes why the straight motion between two joint positions (n,) is not valid. The text is empty if it is valid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Steps of a path and the jumps that end it."""
+    """Step sizes of a path, and limits for jumps of joints, which end the path."""
 
     longest_m: float = 0.01
     """Maximum motion of the tool between two points, in m."""
@@ -44,7 +45,7 @@ class Steps:
     deviation_m: float = 5e-4
     """Largest distance of a point from the line, in m."""
     deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """Largest rotation about the axes of the tool from the interpolated orientation, in rad; free from pi on."""
+    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, it is free."""
 
     def __post_init__(self) -> None:
         """Check the values. Raises GoalError."""
@@ -72,7 +73,7 @@ class ToolPath:
     fraction: float
     """Share of the path that was reached, from 0 to 1."""
     reason: str = ""
-    """Why the path ends early; empty if it does not."""
+    """Reason why the path ends early; empty if it is complete."""
 
 
 def tool_path(
@@ -114,7 +115,7 @@ def tool_path(
 
 
 def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Iterator[tuple[ToolPose, float]]:
-    """Yield the points of the path, and the share of the path up to each of them. Raises GoalError."""
+    """Yield the points of the path, and the share of the path up to each point. Raise GoalError."""
     if not waypoints:
         raise invalid("the path has no waypoints: send at least one pose")
     poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]
@@ -141,7 +142,7 @@ def _goal(pose: ToolPose, steps: Steps) -> PoseGoal:
 
 
 def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) -> FloatArray:
-    """Return joint positions (n,) near the previous ones with the tool at the pose, or as near to it as possible."""
+    """Return joint positions (n,) close to the previous positions, with the tool as close to the pose as possible."""
     goal = _goal(pose, steps)
     found = descend(chain, goal, previous[None], 0.0, EFFORT)
     if not goal.contains(chain.transforms(found.positions))[0]:
@@ -150,7 +151,7 @@ def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) ->
 
 
 def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
-    """Describe why the tool misses the pose at these joint positions (n,); empty if it does not."""
+    """Describe why the tool misses the pose at these joint positions (n,). The text is empty if it does not."""
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:
         return ""
@@ -168,7 +169,7 @@ def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> 
 
 
 def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> str:
-    """Describe the first joint that jumps between two points (n,); empty if none does."""
+    """Describe the first joint that jumps between two points (n,). The text is empty if there is none."""
     for name, turns, moved in zip(chain.names, chain.turns.tolist(), np.abs(after - before).tolist(), strict=True):
         limit, unit = (steps.jump_rad, "rad") if turns else (steps.jump_m, "m")
         if limit and moved > limit:

@@ -1,4 +1,4 @@
-"""Forward kinematics: the pose of an arm's tool and its Jacobian, as functions of the joint positions."""
+"""Compute the pose of an arm's tool and its Jacobian from the joint positions (forward kinematics)."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +17,7 @@ from planning.errors import Code, PlanningError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolPose:
-    """ToolPose of a frame in the frame of the base link."""
+    """Pose of a frame in the frame of the base link."""
 
     position_m: FloatArray
     """Position (3,), in m."""
@@ -29,8 +29,8 @@ class Chain:
     """Joints between the base link and a tool, which is a body or a site of a MuJoCo model.
 
     The kinematics are copied from the model, so that a chain has no state and computes many poses at once. Joints
-    between base and tool that are not planned do not move. With k sets of positions, transforms
-    have shape (k, 4, 4) and Jacobians (k, 6, n); the first three rows of a Jacobian are linear velocities.
+    between the base and the tool that are not planned do not move. With k sets of positions, transforms have shape (k,
+    4, 4) and Jacobians (k, 6, n); the first three rows of a Jacobian are linear velocities.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class Chain:
             model: The MuJoCo model (mujoco.MjModel). It is not changed.
             limits: Limits of the planned joints by name, in the order of all positions.
             tool: Name of a body or a site of the model.
-            base: Name of the body in whose frame poses are given; by default, the body on which the arm stands,
-                which is the world if the first body of the arm moves.
+            base: Name of the body in whose frame poses are given; by default, the body on which the arm is mounted.
+            This is the world if the first body of the arm moves.
             others: Positions of joints that are not planned, by name; by default, those of the model.
 
         Raises:
@@ -79,7 +79,7 @@ class Chain:
         self._reference = model.qpos0[model.jnt_qposadr[list(joints.values())]].copy()
         self._rest = inverse @ _transform(place.xmat, place.xpos)
         self.turns: NDArray[np.bool_] = model.jnt_type[list(joints.values())] == int(mujoco.mjtJoint.mjJNT_HINGE)
-        """Whether each joint is revolute (n,), not prismatic."""
+        """Whether each joint is revolute (n,). The other joints are prismatic."""
         axes, anchors = data.xaxis[indices], data.xanchor[indices]
         axes, anchors = axes @ inverse[:3, :3].T, anchors @ inverse[:3, :3].T + inverse[:3, 3]
         self._generators = _generators(axes, anchors, self.turns[self._order])
@@ -150,7 +150,7 @@ class Chain:
 
 
 def moved_by(model: Any, joints: Sequence[str], tool: str) -> tuple[str, ...]:
-    """Return those of the joints that move a body or a site of the model. Raises PlanningError."""
+    """Return the joints in ``names`` that move a body or a site of the model. Raise PlanningError."""
     path = _ancestors(model, _tool_body(model, tool))
     return tuple(name for name, joint in _joints(model, joints).items() if int(model.jnt_bodyid[joint]) in path)
 
@@ -161,7 +161,7 @@ def pose_of(transform: FloatArray) -> ToolPose:
 
 
 def _generators(axes: FloatArray, anchors: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:
-    """Return the matrices (3, n, 4, 4) of each joint by which sin q, 1 - cos q and q are multiplied."""
+    """Return the matrices (3, n, 4, 4) that are the factors of sin q, 1 - cos q and q of each joint."""
     about, again, along = found = np.zeros((3, len(axes), 4, 4))
     cross = skew(axes) * turns[:, None, None]
     about[:, :3, :3], again[:, :3, :3] = cross, cross @ cross
@@ -210,7 +210,7 @@ def _joints(model: Any, names: Iterable[str]) -> dict[str, int]:
 
 
 def _tool_body(model: Any, tool: str) -> int:
-    """Return the body of the tool, or the body to which the tool's site belongs. Raises PlanningError."""
+    """Return the body that is the tool or carries the tool's site. Raise PlanningError."""
     body, site = _index(model, "body", tool), _index(model, "site", tool)
     if max(body, site) < 0:
         names = _listed(model, "body", "site")

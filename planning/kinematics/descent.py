@@ -1,4 +1,4 @@
-"""Damped least squares with joint limits, for many starts at once."""
+"""Minimize with damped least squares and joint limits, from many starts at once."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,15 +11,15 @@ from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
 
 EXACT_M2: Final = 1e-14
-"""Sum of squared excess at which a start has reached the goal, in m²."""
+"""Sum of squared excess below which a start counts as having reached the goal, in m²."""
 DAMPING: Final = 1e-3
 """Initial damping, in m²/rad²."""
 DAMPING_RANGE: Final = (1e-9, 1e2)
-"""Lowest and highest damping. At the highest damping, no step improves."""
+"""Lowest and highest damping. If even the highest damping gives no improvement, the start is stuck."""
 EASED: Final = 0.2
-"""Factor of the damping after a step that improves."""
+"""Factor of the damping after a step that improves the result."""
 STIFFENED: Final = 5.0
-"""Factor of the damping after a step that does not improve."""
+"""Factor of the damping after a step that does not improve the result."""
 LONGEST_STEP: Final = 1.0
 """Largest motion of a joint in one step, in rad or m."""
 PROGRESS: Final = 1e-2
@@ -28,12 +28,12 @@ PROGRESS: Final = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Limits of the effort of a descent."""
+    """Effort limits of a descent."""
 
     steps: int
     """Maximum number of steps."""
     enough: int
-    """Number of starts that have reached the goal at which the others stop, as soon as the first start has ended."""
+    """Number of successful starts at which the other starts stop, as soon as the first start has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Descent:
     """Result of a descent from k starts."""
 
     positions: FloatArray
-    """Joint positions (k, n), in rad or m, within the limits."""
+    """Joint positions (k, n) within the limits, in rad or m."""
     cost_m2: FloatArray
     """Sums of squared excess (k,), in m²."""
 
@@ -56,11 +56,11 @@ class _State:
     curvature: FloatArray
 
     def of(self, starts: NDArray[np.intp]) -> "_State":
-        """Return the state of some of the starts."""
+        """Return the part of the state that belongs to some of the starts."""
         return _State(self.positions[starts], self.cost[starts], self.gradient[starts], self.curvature[starts])
 
     def update(self, starts: NDArray[np.intp], new: "_State", better: NDArray[np.bool_]) -> None:
-        """Replace the state of those of ``starts`` that are better."""
+        """Replace the state of the ``starts`` that have improved."""
         replaced = starts[better]
         self.positions[replaced], self.cost[replaced] = new.positions[better], new.cost[better]
         self.gradient[replaced], self.curvature[replaced] = new.gradient[better], new.curvature[better]

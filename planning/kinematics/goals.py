@@ -1,4 +1,4 @@
-"""Goals for the tool as regions of poses, and checks of the poses and tolerances that a client sends."""
+"""Goals of the tool as regions of poses, and checks of the poses and tolerances that a client sends."""
 
 import math
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
 
 ROTATION_M: Final = 0.1
-"""Distance that counts as much as a rotation by 1 rad when positions and orientations are compared, in m/rad."""
+"""Distance that is equivalent to a rotation by 1 rad when positions and orientations are compared, in m/rad."""
 NORMALIZED_WITHIN: Final = 1e-3
 """Largest deviation of a quaternion's length from 1 that is corrected without an error."""
 FARTHEST_M: Final = 1e3
-"""Largest coordinate of a goal, in m. Larger values are in another unit."""
+"""Largest coordinate of a goal, in m. A larger value probably has a wrong unit."""
 INSIDE: Final = 0.9
-"""Share of the tolerances at which the search for a pose inside the region aims."""
+"""Share of the tolerances that the search for a pose inside the region uses."""
 
 
 Angles = Literal["rotation_vector", "xyz_euler"]
@@ -48,21 +48,21 @@ class UnreachableError(GoalError):
 
 
 class CollidingError(GoalError):
-    """The goal can be reached, but only with joint positions that are not valid."""
+    """The goal can be reached only with joint positions that are not valid."""
 
     def __init__(self, message: str, positions: FloatArray) -> None:
         super().__init__("GOAL_IN_COLLISION", message)
         self.positions = positions
-        """One set of joint positions (n,) that reaches the goal and is not valid, in rad or m."""
+        """Joint positions (n,) that reach the goal but are not valid, in rad or m."""
 
 
 def invalid(message: str) -> GoalError:
-    """Return the error of a goal that is invalid by itself, whatever the arm."""
+    """Return the error of a goal that is invalid for every arm."""
     return GoalError("INVALID_GOAL_CONSTRAINTS", message)
 
 
 def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> ToolPose:
-    """Check and normalize a pose of a client.
+    """Check and normalize a pose that a client sent.
 
     Args:
         position_m: Position (3,), in m.
@@ -109,14 +109,14 @@ class PositionSphere:
         _check_tolerance(self.radius_m, "position tolerance", " m")
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the shortest ways out of the region.
+        """Return the vectors from the region to offsets outside it.
 
         Args:
             offsets: Offsets from the center (k, 3), in m.
             share: Share of the region's size.
 
         Returns:
-            The vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
+            The shortest vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
         """
         if share == 0.0:
             return offsets, _IDENTITY
@@ -131,7 +131,7 @@ class PositionSphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionBox:
-    """Region of positions around the position of a goal, with flat sides."""
+    """Box of positions around the position of a goal."""
 
     size_m: tuple[float, float, float]
     """Lengths of the edges, in m. The goal is in the center."""
@@ -145,7 +145,7 @@ class PositionBox:
         checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the shortest ways out of the region, as ``PositionSphere.excess`` does, along the axes of the box."""
+        """Return vectors from the region to offsets, as in ``PositionSphere.excess``, along the axes of the box."""
         rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
         own = offsets @ rotation
         beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
@@ -164,7 +164,7 @@ class PoseGoal:
     region: PositionSphere | PositionBox
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
-    """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""
+    """Tolerances about the x, y and z axes of the goal, in rad. From pi on, the orientation about an axis is free."""
     angles: Angles = "rotation_vector"
     """Meaning of the angles."""
     _target: FloatArray = field(init=False, repr=False)
@@ -183,7 +183,7 @@ class PoseGoal:
         object.__setattr__(self, "_free", np.array(self.orientation_tolerance_rad) >= math.pi)
 
     def excess(self, tools: FloatArray, share: float) -> FloatArray:
-        """Return how far poses (k, 4, 4) of the tool are from the region.
+        """Return the excess of tool poses (k, 4, 4), which is their distance from the region.
 
         Args:
             tools: Poses of the tool (k, 4, 4).
@@ -208,7 +208,7 @@ class PoseGoal:
         return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
 
     def distances(self, tools: FloatArray) -> FloatArray:
-        """Return the distances (k, 2) of poses (k, 4, 4) from the pose, in m and rad. Free axes do not count."""
+        """Return the distances (k, 2) of poses (k, 4, 4) from the goal's pose, in m and rad. Free axes do not count."""
         excess = self.excess(tools, 0.0)
         return np.stack([np.linalg.norm(excess[:, :3], axis=1), np.linalg.norm(excess[:, 3:], axis=1) / ROTATION_M], 1)
 
@@ -220,7 +220,7 @@ class PoseGoal:
         return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
 
     def _are_euler(self, share: float) -> bool:
-        """Whether to use Euler angles. The pose itself has no angles, so rotation vectors lead there more directly."""
+        """Whether to use Euler angles. For the pose itself (share 0), rotation vectors are the more direct way."""
         return self.angles == "xyz_euler" and (share > 0.0 or bool(self._free.any()))
 
     def _angles(self, tools: FloatArray, share: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Inverse kinematics: joint positions that bring the tool into a region of poses."""
+"""Find joint positions that bring the tool into a region of poses (inverse kinematics)."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -15,19 +15,19 @@ from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGo
 SAMPLES: Final = 1024
 """Number of random joint positions from which the starts of a search are chosen."""
 BATCHES: Final = (16, 32, 64)
-"""Number of starts that are computed at once, in turn. A goal is refused after the last batch."""
+"""Numbers of starts in consecutive batches. A goal is rejected after the last batch."""
 CENTER: Final = Effort(steps=25, enough=8)
-"""Effort to reach the pose itself."""
+"""Effort limits of the search for the pose itself."""
 REGION: Final = Effort(steps=15, enough=8)
-"""Further effort to reach the region, if the pose itself cannot be reached."""
+"""Effort limits of the further search for the region, if the pose itself cannot be reached."""
 WIDE: Final = Effort(steps=40, enough=max(BATCHES))
-"""Effort to reach many places of the region."""
+"""Effort limits of the search for many places in the region."""
 DISTINCT: Final = 0.2
 """Smallest difference of a joint between two solutions, in rad or m."""
 SAME: Final = 1e-3
-"""Difference of all joints below which a solution is not checked again, in rad or m."""
+"""If all joints differ by less than this, a solution is not checked again, in rad or m."""
 COUNT: Final = 8
-"""Default for the maximum number of solutions."""
+"""Default maximum number of solutions."""
 
 Remaining = Callable[[], float]
 """Function that returns the time that is left, in seconds."""
@@ -63,13 +63,14 @@ class InverseKinematics:
 
         Args:
             goal: Region of poses of the tool.
-            start: Current joint positions (n,), in rad or m. They are tried first.
+            start: Current joint positions (n,), in rad or m. These positions are tried first.
             valid: Returns whether joint positions are valid; by default, all are.
             count: Maximum number of solutions.
             remaining_s: Returns the time that is left, in seconds; by default, the time is not limited.
 
         Returns:
-            Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The nearest to ``start`` is first.
+            Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The solution closest to ``start`` comes
+            first.
 
         Raises:
             UnreachableError: No joint positions were found. The error has the nearest pose.
@@ -82,7 +83,7 @@ class InverseKinematics:
         for starts in self._batches(goal, first):
             if nearest and remaining_s is not None and remaining_s() <= 0.0:
                 raise PlanningError(
-                    "TIMED_OUT", f"no joint positions for {self._chain.tool} within the time: allow more time"
+                    "TIMED_OUT", f"no joint positions for {self._chain.tool} found in time: allow more time"
                 )
             found = self._widely(goal, starts) if colliding else self._search(goal, starts)
             reached = self._from_start(self._reached(goal, found), start)
@@ -100,7 +101,7 @@ class InverseKinematics:
         raise self._unreachable(goal, nearest)
 
     def _batches(self, goal: PoseGoal, first: FloatArray) -> list[FloatArray]:
-        """Return batches of starts (k, n): the given one, then samples, of which half are the nearest to the goal."""
+        """Return batches of starts (k, n): the given start, then samples. Half of these are the nearest to the goal."""
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
         batches = []
@@ -110,7 +111,7 @@ class InverseKinematics:
         return [np.concatenate([first[None], batches[0]]), *batches[1:]]
 
     def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
-        """Move the starts to the pose itself or, if none of them reaches it, to the region around it."""
+        """Move the starts to the pose itself or, if no start reaches the pose, to the region around it."""
         found = descend(self._chain, goal, starts, 0.0, CENTER)
         if not goal.contains(self._chain.transforms(found.positions)).any():
             found = descend(self._chain, goal, found.positions, INSIDE, REGION)
@@ -121,13 +122,13 @@ class InverseKinematics:
         return descend(self._chain, goal, starts, INSIDE, WIDE)
 
     def _reached(self, goal: PoseGoal, found: Descent) -> FloatArray:
-        """Return the joint positions (k, n) inside the region; if some of them are exact, only those."""
+        """Return the joint positions (k, n) inside the region, or only the exact positions if there are any."""
         inside = goal.contains(self._chain.transforms(found.positions))
         exact = inside & (found.cost_m2 <= EXACT_M2)
         return found.positions[exact if exact.any() else inside]
 
     def _from_start(self, positions: FloatArray, start: FloatArray) -> FloatArray:
-        """Return joint positions (k, n) without needless turns, sorted by their distance from ``start``."""
+        """Return joint positions (k, n) without unnecessary turns, sorted by their distance from ``start``."""
         turns = 2.0 * np.pi * np.round((positions - start) / (2.0 * np.pi)) * self._chain.turns
         turned = positions - turns
         allowed = (turned >= self._chain.lower) & (turned <= self._chain.upper)

@@ -1,1 +1,1 @@
-"""Search for paths, shortcuts, and times along a path."""
+"""Search for paths, shorten them, and compute the times along them."""

@@ -1,7 +1,7 @@
-"""A path whose corners are rounded where the scene leaves room.
+"""Round the corners of a path where the scene leaves room.
 
 The path consists of straight lines and blends. A blend replaces a corner: over a length h before and after the corner,
-the direction turns from the one line to the other as 3x² - 2x³. The curvature therefore begins and ends at 0.
+the direction turns from one line to the other as 3x² - 2x³. The curvature therefore begins and ends at 0.
 """
 
 from dataclasses import dataclass
@@ -16,40 +16,40 @@ from planning.paths.margins import PathMargins
 SHARE: Final = 0.45
 """Largest share of a line that a blend at one of its ends replaces."""
 HALVINGS: Final = 4
-"""Number of times a blend that touches something is halved before the path keeps its corner."""
+"""Number of times that a blend with contact is halved before the path keeps its corner."""
 CHORDS: Final = 16
-"""Number of straight edges that stand for a blend in the check."""
+"""Number of straight edges that represent a blend in the check."""
 TURN: Final = 1.5
 """Largest slope of the turn 3x² - 2x³."""
 SAG: Final = 0.15
 """Largest distance of a spline from its chord, as a share of its curvature and the squared length of the chord."""
 SAME_RAD: Final = 1e-9
-"""Distance below which two points are the same, in rad or m."""
+"""Distance below which two points count as the same, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """The place between two lines of a path. ``half`` is 0 if the path keeps its corner and stops there."""
+    """Transition between two lines of a path. ``half`` is 0 if the path keeps its corner and stops there."""
 
     point: FloatArray
     """The corner (n,)."""
     before: FloatArray
-    """Direction of the line before it, of length 1 (n,)."""
+    """Direction of the line before the corner, as a unit vector (n,)."""
     after: FloatArray
-    """Direction of the line after it, of length 1 (n,)."""
+    """Direction of the line after the corner, as a unit vector (n,)."""
     half: float
     """Length of the lines that the blend replaces on each side, in rad."""
 
     def sag(self, length: float) -> FloatArray:
-        """Return how far each joint (n,) can be from a chord of this length on the blend, in rad or m.
+        """Return the largest distance (n,) of each joint from a chord of this length on the blend, in rad or m.
 
-        A curve of curvature k is at most k s²/8 from a chord of length s, and a cubic spline through its ends that has
-        the same directions there is at most 0.15 k s² from it.
+        The distance between a curve of curvature k and a chord of length s is at most k s²/8. For a cubic spline with
+        the same ends and directions, it is at most 0.15 k s².
         """
         return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
 
     def at(self, along: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, direction and curvature (n,) at a length from the begin of the blend, in rad."""
+        """Return position, direction and curvature (n,) at a length from the start of the blend, in rad."""
         x = along / (2.0 * self.half)
         turned, bent = 3.0 * x**2 - 2.0 * x**3, (6.0 * x - 6.0 * x**2) / (2.0 * self.half)
         moved = 2.0 * self.half * (x**3 - 0.5 * x**4)
@@ -59,13 +59,13 @@ class Corner:
 
 
 def distinct(path: FloatArray) -> FloatArray:
-    """Return a path (m, n) without points that repeat the point before them."""
+    """Return a path (m, n) without points that repeat the previous point."""
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     return path[np.concatenate(([True], steps > SAME_RAD))]
 
 
 def blended(path: FloatArray, collisions: Collisions, margins: PathMargins) -> tuple[Corner, ...]:
-    """Return the inner corners of a path (m, n), each with the longest blend that touches nothing."""
+    """Return the inner corners of a path (m, n), each with the longest blend without contact."""
     lines = np.diff(path, axis=0)
     lengths = np.linalg.norm(lines, axis=1)
     directions = lines / lengths[:, None]

@@ -1,4 +1,4 @@
-"""Margins of a path, which are smaller near a start or a goal that is itself near to something."""
+"""Margins of a path. They are smaller near a start or a goal that is itself close to something."""
 
 import itertools
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ class PathMargins:
 
     margins: Margins
     near: tuple[Near, ...] = ()
-    """Places with other margins."""
+    """Places with different margins."""
 
     def at(self, start: FloatArray, end: FloatArray) -> Margins:
-        """Return the margins of an edge: those of a place if the whole edge is in it."""
+        """Return the margins of an edge. If a place contains the whole edge, these are the margins of the place."""
         for place in self.near:
             if max(float(np.linalg.norm(point - place.end)) for point in (start, end)) <= place.radius:
                 return place.margins
@@ -42,12 +42,14 @@ class PathMargins:
         return PathMargins(self.margins.for_parts(), near)
 
     def contact(self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too.
+        """Return the first contact of the edges between points (m, n), or None.
+
+        Its ``part`` includes the previous edges.
 
         Args:
             collisions: Checks of the arm in the scene.
             points: Points (m, n), in rad or m.
-            sags_m: Distance by which the padding of each edge grows (m - 1,), in m.
+            sags_m: Distance that is added to the padding of each edge (m - 1,), in m.
         """
         for index, ((start, end), sag_m) in enumerate(zip(itertools.pairwise(points), sags_m, strict=True)):
             margins = self.at(start, end)

@@ -1,4 +1,4 @@
-"""Plan a short path: one or two searches, each followed by shortcuts. The shorter result wins."""
+"""Plan a short path: one or two searches, each followed by shortcuts. The shorter result is used."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -17,9 +17,9 @@ from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
 
 SEARCHES: Final = 2
-"""Maximum number of searches. A single search may pass an obstacle on its long side."""
+"""Maximum number of searches. A single search may pass an obstacle on the wrong side."""
 POSES: Final = 500
-"""Number of checked poses after which no further search begins. A hard problem has a single search."""
+"""Number of checked poses after which no further search begins, so that a hard problem is searched only once."""
 
 
 class Plan(NamedTuple):
@@ -28,7 +28,9 @@ class Plan(NamedTuple):
     points: FloatArray
     """Points of the path (m, n), in rad or m. Every edge between them is free."""
     margins: PathMargins
-    """Margins that the path keeps: those of the request, or less near a start or a goal that is near to something."""
+    """Margins that the path keeps. Near a start or a goal that is close to something, they are less than in the
+    request.
+    """
 
 
 def plan_path(
@@ -47,7 +49,7 @@ def plan_path(
         The path and its margins.
 
     Raises:
-        PlanningError: The start or the goals are not possible, or no path was found in time.
+        PlanningError: The start or the goals are invalid, or no path was found in time.
     """
     request = checked(arm, collisions, request)
     ends = _released(arm, collisions, request)

@@ -1,6 +1,6 @@
-"""Leave a start, or reach a goal, that is nearer to something than the padding.
+"""Leave a start, or reach a goal, that is closer to something than the padding.
 
-Only the edge between such an end and a near pose with the full padding has smaller margins.
+Only the edge between such an end and a nearby pose with the full padding has smaller margins.
 """
 
 from typing import Final, NamedTuple
@@ -25,7 +25,7 @@ class Release(NamedTuple):
     end: FloatArray
     """The start or the goal (n,), in rad or m."""
     free: FloatArray
-    """Pose with the full padding (n,); the end itself if it has the full padding."""
+    """Pose with the full padding (n,), which is the end itself if it has the full padding."""
     near: tuple[Near, ...] = ()
     """Margins near the end."""
 

@@ -12,19 +12,19 @@ from planning.collision import CONTACT_M, Collisions, Margins
 from planning.errors import Code, PlanningError
 
 Remaining = Callable[[], float]
-"""Function that returns the time that is left, in seconds. The package has no clock of its own."""
+"""Function that returns the remaining time, in seconds. The package has no clock of its own."""
 AROUND: Final = np.pi
-"""Distance beyond the start and the goals up to which a continuous joint is searched, in rad."""
+"""Distance beyond the start and the goals that the search covers for a continuous joint, in rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class PathRequest:
-    """A search for a path from one pose to the nearest of several others. All arrays are in joint order (n,)."""
+    """Request for a path from one pose to the nearest of several goals. All arrays are in joint order (n,)."""
 
     start: FloatArray
     """Positions at the start (n,), in rad or m."""
     goals: tuple[FloatArray, ...]
-    """Positions of which the path reaches one, each (n,)."""
+    """Goal positions, each (n,). The path reaches one of them."""
     planner_id: str = ""
     """MoveIt's planner id, such as RRTConnectkConfigDefault; RRT-Connect by default."""
     margins: Margins = field(default_factory=Margins)
@@ -33,9 +33,9 @@ class PathRequest:
 
 
 def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with its possible goals only.
+    """Return a request with only its valid goals, which are inside the limits and without contact.
 
-    They are inside the limits and without contact. If some have the full padding, the others are left out.
+    If some goals have the full padding, the others are left out.
 
     Raises:
         PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.
@@ -59,7 +59,7 @@ def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> Path
 
 
 def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with margins that its start and at least one of its goals have, and with these goals only."""
+    """Return a request with margins that its start and at least one goal have, and with only such goals."""
     padding_m = request.margins.padding_m
     rooms_m = [collisions.room_m(goal, padding_m) for goal in request.goals]
     margins = request.margins.within(min(collisions.room_m(request.start, padding_m), max(rooms_m)))
@@ -68,7 +68,7 @@ def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
 
 
 def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper ends (n,) of the search. They are finite and include the start and the goals."""
+    """Return the lower and upper ends (n,) of the search, which are finite and include the start and the goals."""
     points = np.array([request.start, *request.goals])
     lower = np.where(np.isfinite(arm.lower), arm.lower, points.min(axis=0) - AROUND)
     upper = np.where(np.isfinite(arm.upper), arm.upper, points.max(axis=0) + AROUND)
@@ -76,7 +76,7 @@ def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]
 
 
 def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]:
-    """Return the goals inside the limits, and what is wrong with one of the others."""
+    """Return the goals inside the limits, and a description of the mistake in one of the other goals."""
     within, wrong = list[FloatArray](), ""
     for goal in request.goals:
         if outside := arm.outside(goal):
@@ -87,7 +87,7 @@ def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]
 
 
 def _nearest_turn(goal: FloatArray, start: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the goal with whole turns added to continuous joints, so that they are nearest to the start."""
+    """Return the goal with whole turns added to continuous joints to bring them as near to the start as possible."""
     turns = np.round((start - goal) / (2.0 * np.pi)) * 2.0 * np.pi
     continuous = np.array([not np.isfinite(limit.upper) and not np.isfinite(limit.lower) for limit in limits])
     return np.where(continuous, goal + turns, goal)

@@ -1,6 +1,6 @@
-"""PRM: a search in a roadmap of random poses, whose edges are checked only if a path needs them.
+"""Search in a roadmap of random poses (PRM), whose edges are checked only if a path needs them.
 
-OMPL's own PRM is not used. It needs a second thread, and its roadmap depends on the speed of the machine.
+OMPL's own PRM is not used, because it needs a second thread and its roadmap depends on the speed of the machine.
 """
 
 import heapq
@@ -14,7 +14,7 @@ from planning.collision import Collisions
 from planning.paths.request import PathRequest, Remaining
 
 BATCH: Final = 150
-"""Number of random poses that are added when the roadmap has no path."""
+"""Number of random poses that are added if the roadmap contains no path."""
 NEIGHBORS: Final = 10
 """Number of nearest poses to which each pose is connected."""
 MOST: Final = 1_000
@@ -22,7 +22,7 @@ MOST: Final = 1_000
 
 
 class _Roadmap:
-    """Poses and edges. Pose 0 is the start, and the goals follow."""
+    """Roadmap of poses and edges. Pose 0 is the start, and the goals follow."""
 
     def __init__(self, collisions: Collisions, request: PathRequest) -> None:
         self.poses = np.array([request.start, *request.goals])
@@ -32,7 +32,7 @@ class _Roadmap:
         self._edges: list[dict[int, float]] = []
 
     def grow(self, random: np.random.Generator, ends: tuple[FloatArray, FloatArray]) -> None:
-        """Add random poses, and connect each pose to its nearest ones."""
+        """Add random poses, and connect each pose to the nearest poses."""
         samples = random.uniform(*ends, (BATCH, len(ends[0])))
         clear = [pose for pose in samples if self._collisions.is_clear(pose, self._margins.padding_m)]
         self.poses = np.array([*self.poses, *clear])

@@ -1,12 +1,11 @@
 """Search for paths without contact, with OMPL.
 
-OMPL's random generator is global in a process. Every attempt starts it anew with a seed from the request, so requests
-that follow each other do not influence each other. Two requests at the same time in one process would: a caller with
-several threads runs one search at a time.
-
-At exit, OMPL's Python module prints its objects that are still alive. The callbacks here keep no reference to OMPL's
-objects, so none of a search is alive. A program that called gc.freeze() would keep OMPL's types alive, because the
-last collection leaves them out. gc.unfreeze() at exit ends that.
+OMPL's random generator is global in a process. Every attempt seeds it again with a seed from the request, so
+consecutive requests do not influence each other. Simultaneous requests in one process would influence each other, so a
+caller with several threads must run one search at a time. At exit, OMPL's Python module prints its objects that are
+still alive. The callbacks here keep no reference to OMPL's objects, so no object of a search stays alive. After
+gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent this with
+gc.unfreeze() at exit.
 """
 
 import atexit
@@ -34,16 +33,19 @@ PLANNERS: Final = {
     "bkpiece": geometric.BKPIECE1,
     "lbkpiece": geometric.LBKPIECE1,
 }
-"""Planners of OMPL by the stem of MoveIt's planner ids, in lower case."""
+"""Planners of OMPL, by the stem of MoveIt's planner IDs in lower case."""
 PRM: Final = "prm"
-"""Stem of the ids of the planner in planning/paths/roadmap.py."""
+"""Stem of the IDs of the planner in planning/paths/roadmap.py."""
 DEFAULT: Final = "rrtconnect"
 NARROW: Final = "lbkpiece"
 """Planner of every second attempt with the default planner."""
 RANGES_RAD: Final = (1.0, 0.5, 2.0)
-"""Longest edges that a search adds, one for each attempt in turn, in rad (m for a slide)."""
+"""Lengths of the longest edges that a search adds, used in turn by the attempts, in rad (m for a slide)."""
 EDGES: Final = 150
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
+NARROW_FACTOR: Final = 6
+"""Factor of the number of edges for ``NARROW``. It checks an edge only once its tree has reached the goal, so its edges
+are cheaper, and it needs more of them: 650 at the median for a goal in a cage."""
 IMPROVING_EDGES: Final = 5_000
 """Number of edges that RRTstar checks, even if it has a path already."""
 GROWTH: Final = 1.5
@@ -61,9 +63,9 @@ class Attempt(NamedTuple):
 
 
 def planner_stem(planner_id: str) -> str | None:
-    """Return ``PRM`` or the key of ``PLANNERS`` for MoveIt's planner id, or None if the planner does not exist here.
+    """Return ``PRM`` or the key of ``PLANNERS`` for a planner ID of MoveIt, or None if the planner does not exist.
 
-    MoveIt uses its default planner for an unknown id, and ``find_path`` does the same. EST is not in OMPL's wheel.
+    For an unknown ID, ``find_path`` uses the default planner, as MoveIt does. OMPL's wheel does not contain EST.
     """
     stem = planner_id.rpartition("::")[2].removesuffix("kConfigDefault").lower()
     stem = {"": DEFAULT, "kpiece1": "kpiece", "bkpiece1": "bkpiece", "lbkpiece1": "lbkpiece"}.get(stem, stem)
@@ -73,7 +75,7 @@ def planner_stem(planner_id: str) -> str | None:
 def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
     """Search for a path from the start to one of the goals.
 
-    The same request with the same scene gives the same path if the time suffices. RRTstar improves its path until it
+    The same request with the same scene gives the same path if there is enough time. RRTstar improves its path until it
     has checked ``IMPROVING_EDGES`` edges, or until the time ends.
 
     Args:
@@ -86,13 +88,13 @@ def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remai
         Points of the path (m, n), in rad or m. Every edge between them is free.
 
     Raises:
-        PlanningError: The start or the goals are not possible, or no path was found in time.
+        PlanningError: The start or the goals are invalid, or no path was found in time.
     """
     return path_of_checked(arm, collisions, reduced(collisions, checked(arm, collisions, request)), remaining_s)
 
 
 def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
-    """Search as ``find_path`` does, for a request that has been checked."""
+    """Search like ``find_path``, for a request that has already been checked."""
     stem = planner_stem(request.planner_id) or DEFAULT
     for goal in request.goals:
         if collisions.edge_contact(request.start, goal, request.margins) is None:
@@ -108,11 +110,12 @@ def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest,
 
 
 def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
-    """Yield attempts without end. Every second one uses another planner, which is better in narrow passages."""
+    """Yield an endless series of attempts. Every second attempt uses a planner that is better in narrow passages."""
     for number in count():
         planner = stem if number % 2 == 0 else NARROW if stem == DEFAULT else DEFAULT
-        edges = IMPROVING_EDGES if planner == "rrtstar" else int(EDGES * GROWTH**number)
-        yield Attempt(planner, RANGES_RAD[number // 2 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
+        edges = EDGES * GROWTH**number * (NARROW_FACTOR if planner == NARROW else 1)
+        most = IMPROVING_EDGES if planner == "rrtstar" else int(edges)
+        yield Attempt(planner, RANGES_RAD[number // 2 % 3], most, (seed * 1009 + number) % (2**31 - 1) + 1)
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types

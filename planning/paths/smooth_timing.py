@@ -1,4 +1,4 @@
-"""Time along a smooth path with many points, such as a straight motion of the tool.
+"""Compute the times along a smooth path with many points, such as a straight motion of the tool.
 
 A cubic spline goes through the points, and ruckig moves along the spline within limits that hold at each of its points.
 Where the path has a corner, the arm stops.
@@ -18,16 +18,19 @@ from planning.paths.margins import PathMargins
 from planning.paths.timing import PERIOD_S, Caps, TimedPath, ramp_of
 
 CORNER_RAD: Final = 0.3
-"""Angle between two edges in the space of the joints from which a point is a corner."""
+"""Smallest angle between two edges in joint space at which a point counts as a corner."""
 SHARES: Final = (0.5, 1.0 / 3.0)
-"""Shares of the limits of acceleration and jerk for each of the terms that add up to them."""
+"""Share of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
 TINY: Final = 1e-9
-"""Smallest derivative, so that a joint at rest has no limit."""
+"""Lower bound of a derivative, so that a joint at rest does not limit the motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spline:
-    """Cubic spline through points, as a function of the length along their edges. Its ends are parabolas."""
+    """Cubic spline through points, as a function of the length along the edges.
+
+    The first and last pieces are parabolas.
+    """
 
     lengths: FloatArray
     """Length at each point (m,), in rad."""
@@ -74,7 +77,7 @@ class Spline:
 def timed_smoothly(
     path: FloatArray, limits: Sequence[JointLimits], collisions: Collisions, margins: Margins
 ) -> TimedPath | None:
-    """Return a trajectory along splines through the points of a path, or None if it comes too near to something.
+    """Return a trajectory along splines through the points of a path, or None if it comes too close to something.
 
     Args:
         path: Points (m, n), in rad or m. The edges between them are free.
@@ -107,7 +110,7 @@ def _along(spline: Spline, limits: Sequence[JointLimits]) -> tuple[TimedPath, Fl
 
 
 def _caps(spline: Spline, limits: Sequence[JointLimits]) -> Caps:
-    """Return limits of the motion along a spline with which every joint keeps its own.
+    """Return limits of the motion along a spline with which every joint keeps its own limits.
 
     The acceleration of a joint is q' s'' + q'' s'², and its jerk is q' s''' + 3 q'' s' s'' + q''' s'³.
     """
@@ -132,7 +135,7 @@ def _corners(path: FloatArray) -> list[int]:
 
 
 def _joined(parts: Sequence[TimedPath]) -> TimedPath:
-    """Return trajectories one after the other. Each begins where the one before it ends."""
+    """Join trajectories, each of which begins where the previous trajectory ends."""
     times_s, rows = [parts[0].times_s], [parts[0]]
     for part in parts[1:]:
         times_s.append(part.times_s[1:] + times_s[-1][-1])
@@ -146,7 +149,7 @@ def _joined(parts: Sequence[TimedPath]) -> TimedPath:
 
 
 def _tridiagonal(steps: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve the equations of the second derivatives at the inner points (m - 2, n), by the method of Thomas."""
+    """Solve the equations of the second derivatives at the inner points (m - 2, n) with the Thomas algorithm."""
     middle, off = 2.0 * (steps[:-1] + steps[1:]), steps[1:-1]
     middle, right = middle.copy(), right.copy()
     middle[0] += steps[0]  # the second derivative is constant before the first inner point and after the last one

@@ -11,7 +11,7 @@ from planning.paths.request import Remaining
 TRIES: Final = 400
 """Maximum number of shortcuts tried."""
 PATIENCE: Final = 30
-"""Number of shortcuts that fail one after another before the path counts as short."""
+"""Number of consecutive shortcuts that must fail before the path counts as short."""
 GAIN: Final = 1e-3
 """Smallest share of the length that a shortcut must save to be tried."""
 
@@ -24,14 +24,14 @@ def path_length(path: FloatArray) -> float:
 def shortened(
     path: FloatArray, collisions: Collisions, margins: Margins, seed: int, remaining_s: Remaining
 ) -> FloatArray:
-    """Return a shorter path with the same ends. All its edges are free if those of the path are.
+    """Return a shorter path with the same ends. Its edges are free if the edges of the given path are free.
 
     Args:
         path: Points (m, n), in rad or m.
         collisions: Checks of the arm in the scene.
         margins: Padding and tolerance of the edges.
         seed: Seed of the random shortcuts.
-        remaining_s: Returns the time that is left; the path is returned as it is when no time is left.
+        remaining_s: Returns the remaining time. When no time is left, the current path is returned.
     """
     random = np.random.default_rng(seed)
     path, failed = _without_detours(path, collisions, margins), 0
@@ -45,7 +45,7 @@ def shortened(
 
 
 def _without_detours(path: FloatArray, collisions: Collisions, margins: Margins) -> FloatArray:
-    """From each point, go straight to the farthest later point that can be reached."""
+    """Connect each point directly to the farthest later point that can be reached."""
     kept, at = [0], 0
     while at < len(path) - 1:
         after = len(path) - 1
@@ -59,7 +59,7 @@ def _without_detours(path: FloatArray, collisions: Collisions, margins: Margins)
 def _shortcut(
     path: FloatArray, collisions: Collisions, margins: Margins, random: np.random.Generator
 ) -> FloatArray | None:
-    """Return the path with a straight edge between two random points on it, or None if that is not possible."""
+    """Return the path with a straight edge between two random points on it, or None if this edge is not free."""
     ends = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     low, high = np.sort(random.uniform(0.0, ends[-1], 2))
     first, last = int(np.searchsorted(ends, low, "right")) - 1, int(np.searchsorted(ends, high, "right")) - 1

@@ -1,4 +1,4 @@
-"""Remove points of a path that are almost on the lines between the others."""
+"""Remove points of a path that are almost on the lines between the other points."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from hal.types import FloatArray
 
 
 def thinned(path: FloatArray, levers_m: FloatArray, tolerance_m: float) -> FloatArray:
-    """Return a path with some of its points (k, n), by the method of Douglas and Peucker.
+    """Return a path with fewer points (k, n), by the Douglas-Peucker algorithm.
 
     Args:
         path: Points (m, n), in rad or m.

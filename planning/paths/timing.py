@@ -1,8 +1,8 @@
-"""Time along a path, within the limits of velocity, acceleration and jerk.
+"""Compute the times along a path, within the limits of velocity, acceleration and jerk.
 
-The joints follow the path exactly. Along a blend the speed is constant and low enough for the limits of all joints.
-Along a line, ruckig changes the speed from that of one blend to that of the next. At a corner without a blend the arm
-stops.
+The joints follow the path exactly. Along a blend, the speed is constant and low enough for the limits of all joints.
+Along a line, ruckig changes the speed from that of one blend to that of the next blend. At a corner without a blend the
+arm stops.
 """
 
 import itertools
@@ -22,11 +22,11 @@ from planning.paths.margins import PathMargins
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in s."""
 BISECTIONS: Final = 40
-"""Steps in which the fastest speed at the end of a line is found."""
+"""Number of steps of the search for the highest speed at the end of a line."""
 TURN_CHANGE: Final = 6.0
 """Largest change of that slope."""
 SAFE: Final = 1.0 - 1e-9
-"""Factor that keeps rounding within the limits."""
+"""Factor that keeps rounding errors within the limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class TimedPath:
         return float(self.times_s[-1])
 
     def since(self, from_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return the times (k,) and positions (k, n) of the rest from a time on, in s. k is at least 2."""
+        """Return the times (k,) and positions (k, n) of the part after ``from_s``, in seconds. k is at least 2."""
         at_s = min(max(from_s, 0.0), self.duration_s)
         first = np.array([np.interp(at_s, self.times_s, column) for column in self.positions.T])
         later = self.times_s > at_s
@@ -72,13 +72,13 @@ class _Piece(NamedTuple):
     start_s: float
     lasts_s: float
     number: int
-    """Number of the line, or of the corner."""
+    """Index of the line, or of the corner."""
     ramp: Trajectory | None
     """Motion along the line; None for a blend."""
 
 
 def scaled(limits: Sequence[JointLimits], velocity: float = 1.0, acceleration: float = 1.0) -> tuple[JointLimits, ...]:
-    """Return limits with MoveIt's scaling factors. The factor of the acceleration applies to the jerk, too.
+    """Return limits with MoveIt's scaling factors. The factor of the acceleration also applies to the jerk.
 
     Raises:
         PlanningError: A factor is not above 0 and at most 1.
@@ -107,10 +107,11 @@ def timed(
 ) -> TimedPath:
     """Return a trajectory along a path whose edges are free.
 
-    Corners are rounded if the blend is free. The trajectory is checked again with straight edges between its points and
-    the margins that parts of the path have. On a blend, the padding of an edge grows by how far the curve, or a cubic
-    spline through the points, can be from it. The trajectory therefore keeps a clearance of the padding minus 1.5 times
-    the tolerance between its points, too. If it does not, the arm stops at every corner instead.
+    Corners are rounded if the blend is free. The trajectory is checked again, with straight edges between its points
+    and the margins that parts of the path have. On a blend, the padding of an edge grows by the largest distance of the
+    curve, or of a cubic spline through the points, from the edge. The trajectory therefore also keeps a clearance of
+    the padding minus 1.5 times the tolerance between its points. If this check fails, the arm stops at every corner
+    instead.
 
     Args:
         path: Points (m, n), in rad or m.
@@ -119,7 +120,7 @@ def timed(
         margins: Padding and tolerance of the path.
 
     Raises:
-        PlanningError: The path itself touches something.
+        PlanningError: The path itself is in contact with something.
     """
     margins = PathMargins(margins) if isinstance(margins, Margins) else margins
     path = distinct(np.asarray(path, dtype=float))
@@ -147,7 +148,9 @@ def _along(
     end_s = pieces[-1].start_s + pieces[-1].lasts_s
     times_s = np.append(np.arange(0.0, end_s - PERIOD_S / 2.0, PERIOD_S), end_s)
     stops_s = [piece.start_s for piece in pieces if piece.ramp is not None and speeds[piece.number] == 0.0]
-    times_s = np.unique(np.concatenate((times_s, stops_s)))  # a stop is a point, so that no chord cuts its corner
+    times_s = np.unique(
+        np.concatenate((times_s, stops_s))
+    )  # a stop is always a point, so that no chord cuts the corner
     indices = np.searchsorted(np.array([piece.start_s for piece in pieces]), times_s, "right") - 1
     rows = []
     for at_s, index in zip(times_s, indices, strict=True):
@@ -184,7 +187,7 @@ def _pieces(
 def _sag(
     corners: Sequence[Corner], speeds: Sequence[float], pieces: Sequence[_Piece], lasts_s: float
 ) -> FloatArray | None:
-    """Return how far the trajectory can be from a chord over these pieces, for each joint (n,); None for a line."""
+    """Return the largest distance of each joint (n,) from a chord over these pieces. None for a line."""
     blends = [piece.number for piece in pieces if piece.ramp is None]
     if not blends:
         return None
@@ -206,7 +209,7 @@ def _on_blend(corner: Corner, speed: float, since_s: float) -> tuple[FloatArray,
 def _lines(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
 ) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[Caps]]:
-    """Return the begin and direction of each line between blends, its length and its caps."""
+    """Return the start, the direction, the length and the speed limits of each line between blends."""
     halves = [0.0, *(corner.half for corner in corners), 0.0]
     lines, lengths, caps = [], [], []
     for i, (start, end) in enumerate(itertools.pairwise(path)):
@@ -228,7 +231,10 @@ def _caps(direction: FloatArray, limits: Sequence[JointLimits]) -> Caps:
 def _speeds(
     corners: Sequence[Corner], lengths: Sequence[float], caps: Sequence[Caps], limits: Sequence[JointLimits]
 ) -> list[float]:
-    """Return the speed at the start, at each corner and at the end, such that each line is long enough to change it."""
+    """Return the speed at the start, at each corner and at the end.
+
+    Each line is long enough for the change of speed.
+    """
     speeds = [0.0, *(_blend_speed(corner, caps[i : i + 2], limits) for i, corner in enumerate(corners)), 0.0]
     for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
         speeds[i + 1] = _reachable(speeds[i], speeds[i + 1], length, cap)
@@ -260,7 +266,7 @@ def _reachable(start: float, end: float, length: float, cap: Caps) -> float:
 
 
 def _change_length(start: float, end: float, cap: Caps) -> float:
-    """Return the length in which the speed changes, with limited acceleration and jerk; 0 acceleration at both ends."""
+    """Return the length of a change of speed with limited acceleration and jerk, and no acceleration at both ends."""
     change = abs(end - start)
     if change >= cap.acceleration**2 / cap.jerk:
         lasts_s = change / cap.acceleration + cap.acceleration / cap.jerk
@@ -276,7 +282,7 @@ def ramp_of(start: float, end: float, length: float, cap: Caps) -> Trajectory:
     task.current_position, task.current_velocity, task.current_acceleration = [0.0], [start], [0.0]
     task.target_position, task.target_velocity, task.target_acceleration = [length], [end], [0.0]
     task.max_velocity, task.max_acceleration, task.max_jerk = [cap.speed], [cap.acceleration], [cap.jerk]
-    task.min_velocity = [-1e-9]  # never back along the line
+    task.min_velocity = [-1e-9]  # the motion never goes back along the line
     trajectory = Trajectory(1)
     if Ruckig(1).calculate(task, trajectory) not in (Result.Working, Result.Finished):
         raise PlanningError("PLANNING_FAILED", f"ruckig finds no motion along {length:.4f} rad: reduce the scaling")

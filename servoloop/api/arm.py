@@ -1,4 +1,4 @@
-"""The arm of a program: motions, streams, gripper, state and torque, with or without hardware, without ROS."""
+"""Arm that a program moves without ROS, on real or virtual servos: motions, streams, gripper, state and torque."""
 
 import math
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from servoloop.api.planning.pose import ArmPose
 
 STREAM_AGE_S = 0.2
-"""Default of the maximum time between two streamed targets, in seconds: six targets of a policy at 30 Hz."""
+"""Default maximum time between two streamed targets, in seconds. It is six periods of a policy at 30 Hz."""
 BACKLASH_DEG = 1.0
 """Default backlash of virtual servos, in degrees."""
 
 
 class Arm:
-    """An arm whose control loop this program runs in a thread of its own.
+    """An arm whose control loop runs in its own thread of this program.
 
     The arm is active when the constructor returns: its torque is on and it holds its position. Use it as a context
     manager or call ``close``: the arm then stops within its limits, and holds or parks as its robot file requires.
@@ -50,13 +50,13 @@ class Arm:
         Args:
             name_or_folder: Name of an arm that ``servoloop arms`` lists, or the path of an arm folder.
             port: Serial port of the servos, such as ``/dev/ttyACM0``; ``NAME=PATH`` for each of several buses. None:
-                virtual servos in a process of their own.
+                virtual servos in a separate process.
             rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
 
         Raises:
-            ArmSetupError: The arm does not exist, its files have mistakes, its port cannot be opened, or its servos
+            ArmSetupError: The arm does not exist, its files are invalid, its port cannot be opened, or its servos
                 cannot be activated safely.
         """
         from servoloop.api.options import ArmOptions
@@ -81,18 +81,19 @@ class Arm:
         """Start a virtual arm on simulated time.
 
         Time passes only while the program waits: in ``move_to``, ``ArmMotion.wait``, ``sleep`` and ``step``. The cycles
-        then run as fast as possible, in the calling thread. The same program has the same result in each run.
+        then run as fast as possible, in the calling thread. The same program gives the same result in every run.
 
         Args:
             name_or_folder: Name or folder of the arm.
-            seed: Seed that varies friction, motors, masses and supply by up to 10 %. None: the nominal arm.
+            seed: Seed for random variations of up to 10 % in friction, motors, masses and supply voltage. None: the
+                nominal arm.
             rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
             backlash_deg: Backlash of each servo, in degrees.
 
         Raises:
-            ArmSetupError: The arm does not exist, its files have mistakes, or it cannot be activated.
+            ArmSetupError: The arm does not exist, its files are invalid, or it cannot be activated.
         """
         from servoloop.api.options import ArmOptions
         from servoloop.api.simulated_loop import SimulatedLoop
@@ -108,13 +109,13 @@ class Arm:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
         The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
-        time moves the arm: this one from its first motion until ``close``. Times count real time.
+        time moves the arm: this one from its first motion until ``close``. All durations are in real time.
 
         Args:
             arm: Name, folder or process ID of the running arm. None: the only running arm.
 
         Raises:
-            ArmSetupError: No such arm runs, or several do.
+            ArmSetupError: No such arm is running, or several are running.
         """
         from servoloop.api.socket_backend import SocketBackend
 
@@ -137,17 +138,17 @@ class Arm:
 
     @property
     def folder(self) -> Path | None:
-        """Folder with the named poses and motions of the arm; None if its files do not belong to an arm."""
+        """Folder of the arm, with its named poses and motions; None if the files are not from an arm folder."""
         return self._arm.folder
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the n joints, in the order of arrays and of all mappings."""
+        """Names of the n joints, in the order that all arrays and mappings use."""
         return self._arm.joints
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:
-        """Limits by joint name, in rad or m and seconds."""
+        """Limits of each joint by joint name, in rad or m and seconds."""
         return self._arm.limits
 
     @property
@@ -162,7 +163,7 @@ class Arm:
 
     @property
     def faults(self) -> Mapping[str, str]:
-        """One sentence for each joint with a fault or an alarm. Empty if there is none."""
+        """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
         return self.state.faults
 
     @property
@@ -171,7 +172,7 @@ class Arm:
         return self._planner.scene
 
     def pose(self, tool: str | None = None) -> "ArmPose":
-        """Return the measured pose of a link or site in the frame of the base; None: of the arm's tool."""
+        """Return the measured pose of a link or site, by default the arm's tool, in the frame of the base."""
         return self._planner.pose(tool)
 
     def move_to(
@@ -184,7 +185,7 @@ class Arm:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Move to a target, and wait until it is reached. A motion under way continues into the new one.
+        """Move to a target, and wait until it is reached. A motion under way blends into the new one.
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
@@ -196,7 +197,7 @@ class Arm:
             timeout: Maximum time to wait, in seconds.
 
         Returns:
-            Handle of the motion, to wait for it, to await it or to cancel it.
+            Handle with which to wait for, await or cancel the motion.
 
         Raises:
             ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
@@ -224,11 +225,11 @@ class Arm:
     def plan(
         self, goal: "Positions | str | ArmPose", *, speed: float = 0.25, time_limit_s: float = 5.0
     ) -> PlannedTrajectory:
-        """Plan a motion from the measured state around the obstacles of ``scene``. Nothing moves.
+        """Plan a motion from the measured state around the obstacles of ``scene``, without moving the arm.
 
         Args:
-            goal: Positions of joints of the arm without its gripper, as for ``move_to``; or a pose of the tool.
-            speed: Share of the limits of velocity and acceleration, above 0 and at most 1.
+            goal: Positions of the joints of the arm except its gripper, as for ``move_to``, or a pose of the tool.
+            speed: Share of the velocity and acceleration limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
         Returns:
@@ -237,7 +238,7 @@ class Arm:
         Raises:
             ArmSetupError: The extra ``planning`` is not installed.
             ArmInputError: A joint or a named pose does not exist, or a value is not finite.
-            PlanFailedError: The start or the goal is not possible, or no path was found in time.
+            PlanFailedError: The start or the goal is not feasible, or no path was found in time.
         """
         from servoloop.api.planning.pose import ArmPose
 
@@ -249,12 +250,12 @@ class Arm:
         return self._planner.plan(positions, share, time_limit_s)
 
     def attach(self, name: str, link: str | None = None, touch_links: Sequence[str] | None = None) -> None:
-        """Let an object of ``scene`` move with a link from now on, such as a cube in the gripper.
+        """Attach an object of ``scene``, such as a cube in the gripper, to a link, so that it moves with the link.
 
         Args:
             name: Name of the object.
-            link: Link that carries it; None: the last link of the arm, which carries the gripper.
-            touch_links: Links that may touch it; None: the carrying link and all links after it.
+            link: Link that carries the object. None: the last link of the arm, which carries the gripper.
+            touch_links: Links that may touch the object. None: the carrying link and all links that follow it.
 
         Raises:
             PlanFailedError: The object or a link does not exist.
@@ -262,17 +263,17 @@ class Arm:
         self.scene.attach(name, link, touch_links)
 
     def detach(self, name: str) -> None:
-        """Leave an attached object where it is now. Raises PlanFailedError if it is not attached."""
+        """Detach an object and leave it where it is now. Raises PlanFailedError if it is not attached."""
         self.scene.detach(name)
 
     def follow(
         self, trajectory: ArmTrajectory, *, approach: float = 0.25, wait: bool = True, timeout: float = math.inf
     ) -> ArmMotion:
-        """Follow a trajectory. The arm first moves to its first point.
+        """Follow a trajectory. The arm first moves to the first point of the trajectory.
 
         Args:
-            trajectory: Points of some joints, each at its time. A trajectory of ``plan`` is refused if the arm is no
-                longer where it begins, or if an obstacle has come into its way since.
+            trajectory: Trajectory of some or all joints. A trajectory from ``plan`` is refused if the arm is no longer
+                at its start, or if an obstacle now blocks it.
             approach: Share of the velocity limits on the way to the first point, above 0 and at most 1.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
@@ -281,7 +282,7 @@ class Arm:
             Handle of the motion.
 
         Raises:
-            ArmInputError: The trajectory is invalid, or leaves the limits. The arm does not move.
+            ArmInputError: The trajectory is invalid or exceeds the limits. The arm does not move.
             PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
             MotionFailedError: The motion ended before its target.
@@ -317,12 +318,14 @@ class Arm:
         hold.
 
         Args:
-            targets: Targets to send, one after the other. None: return an open stream to send them with.
+            targets: Targets to send, one after the other. None: return an open stream, with which the program sends
+                targets.
             max_age: Maximum time between two targets, in seconds.
-            rate_hz: Rate at which ``targets`` are sent, in Hz. None: as fast as they come, if they pace themselves.
+            rate_hz: Rate at which ``targets`` are sent, in Hz. None: as fast as the iterator yields them, for an
+                iterator that keeps its own rate.
 
         Returns:
-            The open stream, a context manager; None after all ``targets`` were sent.
+            The open stream, which is a context manager, or None after all ``targets`` were sent.
 
         Raises:
             ArmInputError: A target is invalid.
@@ -350,9 +353,9 @@ class Arm:
         """Release or enable the torque of all servos.
 
         Args:
-            on: Whether to enable the torque. Each servo then holds the position where it is.
+            on: Whether to enable the torque. Each servo then holds its present position.
             park: Whether to move to the park pose of the robot file before the torque is released, so that the arm does
-                not drop. With False, hold the arm.
+                not drop. If False, hold the arm by hand.
 
         Raises:
             MotionFailedError: The park pose was not reached. The torque stays on.
@@ -363,7 +366,7 @@ class Arm:
     def controller(
         self, kind: "ControllerType", name: str = "own_controller", **parameters: Any
     ) -> "AbstractContextManager[Controller]":
-        """Let a controller of your own drive its joints for the duration of the context.
+        """Let your own controller drive its joints for the duration of the context.
 
         Args:
             kind: Class of the controller, with the interface of ``controller.interface.ControllerType``.
@@ -371,16 +374,16 @@ class Arm:
             **parameters: Parameters of the controller.
 
         Returns:
-            Context manager that yields the controller. The former controllers continue after it.
+            Context manager that yields the controller. The previous controllers continue after the context.
 
         Raises:
-            ArmInputError: The parameters are invalid, or the loop of the arm belongs to another program.
+            ArmInputError: The parameters are invalid, or the control loop runs in another program.
             ArmBusyError: A stream is open, the torque is off, or the controller cannot be activated.
         """
         start = getattr(self._backend, "controller", None)
         if start is None:
             raise ArmInputError(
-                "a controller runs in the program of the loop: use Arm(...) instead of Arm.connect(...)"
+                "your own controller must run beside the control loop: use Arm(...) instead of Arm.connect(...)"
             )
         started: AbstractContextManager[Controller] = start(name, kind, parameters)
         return started
@@ -395,8 +398,8 @@ class Arm:
     def on_state(self, callback: Observer) -> Callable[[], None]:
         """Call a function with the newest state after each cycle.
 
-        The calls come from one thread of the arm, on simulated time from the waiting thread. A function that is slower
-        than a cycle misses states.
+        One thread of the arm makes all calls; on simulated time, the waiting thread makes them. A function that is
+        slower than a cycle misses states.
 
         Args:
             callback: Function that receives the state.
@@ -416,7 +419,7 @@ class Arm:
             yield state
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time on the clock of the arm. On simulated time, this runs its cycles.
+        """Wait for a time on the clock of the arm. On simulated time, this call runs the cycles of the arm.
 
         Raises ArmEndedError if the control loop ends.
         """
@@ -424,7 +427,7 @@ class Arm:
             self._backend.wait(lambda: False, seconds)
 
     def step(self, cycles: int = 1) -> ArmState:
-        """Wait for a number of cycles. On simulated time, exactly these cycles run.
+        """Wait for a number of cycles. On simulated time, exactly this number of cycles runs.
 
         Returns:
             The state of the last cycle.
@@ -437,7 +440,7 @@ class Arm:
         return self.state
 
     def clip(self, target: Positions) -> dict[str, float]:
-        """Return a target with each position moved into the limits of its joint.
+        """Return a target with each position clipped to the limits of its joint.
 
         Args:
             target: Positions by joint name or an array, in rad or m.
@@ -453,7 +456,7 @@ class Arm:
         return {j: min(max(at, self.limits[j].lower), self.limits[j].upper) for j, at in positions.items()}
 
     def close(self) -> None:
-        """Shut the arm down by the rules of its robot file: stop, then hold, or park and release the torque.
+        """Shut the arm down as its robot file specifies: stop, then hold, or park and release the torque.
 
         A second call has no effect. Raises ArmError if a step of the shutdown failed.
         """
@@ -467,7 +470,7 @@ class Arm:
 
     @property
     def _planner(self) -> "ArmPlanner":
-        """Planner of the arm, which is created at first use."""
+        """Planner of the arm, created on first use."""
         from servoloop.extras import missing_extras
 
         if self._own_planner is None:

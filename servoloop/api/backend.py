@@ -1,6 +1,6 @@
 """Connection between an arm and the program that runs its control loop.
 
-``ArmBackend`` lists all that ``servoloop.Arm`` needs. Two classes implement it:
+``ArmBackend`` defines every call that ``servoloop.Arm`` needs. Two classes implement it:
 
 - ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. It has no thread: a
   script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend`` for the
@@ -44,9 +44,9 @@ class ArmState:
     temperature: Mapping[str, float]
     """Servo temperatures by joint, in °C; NaN if unknown."""
     command: Mapping[str, float]
-    """Positions that the control loop has sent last, in rad or m; NaN before the first command."""
+    """Positions that the control loop sent last, in rad or m; NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
-    """One sentence for each joint with a fault or an alarm. Empty if there is none."""
+    """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
 
 
 Observer = Callable[[ArmState], None]
@@ -60,7 +60,7 @@ class ArmDescription:
     name: str
     """Name of the arm, such as ``so101``."""
     joints: tuple[str, ...]
-    """Joints that can be moved, in the order of arrays: the order of the robot description."""
+    """Joints that can be moved, in the order of the robot description. Arrays use the same order."""
     limits: Mapping[str, JointLimits]
     """Limits by joint name."""
     hand: str
@@ -72,14 +72,14 @@ class ArmDescription:
     period_s: float
     """Period of the control loop, in seconds."""
     folder: Path | None
-    """Folder with the named poses of the arm; None if its files do not belong to an arm."""
+    """Folder of the arm, with its named poses; None if the files are not from an arm folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointGoal:
-    """Path of some joints through one or more points, each at its time. The last point is reached at rest.
+    """Path of some joints through one or more timed points. The last point is reached at rest.
 
-    A goal with one point is a motion from the present command to this point. Joints without a position do not move.
+    A goal with one point is a motion from the current command to this point. Joints without a position do not move.
     """
 
     joints: tuple[str, ...]
@@ -110,10 +110,10 @@ class MotionProgress(Protocol):
 
 
 class ArmBackend(Protocol):
-    """What ``Arm`` needs from the program that runs the control loop. Any thread may call each method.
+    """Interface of the program that runs the control loop, as ``Arm`` uses it. Any thread may call each method.
 
-    Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call with an error
-    moves nothing.
+    Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call that raises an
+    error does not move the arm.
     """
 
     @property
@@ -126,7 +126,7 @@ class ArmBackend(Protocol):
         ...
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the state of each cycle, and return a function that ends this."""
+        """Call a function with the state of each cycle, and return a function that ends the calls."""
         ...
 
     def start(self, goal: JointGoal) -> MotionProgress:
@@ -171,7 +171,10 @@ class ArmBackend(Protocol):
         ...
 
     def end_stream(self) -> None:
-        """End the stream. The joints slow down within their limits and hold. No error if no stream is open."""
+        """End the stream. The joints slow down within their limits and hold.
+
+        This has no effect if no stream is open.
+        """
         ...
 
     def set_torque(self, on: bool, park: bool = True) -> None:
@@ -210,7 +213,7 @@ class ArmBackend(Protocol):
         ...
 
     def close(self) -> None:
-        """End the connection. A backend that owns its loop shuts the arm down by the rules of its robot file.
+        """End the connection. A backend that owns its loop shuts the arm down as its robot file specifies.
 
         Raises ArmError if a step of the shutdown failed. A second call has no effect.
         """

@@ -10,11 +10,11 @@ from servoloop.api.backend import ArmDescription, JointGoal
 from servoloop.api.errors import ArmInputError
 
 ROUNDING: Final = 1e-6
-"""Share of a limit by which a position may exceed it, as in goals over ROS. Planners use their limits fully."""
+"""Share of a limit by which a position may exceed the limit, as for goals over ROS. Planners plan up to the limits."""
 
 
 def check_goal(goal: JointGoal, arm: ArmDescription) -> None:
-    """Check the names, the sizes, the times and the positions of a goal. Raises ArmInputError."""
+    """Check the names, sizes, times and positions of a goal. Raises ArmInputError."""
     check_joints(goal.joints, arm)
     rows = len(goal.times_s)
     if not rows:
@@ -69,7 +69,7 @@ def check_position(joint: str, position: float, limit: JointLimits, at: str = ""
 
 
 def _beyond(lower: float, position: float) -> bool:
-    """Return whether a position is below its lower limit by more than planners round."""
+    """Return whether a position is below its lower limit by more than a planner's rounding error."""
     return position < lower - ROUNDING * abs(lower)
 
 

@@ -46,7 +46,7 @@ class PlanFailedError(ArmInputError):
         Args:
             text: Problem and remedy, in one sentence.
             joint: Name of the affected joint; empty if the error does not concern a single joint.
-            code: MoveIt's name of the error.
+            code: Name of MoveIt's error code.
         """
         super().__init__(text, joint)
         self.code = code

@@ -1,4 +1,4 @@
-"""Parts of a motion that controllers of hands execute: forward command controllers and gripper controllers."""
+"""Parts of a motion that hand controllers execute: forward command controllers and gripper controllers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFaile
 from servoloop.api.motions import CANCELED, REPLACED, failed_text, failure_of
 
 CYCLES_AFTER: Final = 3
-"""Number of cycles by which a hand begins after the arm of the same motion, at least."""
+"""Minimum number of cycles between the start of the arm and the start of the hand in the same motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class ControllerAccess:
     period_s: float
     """Period of the loop, in seconds."""
     active: Callable[[], bool]
-    """Returns whether the controller is active."""
+    """Function that returns whether the controller is active."""
     brake: Callable[[], None]
-    """Requests that the joints of the controller slow down within their limits."""
+    """Function that requests the joints of the controller to slow down within their limits."""
 
 
 @dataclass(slots=True)
@@ -140,7 +140,7 @@ def start_forward(
 
 @dataclass(slots=True)
 class GripperPart:
-    """Path of a gripper action controller: one goal after the other. A gripper that holds an object has arrived."""
+    """Path of a gripper action controller, as a sequence of goals. A gripper that holds an object counts as arrived."""
 
     controller: GripperActionController
     goals: list[GripperGoal]
@@ -170,7 +170,7 @@ class GripperPart:
         self.start.elapsed_s(now_s)
         if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
             self.handle = self.controller.submit(self.goals[0])
-            del self.goals[0]  # Other threads read both: a finished goal with none after it is the end.
+            del self.goals[0]  # Only after the new handle is set: a finished handle without further goals means done.
 
     def cancel(self, replaced: bool = False) -> None:
         if not self.done:

@@ -47,7 +47,7 @@ class MotionPart(Protocol):
         ...
 
     def begin_after_arm(self) -> None:
-        """Begin just after the trajectory of the same motion."""
+        """Begin the part just after the trajectory of the same motion."""
         ...
 
     def update(self, state: JointState, now_s: float) -> None:
@@ -68,7 +68,7 @@ class RunningMotion:
 
     @property
     def done(self) -> bool:
-        """Whether all parts have ended, or the loop has."""
+        """Whether all parts, or the control loop, have ended."""
         return all(part.done for part in self.parts) or self.ended() is not None
 
     @property
@@ -83,7 +83,7 @@ class RunningMotion:
 def joints_of_mover(controller: Controller) -> tuple[str, ...]:
     """Return the joints that a controller can move to positions; empty for all other controllers.
 
-    The type is compared, not the class, because a test may wrap a controller.
+    The function compares the name of the type instead of the class, because a test may wrap a controller.
     """
     positions = all(Interface.parse(name).kind == "position" for name in controller.command_interfaces)
     if not positions or not controller.kind.endswith((TRAJECTORY, *FORWARD, GRIPPER)):

@@ -49,7 +49,7 @@ class OwnLoop(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Shut the arm down by the rules of its robot file. Raises ArmError if a step fails."""
+        """Shut the arm down as its robot file specifies. Raises ArmError if a step fails."""
         ...
 
     def _build(self, setup: HardwareSetup, clock: Clock, worker: BackgroundWorker) -> ControlStack:
@@ -58,7 +58,7 @@ class OwnLoop(ABC):
         return stack
 
     def _activate(self, stack: ControlStack, recording: AbstractContextManager[None]) -> None:
-        """Record from now on, and enable the torque. A program that does not call ``close`` calls it at its exit."""
+        """Start the recording and enable the torque. ``close`` is also called when the program exits."""
         self._exit.enter_context(recording)
         stack.loop.activate(self._initial.inactive)
         self._exit.callback(atexit.unregister, self.close)
@@ -93,7 +93,8 @@ def _hand(files: Files, joints: Sequence[str]) -> str:
 def _hand_positions(files: Files, hand: str) -> tuple[float, float]:
     """Return the positions of the open and the closed gripper.
 
-    The pick-and-place parameters of the arm name them. Without these parameters they are the limits of the joint.
+    The positions come from the pick-and-place parameters of the arm. Without these parameters, they are the limits of
+    the joint.
     """
     if not hand:
         return math.nan, math.nan

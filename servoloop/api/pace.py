@@ -14,21 +14,21 @@ LOG = logging.getLogger("servoloop")
 POLL_S: Final = 0.005
 """Period of the checks of an asynchronous wait, in seconds."""
 CHECK_S: Final = 0.1
-"""Maximum time between two checks of a blocking wait, in seconds. The loop may have ended without a last cycle."""
+"""Maximum time between two checks of a blocking wait, in seconds. A loop may end without waking the waiting thread."""
 
 Ended = Callable[[], ArmEndedError | None]
 """Function that returns the error of a control loop that has ended, or None while it runs."""
 
 
 class LoopPace(Protocol):
-    """The way in which time passes for a program beside a control loop."""
+    """Passage of time for a program that waits for cycles of a control loop."""
 
     def cycle_done(self) -> None:
         """Wake waiting threads and call the observers. The thread of the loop calls this after each cycle."""
         ...
 
     def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after each cycle, and return a function that ends this."""
+        """Call a function after each cycle, and return a function that ends the calls."""
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
@@ -75,13 +75,13 @@ class Observers:
 
 
 class ThreadPace:
-    """Pace of a loop that runs in a thread of its own. Observers run in a third thread, so that they delay no cycle."""
+    """Pace of a loop that runs in its own thread. Observers run in a third thread, so that they do not delay cycles."""
 
     def __init__(self, clock: Clock, ended: Ended) -> None:
         """``clock`` is the clock of the loop, and ``ended`` returns why the loop has ended."""
         self._clock, self._ended = clock, ended
         self._changed = threading.Condition()
-        """Held only for moments, because the thread of the loop needs it in each cycle."""
+        """Lock that is held only briefly, because the thread of the loop needs it in each cycle."""
         self._cycles = 0
         self._observers = Observers()
         self._due = threading.Event()
@@ -144,13 +144,16 @@ class SimulatedPace:
     """Pace of a loop on simulated time. A wait runs the cycles in the calling thread, as fast as possible."""
 
     def __init__(self, loop: ControlLoop, ended: Ended, failed: Callable[[Exception], None]) -> None:
-        """``failed`` is called with an error that ends the loop. ``ended`` returns an error afterwards."""
+        """``failed`` is called with the error that ends the loop. Afterwards, ``ended`` returns an error."""
         self._loop, self._ended, self._failed = loop, ended, failed
         self._observers = Observers()
         self._lock = threading.RLock()
         self._runs = False
         self._due_s = loop.clock.now()
-        """Time at which the next cycle is due, in seconds. Waits of any length keep the rate of the loop."""
+        """Time at which the next cycle is due, in seconds.
+
+        It keeps the rate of the loop constant across waits of any length.
+        """
 
     def cycle_done(self) -> None:
         self._observers.call()

@@ -25,7 +25,7 @@ class SimulatedLoop(OwnLoop):
         Args:
             files: Files of the arm.
             record: Path of a new recording, if any.
-            seed: Seed that varies the build of the virtual arm. None: the nominal arm.
+            seed: Seed for random variations of the virtual arm. None: the nominal arm.
             backlash_deg: Backlash of each servo, in degrees.
         """
         super().__init__(files)

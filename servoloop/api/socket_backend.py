@@ -38,7 +38,7 @@ class SocketMotion:
 
     @property
     def done(self) -> bool:
-        """Whether the goal, or the stack, has ended."""
+        """Whether the goal or the stack has ended."""
         return self._backend.result_of(self.number)[0]
 
     @property
@@ -50,8 +50,8 @@ class SocketMotion:
 class SocketBackend:
     """Backend on the command socket of a running stack.
 
-    The program owns the motion from its first motion until ``close``. Timeouts count real time, also if the stack runs
-    in simulated time.
+    From its first motion until ``close``, only this program moves the arm. Timeouts are in real time, even if the stack
+    runs in simulated time.
     """
 
     def __init__(self, stack: RunningStack) -> None:
@@ -75,7 +75,7 @@ class SocketBackend:
 
     @classmethod
     def find(cls, arm: str | None) -> Self:
-        """Connect to the only running stack, or to that of an arm. Raises ArmSetupError."""
+        """Connect to the only running stack, or to the stack of an arm. Raises ArmSetupError."""
         try:
             return cls(find_stack(arm))
         except LiveError as error:
@@ -92,7 +92,7 @@ class SocketBackend:
         return _aged(state, monotonic() - arrived_s)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the newest state after each cycle, and return a function that ends this."""
+        """Call a function with the newest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: JointGoal) -> MotionProgress:
@@ -116,7 +116,7 @@ class SocketBackend:
     def stop(self) -> None:
         """Cancel all motions, also those of other clients, and end the stream.
 
-        The message has a connection of its own, because a change of the torque may occupy the other one.
+        The message is sent over a separate connection, because a change of the torque may block the main connection.
         """
         try:
             self._watching.request("stop")
@@ -202,7 +202,7 @@ class SocketBackend:
             raise arm_error(error) from error
 
     def _keep(self, events: list[dict[str, Any]]) -> None:
-        """Keep the results of motions among some events."""
+        """Store the results of motions that a list of events contains."""
         for event in events:
             if event["event"] == "moved":
                 error = event["error"]
@@ -270,5 +270,5 @@ def _state(fields: Mapping[str, Any]) -> ArmState:
 
 
 def _aged(state: ArmState, passed_s: float) -> ArmState:
-    """Return a state that is older by some time."""
+    """Return a copy of a state with its age increased."""
     return replace(state, age_s=state.age_s + passed_s)

@@ -43,7 +43,7 @@ PARK_S: Final = 60.0
 class StackBackend:
     """Backend on a control stack whose loop runs in another thread or on simulated time.
 
-    Create it before the loop runs. It calls the previous ``on_cycle`` of the loop first.
+    Create it before the loop runs. In each cycle, it first calls the previous ``on_cycle`` function of the loop.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class StackBackend:
             stack: Control stack with its controllers.
             arm: Properties of the arm, from ``describe``.
             pace: Pace of the loop.
-            ended: Returns why the loop has ended, or None while it runs.
+            ended: Function that returns the error of a loop that has ended, or None while the loop runs.
             recording: Recordings of the stack.
         """
         self._recording = recording
@@ -87,7 +87,7 @@ class StackBackend:
         return self._converted(state, command)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the newest state after each cycle, and return a function that ends this."""
+        """Call a function with the newest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: JointGoal) -> MotionProgress:
@@ -191,7 +191,7 @@ class StackBackend:
         self._pace.close()
 
     def _end_recording(self, path: Path) -> None:
-        """End a recording, unless the end of the loop has done so. Raises ArmError if the file is incomplete."""
+        """End a recording, unless it ended with the loop. Raises ArmError if the file is incomplete."""
         if self._ended():
             return
         try:

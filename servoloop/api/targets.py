@@ -1,4 +1,4 @@
-"""Convert what a program names as a target, a path or a pose into goals."""
+"""Convert targets, paths and pose names of a program into goals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -61,7 +61,7 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
 
 
 def goal_of(trajectory: ArmTrajectory, begin_s: float) -> JointGoal:
-    """Return the goal of a trajectory. Its first point is reached ``begin_s`` later than the trajectory says."""
+    """Return the goal of a trajectory, with all its times delayed by ``begin_s``."""
     joints = tuple(trajectory.positions)
     times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
     return JointGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
@@ -88,7 +88,7 @@ def _number(joint: str, value: Any) -> float:
 SPEED = 0.25
 """Share of the velocity limits that a motion uses if neither a duration nor a speed is given."""
 SHORTEST_S: Final = 1e-3
-"""Duration of a motion whose joints are at their targets already, in seconds."""
+"""Duration of a motion whose joints are already at their targets, in seconds."""
 
 
 def approach_s(

@@ -1,4 +1,4 @@
-"""Control loop of a script in a thread of its own, on real servos or on virtual servos in a child process."""
+"""Control loop of a script in its own thread, on real servos or on virtual servos in a child process."""
 
 import gc
 import signal
@@ -31,7 +31,7 @@ END_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class ThreadLoop(OwnLoop):
-    """Loop in a thread of its own, on real servos or on virtual servos in a child process."""
+    """Control loop in its own thread, on real servos or on virtual servos in a child process."""
 
     def __init__(self, files: Files, ports: Sequence[str], record: Path | None) -> None:
         """Start the loop. Raises ArmSetupError.
@@ -72,7 +72,7 @@ class ThreadLoop(OwnLoop):
         gc.freeze()
         self._exit.callback(gc.unfreeze)
         self._exit.enter_context(exit_on_signals())
-        with realtime_priority(PRIORITY):  # for the thread of the loop only, because the program may compute for long
+        with realtime_priority(PRIORITY):  # only the loop thread: long computations of the program need none
             self._thread = run.start()
         self.backend.state()
 
@@ -98,7 +98,7 @@ class ThreadLoop(OwnLoop):
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
     def _joined(self, thread: threading.Thread) -> bool:
-        """Wait for the shutdown for a moment, and return whether it has ended or hangs.
+        """Wait briefly for the shutdown, and return whether it has ended or hangs.
 
         Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``.
         """
@@ -114,7 +114,7 @@ class ThreadLoop(OwnLoop):
 def exit_on_signals() -> Iterator[None]:
     """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
 
-    Signals that the program handles or ignores stay as they are. Without a main thread, all signals stay as they are.
+    This does not change signals that the program handles or ignores. Outside the main thread, it changes no signal.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -30,7 +30,7 @@ class TrajectoryPart:
     @property
     def failure(self) -> MotionFailedError | None:
         handle = self.handle
-        if self.canceled and handle.status is GoalStatus.ABORTED:  # Another controller has taken the joints meanwhile.
+        if self.canceled and handle.status is GoalStatus.ABORTED:  # Another controller took over the joints.
             return MotionCanceledError(CANCELED)
         return failure_of(handle.status, handle.error_text, self.controller.joints)
 
@@ -45,7 +45,7 @@ class TrajectoryPart:
         pass
 
     def cancel(self, replaced: bool = False) -> None:
-        if not replaced:  # The controller itself replaces a goal without a stop.
+        if not replaced:  # The controller itself replaces the goal without stopping the joints.
             self.canceled = True
             self.controller.cancel(self.handle)
 

@@ -24,7 +24,7 @@ def load_controller(
         name: Name of the controller.
         kind: Class of the controller.
         parameters: Its parameters by name.
-        in_loop: Runs an action between two cycles.
+        in_loop: Function that runs an action between two cycles.
 
     Raises:
         ArmInputError: The parameters are invalid, or a controller with this name is loaded already.

@@ -27,7 +27,9 @@ BacklashOption = Annotated[
 SeedOption = Annotated[
     int | None,
     typer.Option(
-        "--seed", min=0, help="Seed that varies friction, motors, masses and supply of the virtual arm by up to 10 %."
+        "--seed",
+        min=0,
+        help="Seed for random variations of up to 10 % in friction, motors, masses and supply of the virtual arm.",
     ),
 ]
 BACKLASH_DEG: Final = 1.0

@@ -1,4 +1,4 @@
-"""Run work that takes longer than a control cycle, each task in a short-lived thread of its own."""
+"""Run tasks that take longer than a control cycle, each in its own short-lived thread."""
 
 import threading
 from collections.abc import Callable
@@ -10,7 +10,10 @@ JOIN_S: Final = 10.0
 
 
 class BackgroundWorker:
-    """Runs tasks of the loop thread in threads of their own. The loop thread calls the worker with each task."""
+    """Worker that runs each task of the loop thread in its own thread.
+
+    The loop thread calls the worker with each task.
+    """
 
     def __init__(self, join_s: float = JOIN_S) -> None:
         self._join_s = join_s
@@ -33,7 +36,7 @@ class BackgroundWorker:
 
 
 class SameThreadWorker(BackgroundWorker):
-    """Runs each task immediately, in the loop thread. In simulated time, other threads cannot make time pass."""
+    """Worker for simulated time, in which only the loop thread advances the clock. It runs each task immediately."""
 
     def __call__(self, work: Callable[[], None]) -> None:
         work()

@@ -24,7 +24,7 @@ class ControlStack:
     """Hardware, controllers and control loop of one robot. Every program that moves an arm uses a ControlStack.
 
     A new stack is not configured. Within the ``configured`` context, ``loop.activate`` enables the arm. ``end`` shuts
-    the arm down by the rules of its robot file.
+    the arm down as its robot file specifies.
     """
 
     setup: HardwareSetup
@@ -47,7 +47,7 @@ class ControlStack:
             setup: Hardware, not yet configured.
             files: Files of the robot.
             clock: Clock of the loop.
-            worker: Runs tasks that take longer than a cycle. The default runs them in the loop thread.
+            worker: Function that runs tasks longer than a cycle. The default runs them in the loop thread.
             keep_alive: Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()
@@ -92,7 +92,8 @@ class ControlStack:
         Args:
             leave_out: Names of components that stay unconfigured.
             keep_alive: Whether to skip a component that cannot be configured.
-            hangs: Whether a thread still waits for the hardware at the end. The hardware then stays configured.
+            hangs: Function that returns whether a thread still waits for the hardware at the end. The hardware then
+                stays configured.
 
         Raises:
             DriverError: A port cannot be opened, a servo is missing, or a bus is too slow for the update rate.

@@ -19,10 +19,11 @@ from sim_backend.scene.world_feed import feed_path
 START_S: Final = 300.0
 """Maximum time for the emulator to start, in seconds.
 
-The first start of an installation compiles the simulation. This takes 20 s, and minutes on a slow or busy machine.
+The first start of an installation compiles the simulation. This takes 20 s, or several minutes on a slow or busy
+machine.
 """
 END_S: Final = 10.0
-"""Maximum time for the emulator to end, in seconds. It has no pictures to draw."""
+"""Maximum time for the emulator to end, in seconds. An emulator in a child process draws no pictures."""
 
 
 def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:

@@ -75,7 +75,7 @@ class HardwareSetup:
 
     hardware: ComponentSet
     scene: Callable[[], Mapping[str, Pose]]
-    """Returns the poses of all objects in the world, by name."""
+    """Function that returns the poses of all objects in the world, by name."""
     set_compensation: Mapping[str, Callable[[bool], None]]
     """Switch for the gravity compensation of each component that has servos."""
     virtual: bool
@@ -116,7 +116,7 @@ def build(
         devices: Device paths by bus name.
         clock: Clock of the hardware.
         virtual: Virtual lines within this process. ``devices`` then names these lines.
-        tap: Wraps each port, for example to record its bytes.
+        tap: Function that wraps each port, for example to record its bytes.
     """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
@@ -175,7 +175,7 @@ def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _ComponentBuilder:
-    """Builds the hardware components of one robot."""
+    """Builder of the hardware components of one robot."""
 
     files: Files
     devices: Mapping[str, str]
@@ -310,7 +310,7 @@ def open_buses(
         devices: Device paths by bus name.
         clock: Clock of the buses.
         names: Names of the buses to open. None: all buses.
-        open_port: Opens a device.
+        open_port: Function that opens a device.
 
     Returns:
         Open buses by name.

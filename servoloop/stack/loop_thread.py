@@ -42,9 +42,12 @@ class LoopThread:
     wall: Clock = field(default_factory=MonotonicClock)
     """Clock that detects a hanging thread. The clock of the loop may be simulated."""
     alive_s: float = 0.0
-    """Time of the last progress of the loop thread, in seconds. Before the first signal, the time of the last check."""
+    """Time of the last progress of the loop thread, in seconds.
+
+    Before the first signal, it is the time of the last check.
+    """
     before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
-    """Called before each cycle. It may delay the loop until the function it receives returns true."""
+    """Function called before each cycle. It may delay the loop until the function that it receives returns true."""
 
     def start(self) -> threading.Thread:
         """Start the loop in a daemon thread. The program can end even if this thread hangs."""

@@ -33,7 +33,7 @@ def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
     process = subprocess.Popen(
         [sys.executable, "-m", "servoloop", *arguments],
         stdin=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C must reach only this process, which ends the server in order
+        start_new_session=True,  # Ctrl-C must reach only this process, which then ends the server
         preexec_fn=_begin,
     )
     ending = threading.Event()
@@ -48,7 +48,7 @@ def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
 def _begin() -> None:
     end_with_parent()
     os.nice(NICENESS)
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # not the real-time priority of the stack
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # drop the real-time priority inherited from the stack
 
 
 def _watch(process: "subprocess.Popen[bytes]", ending: threading.Event) -> None:

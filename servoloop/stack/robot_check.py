@@ -172,7 +172,7 @@ class _Check:
 
 
 def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
-    """Yield a problem for each joint without calibration entry, and for each calibration entry without servo."""
+    """Yield a problem for each joint without a calibration entry, and for each calibration entry without a servo."""
     plan, file = arm.file.calibration, compose(arm.folder / ARM_FILE, ArmFileError)
     place = file.place(("calibration", "joints"))
     yield from (f"{place}: calibration has no entry for {name}" for name in component.joints if name not in plan.joints)

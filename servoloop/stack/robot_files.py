@@ -191,7 +191,7 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
 
 
 def _place(file: YamlFile, mistake: str) -> str:
-    """Return file and line of a mistake. Its message begins with a joint name or the keys of a value."""
+    """Return the file and line of a mistake whose message begins with a joint name or the keys of a value."""
     keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
     return file.place(("joints", *keys) if keys[0] != "park" else keys)
 

@@ -80,7 +80,7 @@ class Signals:
         left = f": {self._left}" if self._left else ""
         try:
             restore_terminals()
-            os.write(2, f"servoloop: a second signal: ended at once{left}\n".encode())
+            os.write(2, f"servoloop: ended at once by a second signal{left}\n".encode())
         finally:
             os._exit(status)
 

@@ -30,8 +30,9 @@ class VirtualLines:
         Args:
             files: Files of the robot.
             build: Build of the virtual servos.
-            start: Initial joint positions, in rad or m. None: the positions of the scene, held until driven.
-            on_step: Called after each step of the physics.
+            start: Initial joint positions, in rad or m. None: the positions of the scene, which the servos hold until
+                they are driven.
+            on_step: Function called after each step of the physics.
 
         Raises:
             ArmFileError: The scene lacks joints of the robot.

@@ -1,1 +1,1 @@
-"""Apples: what they look like, and how they lie on the stand of an arm."""
+"""Apples: their appearance, and how they lie on the stand of an arm."""

@@ -6,24 +6,24 @@ from typing import Final
 import numpy as np
 
 DIAMETERS_MM: Final = (60.0, 90.0)
-"""Range of the diameters of apples from an orchard."""
+"""Range of the diameters of orchard apples, in meters."""
 HEIGHTS: Final = (0.88, 1.0)
 """Range of the heights, as a share of the diameter."""
 SOUND_SHARE: Final = 0.45
 """Share of apples without any defect."""
 MOST_SPOTS: Final = 5
 SPOTS_RAD: Final = (0.1, 0.5)
-"""Range of the radii of spots, as angles from the middle of the apple."""
+"""Range of the radii of spots, as angles seen from the center of the apple."""
 DARK_SHARE: Final = 0.35
 """Share of spots that are dark. The others are brown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """One defect of the skin: a round spot, with an irregular edge."""
+    """One defect of the skin: a round spot with an irregular edge."""
 
     direction: tuple[float, float, float]
-    """Unit vector from the middle of the apple to that of the spot."""
+    """Unit vector from the center of the apple to the center of the spot."""
     radius_rad: float
     dark: bool
     """Whether the spot is almost black. Otherwise it is brown."""
@@ -31,14 +31,14 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class Apple:
-    """One apple. It is an ellipsoid that is round about its vertical axis."""
+    """One apple. The apple is an ellipsoid that is round about its vertical axis."""
 
     diameter_mm: float
     """Largest diameter, seen from above."""
     height: float
     """Height as a share of the diameter."""
     red_share: float
-    """Share of the whole skin that is red, apart from spots. The rest is green."""
+    """Share of the skin that is red, not counting spots. The rest is green."""
     spots: tuple[Spot, ...]
     seed: int
     """Seed of the pattern and of the exact colors."""
@@ -51,7 +51,7 @@ class Apple:
 
 
 def draw_apple(seed: int, diameters_mm: tuple[float, float] = DIAMETERS_MM) -> Apple:
-    """Return a random apple. The same seed returns the same apple."""
+    """Return a random apple. The same seed always returns the same apple."""
     random = np.random.default_rng(seed)
     diameter_mm, height = random.uniform(*diameters_mm), random.uniform(*HEIGHTS)
     red_share = random.uniform()

@@ -1,6 +1,6 @@
-"""Apples in a MuJoCo scene: spheres of different sizes that take the place of the cube.
+"""Apples in a MuJoCo scene: spheres of different sizes that replace the cube.
 
-A scene for apples names their diameters: ``<custom><numeric name="apple_diameter_m" data="0.05 0.06"/></custom>``.
+A scene for apples declares their diameters: ``<custom><numeric name="apple_diameter_m" data="0.05 0.06"/></custom>``.
 """
 
 from dataclasses import replace
@@ -13,20 +13,22 @@ from hal.errors import ArmFileError
 from sim_backend.apples.apple import Apple, draw_apple
 
 DIAMETERS: Final = "apple_diameter_m"
-"""Name of the scene's smallest and largest diameter of an apple, in meters."""
+"""Name of the element of the scene with the smallest and largest diameter of an apple, in meters."""
 DENSITY_KG_M3: Final = 850.0
 FRICTION: Final = (0.8, 0.01, 0.002)
-"""Sliding friction, and torsional and rolling friction in meters. An apple is not perfectly round."""
+"""Sliding friction (a coefficient), and torsional and rolling friction in meters. The rolling friction represents that
+an apple is not perfectly round."""
 STAND_FRICTION: Final = (0.2, 0.005, 0.004)
-"""Friction on the stand. An apple can lie as far from its middle as the rolling friction allows."""
+"""Friction on the stand. An apple at rest can lie as far from the point below its center as the rolling friction
+allows."""
 ALL_FRICTION: Final = 6
-"""Contact dimension of MuJoCo with rolling friction."""
+"""Contact dimension of MuJoCo that includes rolling friction."""
 BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
-"""Color of the bins. A camera can tell apples from a gray background in any light."""
+"""Color of the bins. Against a gray background, a camera can distinguish apples in any light."""
 
 
 def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
-    """Return the smallest and the largest diameter. Raises ArmFileError if the scene names none."""
+    """Return the smallest and the largest diameter. Raises ArmFileError if the scene declares no diameters."""
     found = [numeric.data for numeric in spec.numerics if numeric.name == DIAMETERS]
     if not found or len(found[0]) != 2 or not 0.0 < found[0][0] <= found[0][1]:
         raise ArmFileError(
@@ -37,12 +39,12 @@ def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
 
 
 def apple_of_tray(seed: int, number: int, diameters_mm: tuple[float, float]) -> Apple:
-    """Return one apple of a tray, counted from 0. In a world, apples are spheres."""
+    """Return one apple of a tray, whose apples are counted from 0. In the simulated world, the apples are spheres."""
     return replace(draw_apple(seed * 1_000_003 + number, diameters_mm), height=1.0)
 
 
 def replace_cube(spec: Any, diameters_mm: tuple[float, float]) -> None:
-    """Replace the cube of a scene by a sphere of mean size, and make stand and bins fit for apples."""
+    """Replace the cube of a scene by a sphere of mean size, and adapt the stand and the bins to apples."""
     radius_m = 0.0005 * sum(diameters_mm) / 2.0
     sphere = spec.geom("cube")
     sphere.type = mujoco.mjtGeom.mjGEOM_SPHERE
@@ -72,7 +74,7 @@ def resize(model: Any, radius_m: float) -> None:
     model.geom_aabb[geom, 3:] = radius_m
     model.body_mass[body] = model.body_subtreemass[body] = mass_kg
     model.body_inertia[body] = inertia_kg_m2
-    # The constants that MuJoCo derives from the mass of a free body.
+    # These are the constants that MuJoCo derives from the mass of a free body.
     model.body_invweight0[body] = 1.0 / mass_kg, 1.0 / inertia_kg_m2
     model.dof_invweight0[dofs] = [1.0 / mass_kg] * 3 + [1.0 / inertia_kg_m2] * 3
     model.dof_M0[dofs] = [mass_kg] * 3 + [inertia_kg_m2] * 3

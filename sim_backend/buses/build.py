@@ -1,4 +1,4 @@
-"""Options of one virtual arm: backlash of its gears, and deviations of its parts from the nominal ones."""
+"""Options of one virtual arm: backlash of its gears, and deviations of its parts from their nominal values."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ class Build:
     seed: int | None = None
     """Seed for the arm's friction, motors, masses and supply. None for nominal values."""
     practice_seed: int | None = None
-    """Seed for the zeros and directions of the servos. None for those of the robot file.
+    """Seed for the zeros and directions of the servos. None selects the zeros and directions of the robot file.
 
-    An emulator with this seed clears the table, because its arm is there to be calibrated."""
+    An emulator with this seed clears the table, because its arm is meant to be calibrated."""
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
     apples: int | None = None
-    """Seed of the apples that take the place of the cube. None for the cube."""
+    """Seed of the apples that replace the cube. None for the cube."""
 
     @property
     def spread(self) -> Spread:

@@ -1,20 +1,20 @@
-"""Virtual Dynamixel servos on one wire. They convert timed instructions to timed replies.
+"""Virtual Dynamixel servos on one wire. The servos convert timed instructions to timed replies.
 
-From the e-manual: the only broadcast with a reply is a ping, to which all servos reply in turn. A sync read and a bulk
-read are answered in the order in which they name the servos. A fast read is answered by one packet to which each servo
-adds its block; its checksums confirm "integrity between Dynamixels".
+From the e-manual: the only broadcast with a reply is a ping, to which all servos reply in turn. The servos answer a
+sync read or a bulk read in the order in which the instruction lists them. A fast read is answered by one packet to
+which each servo adds its block; the checksums of the blocks confirm "integrity between Dynamixels".
 
 From ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer): each servo waits until it has heard the
-reply of the servo named before it. A silent servo therefore silences all servos that are named after it. Assumed: a
+reply of the servo listed before it. A silent servo therefore silences all servos that are listed after it. Assumed: a
 reply with a wrong checksum counts as heard.
 
-A servo also obeys writes to its secondary ID, without a reply. Assumed: it ignores other instructions to that ID, and
-a new protocol type applies at once.
+A servo also executes writes to its secondary ID, but sends no reply. Assumed: the servo ignores other instructions to
+that ID, and a new protocol type applies at once.
 
 Assumed for a fast read:
-- A servo adds its block only after it has received the whole block before its own. After a silent servo, or one
-  whose firmware does not support fast reads, only the beginning of the packet is on the wire.
-- The first servo waits for its return delay, and the others add their blocks at once.
+- A servo adds its block only after it has received the whole block before its own. After a silent servo, or after a
+  servo whose firmware does not support fast reads, the packet breaks off.
+- The first servo waits for its return delay, and the other servos add their blocks at once.
 - No servo replies if the length of the packet does not fit into two bytes.
 """
 
@@ -49,11 +49,12 @@ _ID_AT: Final = 4
 class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     """A line of X series servos and XL-320.
 
-    Times are those of the caller's clock; the rig's time starts at the first call.
+    Times are those of the caller's clock; the time of the rig starts at the first call.
     """
 
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
-        """Create the line. ``paced`` bytes take time on the wire; without it they take none, to measure software."""
+        """Create the line. With ``paced``, bytes take time on the wire; without it, they take no time, which is used to
+        measure software."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
 
     @classmethod
@@ -66,11 +67,11 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         paced: bool = True,
         firmware: Mapping[int, int] | None = None,
     ) -> "VirtualDynamixelBus":
-        """Create a bus with one servo for each coupling of ``plant``. ``models`` has the model by ID.
+        """Create a bus with one servo for each coupling of ``plant``. ``models`` contains the model by ID.
 
         The servos are set up for an arm: 1 Mbit/s and no return delay. Without ``supply``, servos of the same rated
-        voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` has versions by ID
-        that differ from the usual one.
+        voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` contains the
+        versions, by ID, that differ from the usual version.
         """
         ids = [coupling.servo_id for coupling in plant.couplings]
         servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]
@@ -111,7 +112,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     def _fast(
         self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float
     ) -> list[DelayedReply]:
-        """Return one packet in blocks, up to the first servo that does not receive the block before its own intact."""
+        """Return one packet in blocks, up to the first servo that does not receive the previous block intact."""
         knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
         wire, replies = b"", list[DelayedReply]()
         length = fast_length(size for _, _, size in spans)
@@ -137,7 +138,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
 
 
 def _reads(spans: Iterable[Span], servos: Sequence[Protocol2Servo]) -> Iterator[Turn]:
-    """Yield the turns of a sync read or a bulk read. A turn without a reply belongs to a silent servo."""
+    """Yield the reply turns of a sync read or a bulk read. A turn without a reply belongs to a silent servo."""
     for servo_id, address, size in spans:
         asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
         delay_s = max((servo.return_delay_s for servo in asked), default=0.0)
@@ -149,14 +150,14 @@ def _servo_of(model: ServoModel, servo_id: int, firmware: int | None) -> Protoco
 
 
 def _overlaid(blocks: Sequence[bytes]) -> bytes:
-    """Overlay blocks of one length that servos with the same ID send at the same time."""
+    """Overlay blocks of equal length that servos with the same ID send at the same time."""
     if len(blocks) == 1:
         return blocks[0]
     return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
 
 
 def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[DelayedReply]:
-    """Write each servo's part of a group write. There is no reply."""
+    """Let each servo write its part of a group write. There is no reply."""
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):
             servo.write(address, data)

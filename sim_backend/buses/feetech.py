@@ -1,16 +1,17 @@
-"""Virtual Feetech servos and Dynamixels of protocol 1.0 on one wire. They convert timed instructions to timed replies.
+"""Virtual Feetech servos and Dynamixels of protocol 1.0 on one wire. The servos convert timed instructions to timed
+replies.
 
 STS servos behave as in docs/simulation.md:
 - They reply when the line is silent, to all packets that came in one piece.
 - In a sync read and a broadcast ping, each servo replies in its own time slot and does not listen to the others.
-- All of them reply to a broadcast read at the same time.
+- All servos reply to a broadcast read at the same time.
 
-From the manuals of the other servos:
+According to the manuals of the other servos:
 - A broadcast has no reply.
-- A bulk read is answered in the order in which it names the servos. Each servo waits for the reply before its own, so a
-  silent servo hides those after it.
+- The servos answer a bulk read in the order in which the instruction lists them. Each servo waits for the previous
+  reply, so a silent servo hides the servos after it.
 
-Assumed for the other servos: they answer a broadcast ping one after the other, in order of ID.
+Assumed for the other servos: the servos answer a broadcast ping one after the other, in order of ID.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,15 +47,16 @@ _LONGEST_ENTRY = 125
 class VirtualBus(ServoLine[PacketServo]):
     """A line of servos with one packet format.
 
-    Times are those of the caller's clock; the rig's time starts at the first call.
+    Times are those of the caller's clock; the time of the rig starts at the first call.
     """
 
     def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
-        """Create the line. ``paced`` bytes take time on the wire; without it they take none, to measure software."""
+        """Create the line. With ``paced``, bytes take time on the wire; without it, they take no time, which is used to
+        measure software."""
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
         self._waiting: dict[VirtualServo, bytes] = {}
-        """Replies of STS servos that wait until the line is silent."""
+        """Replies of STS servos that are waiting until the line is silent."""
 
     @classmethod
     def of(
@@ -67,12 +69,12 @@ class VirtualBus(ServoLine[PacketServo]):
         variant: StsVariant = AS_REIMPLEMENTED,
         spread: Spread = NOMINAL,
     ) -> "VirtualBus":
-        """Create a bus with one new servo for each coupling of ``plant``. ``model`` is that of all servos, or a model
-        by ID.
+        """Create a bus with one new servo for each coupling of ``plant``. ``model`` is the model of all servos, or a
+        mapping from ID to model.
 
-        All are set up for 1 Mbit/s and no return delay. STS servos have firmware of ``variant`` and motors of
-        ``spread``. Without ``supply``, servos of the same rated voltage share a supply, whose voltage deviates by
-        ``spread``.
+        All servos are set up for 1 Mbit/s and no return delay. STS servos have the firmware of ``variant`` and the
+        motors of ``spread``. Without ``supply``, servos of the same rated voltage share a supply, whose voltage
+        deviates by ``spread``.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
         servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
@@ -120,7 +122,7 @@ class VirtualBus(ServoLine[PacketServo]):
     ) -> list[DelayedReply]:
         """Answer a sync read (address, size, IDs).
 
-        Each ID has a time slot; a servo that is named twice replies once.
+        Each ID has a time slot; a servo that is listed twice replies once.
         """
         if len(parameters) < 2:
             return []
@@ -141,7 +143,7 @@ class VirtualBus(ServoLine[PacketServo]):
     def _broadcast(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
     ) -> list[DelayedReply]:
-        """Return the replies to a broadcast. Most broadcasts have none."""
+        """Return the replies to a broadcast. Most broadcasts have no reply."""
         own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
         others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
         if instruction.code == Code.READ:
@@ -180,8 +182,8 @@ def _timed_byte_s(byte_s: float) -> float:
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Turn]:
     """Yield the replies to a bulk read: a zero, then size, ID and address of each servo.
 
-    A servo after a silent one does not reply. A servo that is asked for more bytes than a reply can hold is silent
-    (assumed).
+    A servo that follows a silent servo does not reply. A servo that is asked for more bytes than a reply can hold is
+    silent (assumed).
     """
     for at in range(1, len(parameters) - 2, 3):
         size, servo_id, address = parameters[at : at + 3]
@@ -192,10 +194,10 @@ def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Tur
 
 
 def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
-    """Execute a sync write: address, size, then an ID and ``size`` bytes for each servo. The last entry of an ID
-    counts.
+    """Execute a sync write: address, size, then an ID and ``size`` bytes for each servo. If an ID has several entries,
+    the last entry counts.
 
-    An STS servo also executes an incomplete entry, as far as it goes.
+    An STS servo also executes an incomplete entry as far as it is complete.
     """
     if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return

@@ -10,7 +10,7 @@ from sim_backend.mechanics.plant import Coupling
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """One random assembly of an arm, with any zero and either direction. It depends only on ``seed``."""
+    """One random assembly of an arm, with arbitrary zeros and directions. The assembly depends only on ``seed``."""
 
     seed: int
 

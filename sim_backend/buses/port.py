@@ -1,4 +1,4 @@
-"""The virtual bus as a ``drivers.port.Port``, without an operating system in between.
+"""The virtual bus as a ``drivers.port.Port``, without an operating system between the two ends.
 
 On a simulated clock, a read advances the time to the arrival of the bytes. The real driver therefore runs in one
 thread, faster than real time, and every run produces the same bytes.
@@ -67,11 +67,11 @@ class VirtualPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port was neither closed nor lost."""
+        """Whether the port is neither closed nor lost."""
         return not self._gone
 
     def unplug(self) -> None:
-        """Unplug the adapter. From now on every method raises ``PortLost``."""
+        """Unplug the adapter. Make every method raise ``PortLost`` from now on."""
         self._gone = "was unplugged: plug it in and open it again"
 
     def _alive(self) -> None:
@@ -85,7 +85,7 @@ class VirtualPort:
 
 
 class VirtualAdapter:
-    """The adapter at the end of a line. It can be opened by name, unplugged, and plugged in under any name."""
+    """The adapter at the end of a line. The adapter can be opened by name, unplugged, and plugged in under any name."""
 
     def __init__(self, bus: ServoLine[Any], clock: Clock, name: str = "virtual") -> None:
         self.name = name
@@ -115,5 +115,6 @@ class VirtualAdapter:
                 port.unplug()
 
     def plug(self, name: str | None = None) -> None:
-        """Plug the adapter in under its original name or another. Lost ports stay lost and have to be opened again."""
+        """Plug the adapter in under its original name or under a different one. Ports that were lost stay lost and must
+        be opened again."""
         self._there = name or self.name

@@ -1,4 +1,4 @@
-"""A pseudo-terminal at a path of its own, like ``/dev/ttyACM0`` for an adapter. Linux only."""
+"""A pseudo-terminal at a path of its own, such as ``/dev/ttyACM0`` for a real adapter. Linux only."""
 
 import contextlib
 import fcntl
@@ -29,9 +29,9 @@ class PtyLink:
     """
 
     def __init__(self, link: Path, baud: int = 1_000_000) -> None:
-        """Create the line at ``link``. ``baud`` is its speed until a client sets another.
+        """Create the pseudo-terminal at ``link``. ``baud`` is the baud rate until a client sets a different one.
 
-        Raises PortBusy if ``link`` exists and is not a leftover of an emulator that has ended.
+        Raises PortBusy if ``link`` exists and was not left behind by an emulator that has ended.
         """
         self.link = link
         self._make_room()
@@ -57,12 +57,12 @@ class PtyLink:
             raise PortBusy(f"{link} exists and is not an emulator's link: choose another path")
 
     def fileno(self) -> int:
-        """Return the servos' end of the line, for select."""
+        """Return the servos' end of the pseudo-terminal, for select."""
         return self._master
 
     @property
     def baud(self) -> int:
-        """Bits per second as set by the client. A pseudo-terminal stores the number but has no speed."""
+        """Baud rate that the client has set. A pseudo-terminal stores the baud rate but does not limit the speed."""
         return int(_TERMIOS2.unpack(self._settings())[-1])
 
     @baud.setter
@@ -76,19 +76,19 @@ class PtyLink:
         return fcntl.ioctl(self._slave, TCGETS2, bytes(_TERMIOS2.size))
 
     def read(self) -> bytes:
-        """Read the bytes that clients have sent, or none."""
+        """Read the bytes that clients have sent; return no bytes if there are none."""
         try:
             return os.read(self._master, 4096)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the clients. If the buffer is full, they are lost, as on any serial line."""
+        """Send bytes to the clients. If the buffer is full, the bytes are lost, as on any serial line."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
     def close(self) -> None:
-        """Close the line, and remove the link if it is still the one that was created."""
+        """Close the pseudo-terminal, and remove the link if it is still the one that was created."""
         if self.link.is_symlink() and os.readlink(self.link) == self._target:
             self.link.unlink()
         os.close(self._master)
@@ -113,7 +113,7 @@ class PtyAdapter:
         """Create an adapter. ``link`` is the path of the line while the adapter is plugged in."""
         self.link = link
         self.line: PtyLink | None = None
-        """The open line; None while the adapter is unplugged."""
+        """The open pseudo-terminal; None while the adapter is unplugged."""
 
     def unplug(self) -> None:
         """Unplug the adapter. Clients lose the line, and the link is removed."""
@@ -122,7 +122,8 @@ class PtyAdapter:
             self.line = None
 
     def plug(self, name: str | None = None) -> None:
-        """Plug the adapter in at its link, or next to it as ``name``. If the path is taken, it stays unplugged."""
+        """Plug the adapter in at its link, or next to it as ``name``. If the path is taken, the adapter stays
+        unplugged."""
         self.unplug()
         try:
             self.line = PtyLink(self.link if name is None else self.link.with_name(name))
@@ -131,11 +132,11 @@ class PtyAdapter:
 
     @property
     def baud(self) -> int:
-        """Bits per second as set by the client; 0 while the adapter is unplugged."""
+        """Baud rate that the client has set; 0 while the adapter is unplugged."""
         return 0 if self.line is None else self.line.baud
 
     def read(self) -> bytes:
-        """Read the bytes that clients have sent, or none."""
+        """Read the bytes that clients have sent; return no bytes if there are none."""
         return b"" if self.line is None else self.line.read()
 
     def write(self, data: bytes) -> None:

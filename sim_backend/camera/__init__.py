@@ -1,1 +1,1 @@
-"""Virtual camera: pictures of a MuJoCo scene as a camera takes them, and what the pictures really show."""
+"""Virtual camera: pictures of a MuJoCo scene as a camera takes them, and the true contents of the pictures."""

@@ -1,4 +1,4 @@
-"""Rays from one point, and those of them that can meet a few geoms. n is the number of rays."""
+"""Rays from one point, and the selection of the rays that can hit given geoms. n is the number of rays."""
 
 from typing import Any, Final
 
@@ -10,14 +10,15 @@ FloatArray = NDArray[np.float64]
 CELLS: Final = 96
 """Number of cells of the grid along each of its sides."""
 NEAREST: Final = 1e-6
-"""Minimum component of a ray along the axis of its bundle. All rays must point to one side."""
+"""Minimum component of a ray along the axis of its bundle. All rays must point to the same side of the point."""
 
 
 class Bundle:
     """Rays from one point, sorted into the cells of a grid that is perpendicular to their mean direction."""
 
     def __init__(self, origin: FloatArray, rays: FloatArray) -> None:
-        """Sort unit vectors (n, 3) into cells. Raises ValueError if their directions differ by 90 degrees or more."""
+        """Sort unit vectors (n, 3) into the cells of the grid. Raises ValueError if the directions of two rays differ
+        by 90 degrees or more."""
         self.origin, self.rays = origin, rays
         self._axes = _axes(rays.mean(axis=0) if len(rays) else np.array([0.0, 0.0, 1.0]))
         turned = np.einsum("ni,ij->nj", rays, self._axes)
@@ -31,7 +32,7 @@ class Bundle:
         self._cells = rows * CELLS + columns
 
     def near(self, model: Any, data: Any, geoms: Any) -> NDArray[np.int64]:
-        """Return the indices of all rays that can meet one of the geoms, and of a few more."""
+        """Return the indices of all rays that can hit one of the geoms. A few other rays may be included."""
         mask = np.zeros((CELLS, CELLS), np.bool_)
         middles = np.einsum("ni,ij->nj", data.geom_xpos[geoms] - self.origin, self._axes)
         for (x, y, z), radius in zip(middles.tolist(), model.geom_rbound[geoms].tolist(), strict=True):
@@ -53,7 +54,7 @@ class Bundle:
 
 
 def _axes(direction: FloatArray) -> FloatArray:
-    """Return perpendicular unit vectors as columns, of which the last points in the direction."""
+    """Return perpendicular unit vectors as columns; the last column points in the given direction."""
     forward = direction / np.linalg.norm(direction)
     aside = np.eye(3)[int(np.argmin(np.abs(forward)))]
     first = np.cross(aside, forward)

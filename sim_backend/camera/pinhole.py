@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class PinholeCamera:
-    """A camera without distortion, whose optical axis goes through the middle of the picture."""
+    """A camera without distortion, whose optical axis passes through the center of the picture."""
 
     width: int
     height: int
@@ -23,7 +23,7 @@ class PinholeCamera:
 
     @staticmethod
     def of(model: Any, data: Any, name: str, width: int = 640, height: int = 480) -> "PinholeCamera":
-        """Return a camera of a MuJoCo scene, whose poses are up to date. MuJoCo's cameras look along their -z axis."""
+        """Return a camera of a MuJoCo scene whose poses are up to date. MuJoCo's cameras look along their -z axis."""
         focal_px = 0.5 * height / np.tan(0.5 * np.radians(float(model.cam(name).fovy[0])))
         camera = data.cam(name)
         axes = camera.xmat.reshape(3, 3) * np.array([1.0, -1.0, -1.0])
@@ -33,7 +33,7 @@ class PinholeCamera:
     def looking_at(
         target_m: FloatArray, position_m: FloatArray, focal_px: float = 600.0, size: tuple[int, int] = (640, 480)
     ) -> "PinholeCamera":
-        """Return an upright camera that looks at a point. It must not look straight down."""
+        """Return an upright camera that looks at a point. The camera must not look straight down."""
         forward = (target_m - position_m) / np.linalg.norm(target_m - position_m)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
@@ -42,7 +42,7 @@ class PinholeCamera:
 
     @property
     def matrix(self) -> FloatArray:
-        """The camera matrix K, shape (3, 3). Whole numbers are the middles of pixels, as in OpenCV."""
+        """The camera matrix K, shape (3, 3). Integer coordinates are the centers of pixels, as in OpenCV."""
         cx, cy = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
         return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
 
@@ -62,6 +62,6 @@ class PinholeCamera:
         middle_x, middle_y = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
         rays = np.stack([x - middle_x, y - middle_y, np.full_like(x, self.focal_px)], axis=-1).reshape(-1, 3)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        # A matrix product would start the threads of the matrix library, on processors that others may need.
+        # A matrix product would start the threads of the matrix library on processors that other programs may need.
         turned: FloatArray = np.einsum("ni,ji->nj", rays, self.axes)
         return np.ascontiguousarray(turned)

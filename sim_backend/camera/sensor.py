@@ -13,7 +13,7 @@ from sim_backend.compiled import compiled
 FloatArray = NDArray[np.float64]
 
 FULL_WELL_E: Final = 8000.0
-"""Electrons of a saturated pixel, as in a small sensor of a webcam."""
+"""Number of electrons in a saturated pixel, as in a small sensor of a webcam."""
 ELECTRONS_LUX_S: Final = 400.0
 """Electrons per second that a white surface causes in a pixel, per lux."""
 READ_NOISE_E: Final = 4.0
@@ -22,14 +22,15 @@ SHORTEST_S: Final = 1e-4
 """Limits of the exposure time."""
 MOST_GAIN: Final = 16.0
 METERED: Final = 0.35
-"""Mean brightness that automatic exposure aims at, as a share of a saturated pixel."""
+"""Mean brightness at which automatic exposure aims, as a share of a saturated pixel."""
 BRIGHT: Final = 0.9
 """Maximum brightness of the 98th percentile with automatic exposure."""
 METER_STEP: Final = 16
 """Automatic exposure reads every 16th pixel."""
 CURVE_STEPS: Final = 4096
 NOISE_VALUES: Final = 1 << 20
-"""Number of random values. It must be a power of 2, and exceed the number of values of a picture."""
+"""Number of random values. The number must be a power of 2, and must be larger than the number of values of a
+picture."""
 NOISE_SEED: Final = 7
 
 
@@ -40,9 +41,9 @@ class Sensor:
     exposure_s: float | None = None
     """Fixed exposure time, with gain 1; None for automatic exposure."""
     white_k: float = 5500.0
-    """Color temperature of the light in which a gray surface is gray in the picture."""
+    """Color temperature of the light in which a gray surface appears gray in the picture."""
     vignetting: float = 0.15
-    """Share of the light that is missing in the corners of the picture."""
+    """Relative loss of light in the corners of the picture."""
     noisy: bool = True
 
 

@@ -1,4 +1,4 @@
-"""Light that surfaces send to the camera, in compiled code. n is the number of points."""
+"""Light that surfaces reflect to the camera, in compiled code. n is the number of points."""
 
 from math import sin, sqrt
 from typing import Any, Final
@@ -13,9 +13,9 @@ from sim_backend.scene.rays import PLANE
 FloatArray = NDArray[np.float64]
 
 GLOSS: Final = 0.35
-"""Brightness of a reflection of the lamp on an apple."""
+"""Brightness of the lamp's reflection on an apple."""
 GLOSS_POWER: Final = 60.0
-"""Sharpness of a reflection."""
+"""Exponent that determines the sharpness of a reflection."""
 ABOVE: Final = 0.3
 """Share of the ambient light that comes from above."""
 GRAIN: Final = 0.02
@@ -30,7 +30,7 @@ def linear(rgb: FloatArray) -> FloatArray:
 
 @compiled
 def albedo(colors: FloatArray, kinds: Any, geom: Any, point: FloatArray) -> FloatArray:
-    """Return the color (n, 3) of points on geoms without a skin. The table has a faint grain."""
+    """Return the color (n, 3) of points on geoms without an apple skin. The table has a faint grain."""
     found = np.empty((len(geom), 3))
     for n in range(len(geom)):
         grain = 1.0
@@ -48,7 +48,8 @@ def shade(
 ) -> FloatArray:
     """Return the radiance (n, 3) of points, relative to a white surface in full light.
 
-    ``lit`` (n,) is whether the lamp reaches the point. ``lamp`` has the direction to the lamp and the ambient share.
+    ``lit`` (n,) tells whether the lamp reaches each point. ``lamp`` contains the direction to the lamp and the ambient
+    share.
     """
     toward, ambient = lamp
     found = np.empty((len(color), 3))

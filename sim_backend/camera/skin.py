@@ -1,6 +1,6 @@
-"""Skin of an apple: color and kind of each of its points, in compiled code.
+"""Skin of an apple: color and kind of each point, in compiled code.
 
-Colors are shares of the light that is reflected, in linear RGB.
+Colors are the reflected shares of the light, in linear RGB.
 """
 
 from math import cos, exp, sin, sqrt
@@ -18,18 +18,18 @@ NO_SKIN: Final = 0
 GREEN: Final = 1
 RED: Final = 2
 DEFECT: Final = 3
-"""Kinds of a point. A spot is a defect, whether it is brown or dark."""
+"""Kinds of a point. A spot counts as a defect, whether it is brown or dark."""
 GREENS: Final = np.array([[0.24, 0.40, 0.05], [0.46, 0.50, 0.09]])
 REDS: Final = np.array([[0.30, 0.022, 0.025], [0.50, 0.045, 0.035]])
 BROWNS: Final = np.array([[0.115, 0.062, 0.024], [0.19, 0.105, 0.042]])
 DARKS: Final = np.array([[0.018, 0.012, 0.009], [0.04, 0.027, 0.02]])
-"""Both ends of the range of each color."""
+"""The two ends of the range of each color."""
 WAVES: Final = 12
-"""Number of waves that make up the pattern."""
+"""Number of waves that form the pattern."""
 WAVE_RAD: Final = (1.5, 9.0)
 """Range of the wave numbers, in radians per radius of the apple."""
 BLUSH_EDGE: Final = 0.06
-"""Half width of the change from green to red, in units of the pattern."""
+"""Half width of the transition from green to red, in units of the pattern."""
 SPOT_EDGE: Final = 0.012
 """Half width of a spot's edge, in rad."""
 FRAYED: Final = 0.12
@@ -37,18 +37,18 @@ FRAYED: Final = 0.12
 MOTTLED: Final = 0.1
 """Variation of the brightness of the skin."""
 SAMPLES: Final = 4000
-"""Number of points of the skin from which the level of the pattern is found."""
+"""Number of points of the skin from which the level of the pattern is computed."""
 
 
 class Skin(NamedTuple):
-    """Arrays of one skin, with w waves and s spots."""
+    """Arrays that describe one skin, with w waves and s spots."""
 
     green: FloatArray
     """Shape (3,)."""
     red: FloatArray
     """Shape (3,)."""
     side: FloatArray
-    """Shape (3,). Direction of the side that was in the sun, and is red first."""
+    """Shape (3,). Direction of the side that faced the sun and turns red first."""
     waves: FloatArray
     """Shape (w, 5): wave vector, phase and amplitude."""
     level: float
@@ -99,13 +99,14 @@ def _patterns(skin: Skin, directions: FloatArray) -> FloatArray:
 
 @compiled
 def _share(value: float, edge: float) -> float:
-    """Return the share of a mixture: 0.5 at zero, and almost 0 or 1 at a distance of twice the edge."""
+    """Return the mixing ratio: 0.5 at zero, and almost 0 or 1 at a distance of twice the edge."""
     return 1.0 / (1.0 + exp(-min(max(2.0 * value / edge, -40.0), 40.0)))
 
 
 @compiled
 def paint(skin: Skin, points: FloatArray, color: FloatArray, kind: Any) -> None:
-    """Store color (n, 3) and kind (n,) of points (n, 3), which are in the apple's frame and in units of its radii."""
+    """Store the color (n, 3) and the kind (n,) of points (n, 3), which are given in the apple's frame in units of its
+    radii."""
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         length = sqrt(x * x + y * y + z * z)
@@ -117,7 +118,7 @@ def paint(skin: Skin, points: FloatArray, color: FloatArray, kind: Any) -> None:
         for i in range(3):
             color[n, i] = shade * (skin.green[i] + red * (skin.red[i] - skin.green[i]))
         for spot in skin.spots:
-            # The chord is almost the angle, and cheaper.
+            # The chord is almost equal to the angle, and is faster to compute.
             away = sqrt((x - spot[0]) ** 2 + (y - spot[1]) ** 2 + (z - spot[2]) ** 2)
             radius = spot[3] * (1.0 + FRAYED * cos(11.0 * pattern))
             share = _share(radius - away, SPOT_EDGE)

@@ -38,7 +38,7 @@ class LyingApple:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The table with everything that is on it. One is 0.6 m in front of the camera of ``table_camera``."""
+    """The table with everything on it. An apple at the origin is 0.6 m in front of the camera of ``table_camera``."""
 
     apples: Sequence[LyingApple]
     rgb: tuple[float, float, float] = GRAY
@@ -46,18 +46,18 @@ class Table:
     sensor: Sensor = field(default_factory=Sensor)
     """Settings of the camera's sensor."""
     smooth: bool = True
-    """Whether edges are smooth, which takes four times as long."""
+    """Whether edges are smooth. Smooth pictures take four times as long."""
 
 
 def table_camera(focal_px: float = 600.0) -> PinholeCamera:
-    """Return a camera that looks down at the middle of the table, from 0.6 m away."""
+    """Return a camera that looks down at the center of the table from a distance of 0.6 m."""
     return PinholeCamera.looking_at(np.zeros(3), EYE_M, focal_px)
 
 
 def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
     """Return random apples at random places of the table. The same seed returns the same apples.
 
-    Raises ValueError if there is no place for this number of apples.
+    Raises ValueError if the table has no place for this number of apples.
     """
     random = np.random.default_rng((seed, 4))
     apples = [draw_apple(int(number), DIAMETERS_MM) for number in random.integers(1 << 31, size=count)]
@@ -75,7 +75,8 @@ def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
 
 
 def render(table: Table, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:
-    """Return a picture (height, width, 3) of a table, and the truth about each apple in the order of ``table.apples``.
+    """Return a picture (height, width, 3) of a table, and the true values of each apple in the order of
+    ``table.apples``.
 
     Args:
         table: The table and its apples.
@@ -122,7 +123,7 @@ def _model(table: Table) -> tuple[Any, list[int]]:
 
 
 def _height_m(radii_m: FloatArray, turn: tuple[float, float, float, float]) -> float:
-    """Return the height of the middle of an ellipsoid that lies on the table."""
+    """Return the height of the center of an ellipsoid that lies on the table."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, np.array(turn))
     return float(np.linalg.norm(radii_m * axes.reshape(3, 3)[2]))

@@ -1,4 +1,4 @@
-"""What a picture really shows of each apple, to compare gradings with."""
+"""True contents of a picture for each apple, as a reference for gradings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ OCCLUDED: Final = 0.98
 
 @dataclass(frozen=True, slots=True)
 class AppleTruth:
-    """One apple in a picture. Shares are those of the pixels that show the apple."""
+    """One apple in a picture. Shares are shares of the pixels that show the apple."""
 
     position_m: tuple[float, float, float]
-    """Position of the middle in the world."""
+    """Position of the center in the world."""
     diameter_mm: float
     red_ratio: float
-    """Share that is red: neither green nor a defect."""
+    """Share that is red, which is neither green nor a defect."""
     defect_score: float
     """Share that is brown or dark."""
     visible_share: float
@@ -31,7 +31,8 @@ class AppleTruth:
     cut: bool
     """Whether the edge of the picture cuts the apple off."""
     box_px: tuple[int, int, int, int]
-    """Left, top, right and bottom pixel that show the apple, right and bottom included; all 0 if no pixel does."""
+    """First column, first row, last column and last row of the pixels that show the apple (inclusive); all 0 if no
+    pixel shows it."""
 
     @property
     def occluded(self) -> bool:
@@ -42,7 +43,7 @@ class AppleTruth:
 def truth_of(
     view: CameraView, camera: PinholeCamera, data: Any, sights: Sequence[Sight], geom: int, diameter_mm: float
 ) -> AppleTruth:
-    """Return what a picture shows of the apple of a geom."""
+    """Return the true values of the apple of a geom in a picture."""
     own = [sight.geom == geom for sight in sights]
     kinds = np.concatenate([sight.kind[mask] for sight, mask in zip(sights, own, strict=True)])
     count, alone = max(len(kinds), 1), max(view.alone(data, geom), 1)

@@ -1,6 +1,6 @@
-"""View of the virtual camera on a MuJoCo model. n is the number of pixels.
+"""View of the virtual camera onto a MuJoCo model. n is the number of pixels.
 
-Parts that never move are cast and shaded once for all pictures.
+Parts that never move are traced and shaded once for all pictures.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,9 +18,9 @@ from sim_backend.camera.skin import NO_SKIN, Skin, paint
 from sim_backend.scene.rays import FloatArray, Hits, cast, visible
 
 LAMP_M: Final = 20.0
-"""Distance of the lamp. Its rays are almost parallel."""
+"""Distance of the lamp. The rays of the lamp are almost parallel."""
 TOUCH_M: Final = 1e-4
-"""Distance from a point within which a hit is the point itself."""
+"""Distance from a point within which a hit counts as the point itself."""
 SKY: Final = np.array([0.75, 0.78, 0.82])
 """Color of pixels that show no geom."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -29,7 +29,7 @@ SHARP: Final = ((0.0, 0.0),)
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What the rays of one picture meet."""
+    """Hits of the rays of one picture."""
 
     radiance: FloatArray
     """Shape (n, 3), linear RGB relative to a white surface in full light."""
@@ -40,7 +40,7 @@ class Sight:
 
 
 def mean_radiance(sights: Sequence[Sight]) -> FloatArray:
-    """Return the radiances (n, 3) of a picture from those of its passes."""
+    """Return the radiances (n, 3) of a picture, computed from those of its passes."""
     total = sights[0].radiance.copy()
     for sight in sights[1:]:
         total += sight.radiance
@@ -64,11 +64,11 @@ class CameraView:
 
         Args:
             model: The MuJoCo model.
-            data: Any pose, with updated kinematics.
+            data: Any pose of the model, with updated kinematics.
             camera: The camera.
             light: The light.
             skins: Skins of apples by geom. The apples can move.
-            smooth: Whether four rays make up each pixel, which takes four times as long.
+            smooth: Whether four rays form each pixel, which takes four times as long.
         """
         self.skins = dict(skins)
         self._model, self._camera, self._light = model, camera, light
@@ -76,11 +76,11 @@ class CameraView:
         self._passes = [_Pass(model, data, _Setting(camera, light, shift), self.skins) for shift in shifts]
 
     def sights(self, data: Any) -> Iterator[Sight]:
-        """Yield what the rays of each pass meet in a pose with updated kinematics."""
+        """Yield the hits of the rays of each pass, for a pose with updated kinematics."""
         return (one.sight(data) for one in self._passes)
 
     def alone(self, data: Any, geom: int) -> int:
-        """Return the number of rays that would meet a geom if it were alone."""
+        """Return the number of rays that would hit a geom if no other geom were present."""
         eye = self._camera.position_m
         return sum(int((cast(self._model, data, eye, one.rays, [geom])[0] >= 0).sum()) for one in self._passes)
 
@@ -95,7 +95,7 @@ class _Setting:
 
 
 class _Pass:
-    """One ray per pixel. ``_still`` are the geoms that are fixed to the world and are not apples."""
+    """One ray per pixel. ``_still`` contains the geoms that are fixed to the world and are not apples."""
 
     def __init__(self, model: Any, data: Any, setting: _Setting, skins: Mapping[int, Skin]) -> None:
         light = setting.light
@@ -120,7 +120,7 @@ class _Pass:
         self._dark = self._shade(data, self._bright, _of_rows(hits, lit), unlit)[0]
 
     def sight(self, data: Any) -> Sight:
-        """Return what all rays meet."""
+        """Return the hits of all rays."""
         radiance, geom = self._radiance.copy(), self._hits[0].copy()
         kind = np.zeros(len(radiance), np.int8)
         self._darken(data, radiance)
@@ -135,7 +135,7 @@ class _Pass:
         return Sight(radiance, geom, kind)
 
     def _darken(self, data: Any, radiance: FloatArray) -> None:
-        """Store the radiance of points of still geoms in the shadow of moving ones."""
+        """Store the radiance of points of fixed geoms that are in the shadow of moving geoms."""
         rows = self._from_lamp.near(self._model, data, self._moving)
         first = cast(self._model, data, self._lamp, self._from_lamp.rays[rows], self._moving)[1]
         shadow = rows[first <= self._reach[rows] - TOUCH_M]
@@ -158,7 +158,7 @@ class _Pass:
         return toward, reach, facing & (first > reach - TOUCH_M)
 
     def _shade(self, data: Any, rows: Any, hits: Hits, lit: Any) -> tuple[FloatArray, NDArray[np.int8]]:
-        """Return radiance and kind of skin at the hits of some rays."""
+        """Return the radiance and the kind of skin at the hits of some rays."""
         geom, points = hits[0], self._points(rows, hits)
         color = albedo(self._colors, self._model.geom_type, geom, points)
         kind = np.full(len(rows), NO_SKIN, np.int8)
@@ -167,7 +167,7 @@ class _Pass:
             if not len(own):
                 continue
             away = points[own] - data.geom_xpos[number]
-            # A sphere has only its first size. For a sphere, the direction of a point is all that matters.
+            # MuJoCo gives only the first size of a sphere. For a sphere, only the direction of a point matters.
             size = self._model.geom_size[number]
             local = np.einsum("ni,ij->nj", away, data.geom_xmat[number].reshape(3, 3))
             color[own], kind[own] = _painted(skin, local / np.where(size > 0.0, size, size[0]))

@@ -1,7 +1,8 @@
-"""Faults of a virtual arm. docs/faults.md lists them by name.
+"""Faults of a virtual arm. docs/faults.md lists the faults by name.
 
-``events`` has a class for each kind of fault. ``player`` starts and ends faults on time, ``script`` and ``text`` read
-and write them, and ``draw`` makes random schedules. ``WireFaults`` has the switches for single replies on a line.
+``events`` contains a class for each kind of fault. ``player`` starts and ends faults on time. ``script`` and ``text``
+read and write faults, and ``draw`` generates random schedules. ``WireFaults`` contains the switches for faults of
+single replies on a line.
 """
 
 from sim_backend.packets.faults import Disturbance, WireFaults

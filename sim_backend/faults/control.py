@@ -12,10 +12,10 @@ from sim_backend.faults.text import matching, parse, text_of
 def handle_fault_command(
     player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command
 ) -> Mapping[str, Any]:
-    """Start a fault, or end faults, and return the active and future faults.
+    """Start a fault, or end faults, and return the active and the scheduled faults.
 
-    Times of the fault count from now. ``other`` handles all other commands. Raises ValueError for an unknown fault, or
-    for one that these servos cannot have.
+    Times of the fault count from now on. The function ``other`` handles all other commands. Raises ValueError for an
+    unknown fault, or for a fault that these servos cannot have.
     """
     if command.get("do") != "fault":
         return other(command)
@@ -40,7 +40,8 @@ def handle_fault_command(
 
 
 def _cancel(player: FaultPlayer, text: str) -> list[str]:
-    """End the faults that ``text`` matches, or all, and return their texts. Raises FaultError if none matches."""
+    """End the faults that match ``text``, or all faults, and return their texts. Raises FaultError if no fault
+    matches."""
     events = player.cancel(matching(text))
     if text and not events:
         raise FaultError(f"no fault {text} is active or scheduled")

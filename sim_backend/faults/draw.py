@@ -1,4 +1,4 @@
-"""Draw random schedules of faults before a run. Each kind of fault has its own stream of random numbers.
+"""Draw random schedules of faults before a run. Each kind of fault has its own sequence of random numbers.
 
 Start times are uniform. Durations, delays, probabilities and sizes are log-uniform (``sim_backend.faults.tails``).
 """
@@ -13,11 +13,11 @@ from sim_backend.faults.events import KINDS
 from sim_backend.faults.targets import Inventory, Since
 
 AT_THE_START: Final = 1 / 6
-"""Share of the faults whose time counts from the start of the stack."""
+"""Share of the faults whose times count from the start of the stack."""
 AT_THE_END: Final = 1 / 6
-"""Share of the faults whose time counts from the moment at which the program begins to end."""
+"""Share of the faults whose times count from the moment when the program begins to end."""
 TRIES: Final = 200
-"""Number of draws after which a kind of fault counts as impossible."""
+"""Number of draws after which a kind of fault is considered impossible."""
 
 
 def draw(
@@ -25,10 +25,11 @@ def draw(
 ) -> tuple[Event, ...]:
     """Draw ``how_many`` random faults over the whole life of a stack, in order of time.
 
-    The faults are of all kinds, or of ``kinds``. A fault that starts while the arm is up starts within ``seconds``.
+    By default, the faults are of all kinds; ``kinds`` restricts them. A fault that starts while the arm is up starts
+    within ``seconds``.
 
-    Each kind bids for places with numbers from its own stream, and the lowest bids win. The draws of one kind therefore
-    do not change those of another; an additional kind can only take places.
+    Each kind draws random bids from its own sequence, and the events with the lowest bids are used. The draws of one
+    kind therefore do not change the events of another kind; an additional kind can only displace some of them.
     """
     for name in kinds or ():
         if name not in KINDS:
@@ -40,7 +41,8 @@ def draw(
 
 
 def impossible(kind: str, there: Inventory) -> str:
-    """Return why nothing in the inventory can have a fault of this kind; an empty text if the fault is possible."""
+    """Return the reason why no target in the inventory can have a fault of this kind; an empty text if the fault is
+    possible."""
     why = ""
     for number in range(TRIES):
         try:
@@ -55,10 +57,11 @@ def impossible(kind: str, there: Inventory) -> str:
 def _bids(
     seed: int | str, kind: str, there: Inventory, seconds: float, how_many: int
 ) -> Iterator[tuple[float, str, int, Event]]:
-    """Yield the events of one kind with their bids, as many as could win. Yield none if the kind is impossible."""
+    """Yield the events of one kind, each with its bid. No more events are drawn than could be used. Yield nothing if
+    the kind is impossible."""
     random = Random(f"{seed}/{kind}")
     for number in range(how_many):
-        # Each event has its own stream, so that another draw within one event does not change the others.
+        # Each event has its own stream, so that an additional draw within one event does not change the others.
         own = Random(random.getrandbits(64))
         bid, (since, at_s) = own.random(), _moment(own, there, seconds)
         try:
@@ -68,7 +71,7 @@ def _bids(
 
 
 def _moment(random: Random, there: Inventory, seconds: float) -> tuple[Since, float]:
-    """Draw the moment from which a fault's time counts, and the time, in seconds."""
+    """Draw the time of a fault in seconds, and the moment from which the time counts."""
     share = random.random()
     since: Since = "start" if share < AT_THE_START else "end" if share < AT_THE_START + AT_THE_END else "up"
     if since not in there.moments:

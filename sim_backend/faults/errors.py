@@ -4,4 +4,5 @@ from drivers.errors import DriverError
 
 
 class FaultError(DriverError):
-    """Faults that cannot be read or cannot be played. The message lists all of them, with a remedy."""
+    """Error for faults that cannot be read or cannot be played. The message lists all faulty entries, each with a
+    remedy."""

@@ -1,4 +1,4 @@
-"""Base classes of all faults: start time, duration, and the servo or line that a fault affects."""
+"""Base classes of all faults, with the start time, the duration, and the affected servo or line."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -14,48 +14,49 @@ from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import FaultPlace, FaultTargets, Inventory, Since
 
 DRAWN_S: Final = (0.001, 20.0)
-"""Durations of drawn faults that end, in seconds: from one packet to a whole run with a job."""
+"""Range of durations of drawn faults, in seconds: from one packet to a whole run with a job."""
 USUAL_S: Final = (0.05, 2.0)
-"""Durations of half of the drawn faults, in seconds: from one cycle to longer than every time-out of the stack."""
+"""Range of durations for half of the drawn faults, in seconds: from one cycle to more than every time-out of the
+stack."""
 STAYS: Final = 0.1
 """Share of the drawn faults that do not end, among those that could end."""
 
 
 class Event(BaseModel):
-    """A fault at one time. ``kind`` is its name, and the other fields are its parameters."""
+    """A fault at one time. ``kind`` is the name of the fault, and the other fields are its parameters."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: str
     at_s: Time = 0.0
-    """Start of the fault after the moment ``since``, in seconds."""
+    """Time from the moment ``since`` to the start of the fault, in seconds."""
     since: Since = "up"
-    """Moment from which the time counts. An emulator is up when it is ready, and has no other moment."""
+    """Moment from which the start time counts. An emulator is up when it is ready, and knows no other moment."""
     for_s: Duration | None = None
     """Duration in seconds; None if the fault does not end."""
 
     def refuse(self, there: Inventory) -> None:
-        """Raise FaultError with the reason if nothing in the inventory can have this fault."""
+        """Raise FaultError with the reason if no target in the inventory can have this fault."""
         if self.since not in there.moments:
             does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
             raise FaultError(f"no stack {does} here: leave out `since`, or play the fault with servoloop campaign")
 
     def acting(self, targets: FaultTargets) -> AbstractContextManager[None]:
-        """Return a context in which the fault is active. It starts on entry and ends on exit."""
+        """Return a context in which the fault is active. The fault starts on entry and ends on exit."""
         raise NotImplementedError
 
     @property
     def lasts_s(self) -> float | None:
-        """Time from the start to the end of the fault, in seconds; None if it does not end."""
+        """Time from the start to the end of the fault, in seconds; None if the fault does not end."""
         return self.for_s
 
     def stream(self) -> Random:
-        """Return the event's own random numbers, which do not depend on those of other events."""
+        """Return the event's own random generator, which is independent of those of other events."""
         return Random(f"{getattr(self, 'seed', 0)}/{self.kind}")
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """Draw an event of this kind with random parameters. Raises FaultError if nothing can have it."""
+        """Draw an event of this kind with random parameters. Raises FaultError if no target can have such an event."""
         parameters = cls.draw_parameters(random, there)
         event = cls.model_validate({"at_s": at_s, "since": since, **parameters})
         event.refuse(there)
@@ -63,12 +64,12 @@ class Event(BaseModel):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        """Draw the parameters of an event, except for its time."""
+        """Draw all parameters of an event except for its time."""
         return {}
 
 
 class Lasting(Event):
-    """A fault that ends after ``for_s``, or does not end."""
+    """A fault that ends after ``for_s`` or does not end."""
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
@@ -93,7 +94,7 @@ class Momentary(Event):
 
 
 class OfServo(Event):
-    """A fault of one servo. ``servo_id`` is the ID with which the servo was mounted."""
+    """A fault of one servo. ``servo_id`` is the ID that the servo had when it was mounted."""
 
     servo_id: ServoId
     bus: str | None = None
@@ -107,7 +108,7 @@ class OfServo(Event):
         """Raise FaultError if a servo of this model cannot have the fault."""
 
     def model(self, there: Inventory) -> ServoModel:
-        """Return the servo's model. Raises FaultError if there is no such servo."""
+        """Return the servo's model. Raises FaultError if the servo does not exist."""
         return there.servos[there.bus_of(self.servo_id, self.bus)][self.servo_id]
 
     def place(self, targets: FaultTargets) -> FaultPlace:
@@ -140,7 +141,7 @@ class OfBus(Event):
 
 
 class Replies(OfBus, Lasting):
-    """A fault of replies on the wire, of one servo or of all. Each reply is affected with a probability."""
+    """A fault of replies on the wire, of one servo or of all servos. Each reply is affected with a probability."""
 
     servo_id: ServoId | None = None
     """ID of the servo; None for the replies of all servos."""
@@ -161,7 +162,7 @@ class Replies(OfBus, Lasting):
 
 
 def model_of(drawn: Mapping[str, Any], there: Inventory) -> ServoModel:
-    """Return the model of the servo that drawn parameters name."""
+    """Return the model of the servo in the drawn parameters."""
     return there.servos[there.bus_of(drawn["servo_id"], drawn["bus"])][drawn["servo_id"]]
 
 

@@ -1,4 +1,5 @@
-"""All kinds of faults. ``FaultEvent`` is their union; the field ``kind`` distinguishes them."""
+"""All kinds of faults. The type ``FaultEvent`` is the union of all fault classes; the field ``kind`` distinguishes
+them."""
 
 from typing import Annotated, Any, Final
 

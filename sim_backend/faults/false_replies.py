@@ -1,4 +1,4 @@
-"""False values in replies with a correct checksum. One of 256 corrupted replies passes the checksum by chance."""
+"""False values in replies with a correct checksum. One of 256 corrupted replies has a valid checksum by chance."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,21 +21,22 @@ READ_IN_CYCLES: Final = (
     *("present_velocity", "present_speed", "present_load", "present_pwm", "present_current"),
     *("present_voltage", "present_temperature", "torque_enable", "status", "hardware_error_status"),
 )
-"""Registers, other than the position, that the stack reads in its cycle. No model has all of them."""
+"""Registers, other than the position, that the stack reads in each cycle. No model has all of them."""
 
 
 class _FalseReplies(OfServo, Lasting):
-    """A servo reports a false value once, in every n-th reply that contains the value, or in each."""
+    """Base class of faults in which a servo reports a false value once, in every n-th reply that contains the value, or
+    in each such reply."""
 
     every: Annotated[Number, Field(ge=1)] = 1
-    """Every n-th reply that reports the value is false, starting with the first."""
+    """Every n-th reply that contains the value is false, starting with the first reply."""
     replies: Annotated[Number, Field(ge=1)] | None = None
     """Number of false replies; None for no limit."""
 
     def _turns(self) -> Callable[[], bool]:
         """Return a function that decides whether the next reply with the value is false.
 
-        Call it once for each reply.
+        Call this function once for each reply.
         """
         asked = 0
 
@@ -59,7 +60,7 @@ class _FalseReplies(OfServo, Lasting):
 class FalsePosition(_FalseReplies):
     """A servo reports a false position in a reply with a correct checksum.
 
-    Its own control loop uses the true position.
+    The servo's own control loop uses the true position.
     """
 
     kind: Literal["false_position"] = "false_position"
@@ -92,7 +93,8 @@ class FalseValue(_FalseReplies):
 
     kind: Literal["false_value"] = "false_value"
     register_name: str
-    """Name of the register in `servoloop register list`. The value of `status` is also the error byte of each reply."""
+    """Name of the register in `servoloop register list`. The value of `status` is also sent as the error byte of each
+    reply."""
     value: RegisterValue
     """Raw value of the register, without a unit."""
 

@@ -8,7 +8,7 @@ from typing import Any
 class Holds:
     """Changes of shared values by faults.
 
-    The newest change is in effect, and after the last the usual value returns.
+    The newest change is in effect. After the last change has ended, the usual value returns.
     """
 
     def __init__(self) -> None:
@@ -16,9 +16,9 @@ class Holds:
 
     @contextmanager
     def hold(self, key: Hashable, apply: Callable[[Any], None], value: Any, usual: Any) -> Iterator[None]:
-        """Apply ``value`` within the context.
+        """Apply ``value`` while the context is active.
 
-        When no fault holds ``key`` anymore, the first holder's ``usual`` is applied.
+        When no fault holds ``key`` anymore, the value ``usual`` of the first fault is applied.
         """
         values = self._held.setdefault(key, [[usual]])
         mine = [value]

@@ -1,4 +1,4 @@
-"""Faults of a whole line: its cable, its supply, its adapter, and other programs that use it."""
+"""Faults of a whole line: its cable, its supply, its adapter, and other programs that use the line."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -34,7 +34,7 @@ class CableCut(OfBus, Lasting):
             raise FaultError(f"servo {self.after} is the last on its line, so nothing follows it: name another servo")
 
     def _cut(self, there: Inventory) -> dict[str, int]:
-        """Return the index of the first servo that is cut off, by line."""
+        """Return the index of the first servo that is cut off, for each line."""
         if self.after is None:
             return dict.fromkeys(there.buses(self.bus), 0)
         bus = there.bus_of(self.after, self.bus)
@@ -73,13 +73,13 @@ def _after(random: Random, there: Inventory) -> dict[str, Any]:
 
 
 class WeakSupply(OfBus, Lasting):
-    """The supply has another voltage or thin leads. A servo whose controller gets too little voltage restarts."""
+    """The supply has a wrong voltage or thin leads. A servo whose controller gets too little voltage restarts."""
 
     kind: Literal["weak_supply"] = "weak_supply"
     voltage_v: Volts | None = None
-    """Voltage without load; None for no change."""
+    """Voltage without load; None to leave it unchanged."""
     resistance_ohm: Ohms | None = None
-    """Resistance of the leads; None for no change."""
+    """Resistance of the leads; None to leave it unchanged."""
 
     @model_validator(mode="after")
     def _weak(self) -> Self:
@@ -176,7 +176,8 @@ class AdapterUnplugged(OfBus, Lasting):
 
 
 class ForeignPackets(OfServo, Lasting):
-    """Another program uses the line between the packets of the stack. It reads a servo or switches its torque off."""
+    """Another program uses the line between the packets of the stack. The other program reads a servo or switches its
+    torque off."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"
     every_s: Duration = 0.1

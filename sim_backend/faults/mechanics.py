@@ -17,7 +17,7 @@ from sim_backend.faults.targets import FaultTargets, Inventory, Mechanics
 
 
 class Jammed(OfServo, Lasting):
-    """The gears of a servo jam. No force can turn its joint."""
+    """The gears of a servo jam. No force can turn the joint of this servo."""
 
     kind: Literal["jammed"] = "jammed"
 
@@ -38,12 +38,12 @@ class Jammed(OfServo, Lasting):
 class Overload(OfServo, Lasting):
     """An external torque pulls at a servo's shaft.
 
-    By default it exceeds the servo's torque, and its protection acts.
+    By default, this torque exceeds that of the servo, whose protection then acts.
     """
 
     kind: Literal["overload"] = "overload"
     torque_nm: Torque = 4.0
-    """Torque on the shaft. Positive values pull towards larger joint positions."""
+    """Torque on the shaft. Positive values pull toward larger joint positions."""
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         _require_world(there, self.kind)
@@ -96,5 +96,5 @@ def _require_world(there: Inventory, kind: str) -> None:
 
 
 def _world(targets: FaultTargets) -> Mechanics:
-    assert targets.world is not None, "``refuse`` checks this"
+    assert targets.world is not None, "``refuse`` has checked this"
     return targets.world

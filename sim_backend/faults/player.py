@@ -10,33 +10,34 @@ from sim_backend.faults.event import Event
 from sim_backend.faults.targets import FaultTargets, Inventory, Since
 
 ENDS, BEGINS = 0, 1
-"""Order of events at the same time. A fault ends before the next one begins."""
+"""Order of events that are due at the same time. A fault ends before the next fault begins."""
 ROUNDING_S: Final = 1e-6
-"""Tolerance for times, in seconds, because the world's time is a sum of milliseconds."""
+"""Tolerance for times, in seconds, because the time of the world is a sum of milliseconds."""
 
 
 class FaultPlayer:
-    """Starts and ends faults. Call ``update`` after every step of the world with the world's time."""
+    """Starts and ends faults. Call ``update`` with the time of the world after every step of the world."""
 
     def __init__(self, targets: FaultTargets) -> None:
         self.active: dict[int, Event] = {}
-        """Active faults in the order in which they began."""
+        """Active faults, in the order in which they began."""
         self.happened: list[Event] = []
-        """Log of the faults that have begun or ended. A fault that has done both is in it twice."""
+        """Log of the faults that have begun or ended. A fault that has begun and ended appears twice."""
         self.targets = targets
-        """Lines, world, adapters and stack that faults act on."""
+        """Lines, world, adapters and stack on which faults act."""
         self._due: list[tuple[float, int, int, Event]] = []
         self._waiting: list[Event] = []
-        """Events whose times count from a moment that is not yet reached."""
+        """Events whose times count from a moment that has not been reached yet."""
         self._reached: set[Since] = set()
         self._running: dict[int, ExitStack] = {}
         self._number = 0
 
     def play(self, events: Iterable[Event], since_s: float = 0.0) -> None:
-        """Schedule ``events`` for a stack that is already up. Their times count from ``since_s`` of the world.
+        """Schedule ``events`` for a stack that is already up. The times of the events count from time ``since_s`` of
+        the world.
 
-        Events since the program's end wait for that moment. Raises FaultError, which lists all events that are
-        impossible here; then none is scheduled.
+        Events that count from the end of the program wait for that moment. Raises FaultError with a list of all events
+        that are impossible here; in that case, no event is scheduled.
         """
         events = tuple(events)
         over: list[Since] = ["start", "end"] if "end" in self._reached else ["start"]
@@ -48,17 +49,17 @@ class FaultPlayer:
                 self._waiting.append(event)
 
     def plan(self, events: Iterable[Event]) -> None:
-        """Schedule ``events`` for a stack that is not yet started. ``reach`` reports the moments from which times
-        count.
+        """Schedule ``events`` for a stack that has not been started yet. Call ``reach`` to report the moments from
+        which times count.
 
-        Raises FaultError, which lists all events that are impossible here; then none is scheduled.
+        Raises FaultError with a list of all events that are impossible here; in that case, no event is scheduled.
         """
         events = tuple(events)
         self._require(events, self._reached)
         self._waiting += events
 
     def reach(self, moment: Since, time_s: float) -> None:
-        """Report that the stack starts, is up, or begins to end, at ``time_s`` of the world."""
+        """Report that the stack starts, is up, or begins to end, at time ``time_s`` of the world."""
         self._reached.add(moment)
         for event in self._waiting:
             if event.since == moment:
@@ -67,7 +68,7 @@ class FaultPlayer:
         self.begin_due(time_s)
 
     def _require(self, events: tuple[Event, ...], over: Collection[Since]) -> None:
-        """Raise FaultError if an event is impossible here, or counts from a moment that is over."""
+        """Raise FaultError if an event is impossible here, or if it counts from a moment that has passed."""
         require_possible(events, self.targets.inventory)
         if late := [event for event in events if event.since in over]:
             texts = (f"{one.kind} at {one.at_s:g} s since {one.since}: this time has already passed" for one in late)
@@ -78,7 +79,7 @@ class FaultPlayer:
         heappush(self._due, (since_s + event.at_s, BEGINS, self._number, event))
 
     def update(self, time_s: float) -> None:
-        """Report that the world has reached ``time_s``."""
+        """Report that the world has reached the time ``time_s``."""
         if self._due:
             self.begin_due(time_s)
         self.targets.step(time_s)
@@ -94,12 +95,13 @@ class FaultPlayer:
 
     @property
     def coming(self) -> list[Event]:
-        """Faults that have not begun, in the order of their beginning."""
+        """Faults that have not begun yet, in the order in which they will begin."""
         due = [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
         return due + self._waiting
 
     def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
-        """End the active faults that match, newest first, and cancel those to come. Return all of them."""
+        """End all active faults that match, newest first, and cancel the scheduled faults that match. Return all of
+        them."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
         coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}
@@ -111,7 +113,7 @@ class FaultPlayer:
         return events
 
     def close(self) -> None:
-        """End all faults, newest first, and cancel those to come."""
+        """End all active faults, newest first, and cancel all scheduled faults."""
         self._due.clear()
         self._waiting.clear()
         for number in reversed(list(self._running)):

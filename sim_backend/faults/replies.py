@@ -1,4 +1,4 @@
-"""Faults of packets on the wire. Each has its own probability and its own stream of random numbers."""
+"""Faults of packets on the wire. Each fault has its own probability and its own sequence of random numbers."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ class _OnTheWire(Replies):
     """A fault that affects each reply with a probability."""
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
-        """Return what a reply becomes if it is affected."""
+        """Return the reply as it is changed by the fault."""
         raise NotImplementedError
 
     @contextmanager
@@ -33,10 +33,10 @@ class _OnTheWire(Replies):
             yield
 
     def hit(self, random: Random, servo_id: int) -> Random | None:
-        """Return the random numbers for the effect on this reply, or None if the reply is not affected.
+        """Return the random generator for the effect on this reply, or None if the reply is not affected.
 
-        Each reply that could be affected takes one number from ``random``. Other faults of a reply therefore do not
-        change the effect on the next reply.
+        Each reply that could be affected takes one number from ``random``. The effect on the next reply is therefore
+        independent of other faults of this reply.
         """
         if self.servo_id not in (None, servo_id):
             return None
@@ -140,7 +140,7 @@ class LateReplies(Replies):
 
 
 class MissedInstructions(Replies):
-    """Instructions arrive damaged at a servo, so it does nothing."""
+    """Instructions to a servo arrive damaged, so the servo ignores them."""
 
     kind: Literal["missed_instructions"] = "missed_instructions"
 
@@ -157,7 +157,7 @@ class MissedInstructions(Replies):
 
 @contextmanager
 def _listed(targets: FaultTargets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
-    """Within the context, ``act`` is in this list of each line's faults."""
+    """While the context is active, add ``act`` to a list of faults of each line."""
     lists: list[list[Any]] = [getattr(line.faults, where) for line in targets.lines_of(bus)]
     for each in lists:
         each.append(act)

@@ -1,4 +1,5 @@
-"""A YAML file with a list of faults. Each is a mapping with its ``kind``, its time ``at_s`` and its parameters."""
+"""A YAML file with a list of faults. Each fault is a mapping with its ``kind``, its time ``at_s`` and its
+parameters."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,15 +18,15 @@ class _Script(RootModel[list[FaultEvent]]):
 
 
 def read_script(path: Path) -> tuple[FaultEvent, ...]:
-    """Read the faults from the file at ``path``. Raises FaultError, which lists every mistake with its line."""
+    """Read the faults from the file at ``path``. Raises FaultError with a list of all mistakes, each with its line."""
     return tuple(load(path, _Script, FaultError).root)
 
 
 def script_text(events: Iterable[Event]) -> str:
-    """Return the YAML text that ``read_script`` reads. Default values are left out."""
+    """Return the YAML text that ``read_script`` reads. Parameters with default values are omitted."""
     return yaml.safe_dump([plain(event) for event in events], sort_keys=False)
 
 
 def plain(event: Event) -> dict[str, object]:
-    """Return the event as plain data for YAML and JSON. Default values are left out."""
+    """Return the event as plain data for YAML and JSON. Parameters with default values are omitted."""
     return {"kind": event.kind, **event.model_dump(exclude_defaults=True)}

@@ -16,7 +16,7 @@ from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
-"""Maximum temperature at which a servo drives its motor with factory settings, in degrees Celsius."""
+"""Maximum temperature at which a servo with factory settings drives its motor, in degrees Celsius."""
 
 
 class Silent(OfServo, Lasting):
@@ -37,7 +37,8 @@ class Silent(OfServo, Lasting):
 
 
 class BrownOut(Momentary, OfServo):
-    """A servo's voltage drops for a moment and it restarts. RAM is lost, the torque is off, and the EEPROM is kept."""
+    """The voltage at a servo drops for a moment, and the servo restarts. The contents of the RAM are lost, the torque
+    is off, and the EEPROM is kept."""
 
     kind: Literal["brown_out"] = "brown_out"
 
@@ -48,7 +49,7 @@ class BrownOut(Momentary, OfServo):
 
 
 class LoosePlug(OfServo, Lasting):
-    """A servo's plug has a loose contact. The power fails repeatedly for a moment."""
+    """The plug of a servo has a loose contact. The power of the servo fails repeatedly for a moment."""
 
     kind: Literal["loose_plug"] = "loose_plug"
     every_s: Duration = 1.0
@@ -72,7 +73,7 @@ class LoosePlug(OfServo, Lasting):
 
 
 class Hot(OfServo, Lasting):
-    """A servo's motor has at least this temperature, as in a closed box. It cools down after the fault."""
+    """A servo's motor has at least this temperature, as in a closed box. The motor cools down after the fault."""
 
     kind: Literal["hot"] = "hot"
     temperature_c: Celsius = 90.0
@@ -94,7 +95,7 @@ class Hot(OfServo, Lasting):
 
 
 class Overcurrent(OfServo, Lasting):
-    """A winding is partly shorted. Only a part of its turns remains, so the same torque needs more current."""
+    """A winding is partly shorted. Only a part of the turns remains, so the same torque needs more current."""
 
     kind: Literal["overcurrent"] = "overcurrent"
     turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05

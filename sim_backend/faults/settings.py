@@ -1,4 +1,4 @@
-"""Faults of a servo's EEPROM: another program has changed its settings, or they were never set."""
+"""Faults of a servo's EEPROM: another program has changed the settings, or they were never set."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,13 +23,13 @@ from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
-"""Values of ``operating_mode`` by series. The other series have no such register."""
+"""Values of ``operating_mode`` by series. Other series have no such register."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
-"""Registers whose wrong values are faults of their own kind, with that kind."""
+"""Registers whose wrong values have a separate kind of fault, with that kind."""
 
 
 class _WrongSetting(OfServo, Lasting):
-    """A register of the EEPROM has a wrong value."""
+    """Base class of faults in which a register of the EEPROM has a wrong value."""
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
         """Return the name of the register and its wrong value."""
@@ -64,7 +64,7 @@ class WrongId(_WrongSetting):
 
 
 class WrongRate(_WrongSetting):
-    """A servo has a baud rate that differs from the line's."""
+    """The baud rate of a servo differs from that of the line."""
 
     kind: Literal["wrong_rate"] = "wrong_rate"
     baud: Baud
@@ -130,7 +130,7 @@ class WrongSetting(_WrongSetting):
 
 
 class EepromGone(Momentary, OfServo):
-    """A servo has lost its settings and restarts with factory values: ID 1, and the factory's baud rate and limits."""
+    """A servo has lost its settings and restarts with factory values: ID 1, and the factory baud rate and limits."""
 
     kind: Literal["eeprom_gone"] = "eeprom_gone"
 
@@ -153,13 +153,14 @@ def _factory_new(servo: Any) -> Any:
 
 
 def _settings(model: ServoModel) -> list[Register]:
-    """Return the writable registers of the EEPROM, without those whose wrong values are faults of their own kind."""
+    """Return the writable registers of the EEPROM, except for those whose wrong values have a separate kind of
+    fault."""
     kept = (one for one in registers_of(model) if one.persistent and one.access is Access.READ_WRITE)
     return [register for register in kept if register.name not in OWN_KINDS]
 
 
 def _put(servo: Any, register: Register, value: int) -> None:
-    """Write and save a value regardless of lock and torque, and apply its side effects."""
+    """Write and save a value regardless of lock and torque, and apply the side effects of the write."""
     if isinstance(servo, VirtualServo):
         servo.write(register.address, register.encode(value, "little"))
     elif series_of(servo.model).make == "dynamixel":  # The EEPROM of a Dynamixel is locked while the torque is on.

@@ -1,4 +1,4 @@
-"""Faults above the servos: of the computer that runs the stack, of a controller, or of a client."""
+"""Faults above the servos: faults of the computer that runs the stack, of a controller, or of a client."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from sim_backend.faults.targets import ClientFault, ControllerFault, FaultTarget
 
 
 class _OfStack(Event):
-    """A fault that needs a whole stack on simulated time."""
+    """A fault that requires a whole stack in simulated time."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -21,7 +21,7 @@ class _OfStack(Event):
             raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack on simulated time")
 
     def stack(self, targets: FaultTargets) -> StackTarget:
-        assert targets.stack is not None, "``refuse`` checks this"
+        assert targets.stack is not None, "``refuse`` has checked this"
         return targets.stack
 
 
@@ -42,7 +42,7 @@ class LoopStall(_OfStack):
 
 
 class _OfController(_OfStack, Lasting):
-    """A controller's update goes wrong in each cycle."""
+    """The update of a controller goes wrong in each cycle."""
 
     HOW: ClassVar[ControllerFault]
     controller: str | None = None
@@ -63,7 +63,8 @@ class _OfController(_OfStack, Lasting):
 
     @classmethod
     def _able(cls, there: Inventory) -> list[str]:
-        """Return the controllers that can have this fault: all for an exception, else those that command joints."""
+        """Return the controllers that can have this fault: all controllers for an exception, otherwise those that
+        command joints."""
         return [name for name, commands in there.controllers.items() if commands or cls.HOW == "raises"]
 
     @contextmanager
@@ -95,7 +96,7 @@ class ControllerNan(_OfController):
 
 
 class ControllerJumps(_OfController):
-    """A controller's commands jump by ``by_rad``."""
+    """The commands of a controller jump by ``by_rad``."""
 
     kind: Literal["controller_jumps"] = "controller_jumps"
     HOW = "jumps"
@@ -144,7 +145,7 @@ class ClientCancels(_OfClient):
 
 
 class ClientDies(_OfClient):
-    """A client dies. Its goal continues, and no other goal follows."""
+    """A client dies. The goal of the client continues, and no other goal follows."""
 
     kind: Literal["client_dies"] = "client_dies"
     DOES = "dies"

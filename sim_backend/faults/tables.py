@@ -28,7 +28,7 @@ def require_value(register: Register, value: int) -> None:
 
 
 def any_value(random: Random, register: Register) -> int:
-    """Draw a value that the register can have: 0, or a small or large number of either sign."""
+    """Draw a value that fits the register: 0, or a small or large number of either sign."""
     if random.random() < ZERO:
         return 0
     size = round(log_uniform(random, 1.0, float(register.largest)))

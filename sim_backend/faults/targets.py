@@ -12,30 +12,30 @@ from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 
 ControllerFault = Literal["raises", "nan", "jumps"]
-"""The way in which a controller goes wrong."""
+"""Kind of failure of a controller."""
 ClientFault = Literal["nonsense", "cancels", "dies"]
-"""The wrong action of a client of the stack."""
+"""Kind of wrong action of a client."""
 Since = Literal["start", "up", "end"]
-"""Moment from which a fault's time counts: before the hardware is configured, when the arm is up, or when the program
-begins to end."""
+"""Moment from which the time of a fault counts: before the hardware is configured, when the arm is up, or when the
+program begins to end."""
 START_S: Final = 0.1
 """Time to configure and activate the included arms, in seconds: 0.04 s with STS servos, 0.1 s with Dynamixels."""
 HOLD_S: Final = 0.2
-"""Time until an arm that holds its position at the program's end is at rest, in seconds."""
+"""Time until an arm that holds its position at the end of the program is at rest, in seconds."""
 
 
 class FaultyAdapter(Protocol):
     """The adapter between a line and the computer."""
 
     def unplug(self) -> None:
-        """Unplug the adapter. Every program that has it open loses it."""
+        """Unplug the adapter. Every program that has opened the adapter loses it."""
 
     def plug(self, name: str | None) -> None:
-        """Plug the adapter in again, under the same name or another."""
+        """Plug the adapter in again, under the same name or a different name."""
 
 
 class Mechanics(Protocol):
-    """The part of ``sim_backend.scene.world.World`` that faults need."""
+    """The part of ``sim_backend.scene.world.World`` that faults use."""
 
     def jam(self, joint: str) -> None:
         """Block the joint's gears."""
@@ -52,7 +52,7 @@ class StackTarget(Protocol):
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Names of the controllers, and whether each commands joints."""
+        """Names of the controllers, and whether each of them commands joints."""
 
     def stall(self, seconds: float) -> None:
         """Stall the computer once for this time. The servos and the world continue."""
@@ -60,18 +60,20 @@ class StackTarget(Protocol):
     def disturb_controller(
         self, controller: str | None, how: ControllerFault, jump: float
     ) -> AbstractContextManager[None]:
-        """Within the context, let a controller raise in its update, or add NaN or ``jump`` (rad or m) to its commands.
+        """While the context is active, make a controller raise an exception in its update, or add NaN or ``jump`` (rad
+        or m) to its commands.
 
         ``controller`` is a name, or None for the arm's controller.
         """
 
     def disturb_client(self, what: ClientFault, random: Random) -> None:
-        """Let a client do this now, with details drawn from ``random``."""
+        """Make a client perform this action now, with details drawn from ``random``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """The servos, lines and other targets of a cell. Schedules are drawn and checked from it without the targets."""
+    """Description of the servos, lines and other targets of a cell. Schedules are drawn and checked from this
+    description, without the targets themselves."""
 
     servos: Mapping[str, Mapping[int, ServoModel]]
     """Servo models of each line by ID, in the order of the chain."""
@@ -79,15 +81,15 @@ class Inventory:
     adapters: bool = True
     stack: bool = True
     controllers: Mapping[str, bool] = field(default_factory=dict)
-    """Known controllers of the stack, and whether each commands joints."""
+    """Known controllers of the stack, and whether each of them commands joints."""
     start_s: float | None = START_S
-    """Time that the stack needs to come up, in seconds; None if it is already up."""
+    """Time that the stack needs to start, in seconds; None if it is already up."""
     end_s: float | None = HOLD_S
-    """Time that the program needs to end, in seconds; None if it does not end here."""
+    """Time that the program needs to end, in seconds; None if the end is not part of the run."""
 
     @property
     def moments(self) -> tuple[Since, ...]:
-        """Moments from which faults can count here, in chronological order."""
+        """Moments from which the times of faults can count here, in chronological order."""
         there: dict[Since, bool] = {
             "start": self.stack and self.start_s is not None,
             "up": True,
@@ -96,7 +98,8 @@ class Inventory:
         return tuple(moment for moment, known in there.items() if known)
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
-        """Return the name of the line with this servo. Raises FaultError if no line or more than one line has it."""
+        """Return the name of the line that has this servo. Raises FaultError if no line or more than one line has the
+        servo."""
         self.require_bus(bus)
         found = [name for name, servos in self.servos.items() if servo_id in servos and bus in (None, name)]
         if not found:
@@ -107,7 +110,7 @@ class Inventory:
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:
-        """Raise FaultError if there is no such line. None means all lines."""
+        """Raise FaultError if the line does not exist. None means all lines."""
         if not self.servos:
             raise FaultError("there is no line here whose servos could be named (all servos from a box have one ID)")
         if bus is not None and bus not in self.servos:
@@ -124,7 +127,7 @@ def _ids(servos: Mapping[int, ServoModel]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlace:
-    """Place at which a servo was mounted, regardless of its present ID."""
+    """Position of a servo as it was mounted, whatever its current ID is."""
 
     line: ServoLine[Any]
     number: int
@@ -140,13 +143,13 @@ class FaultPlace:
 
     @property
     def ratio(self) -> float:
-        """Joint units per radian of the shaft, with its sign."""
+        """Signed joint displacement per radian of the shaft."""
         return self.line.rig.plant.couplings[self.number].ratio
 
 
 @dataclass(slots=True)
 class FaultTargets:
-    """Targets of faults. Servos are named by the IDs with which they were mounted."""
+    """Targets of faults. Servos are identified by the IDs that they had when they were mounted."""
 
     lines: Mapping[str, ServoLine[Any]]
     world: Mechanics | None = None
@@ -157,7 +160,7 @@ class FaultTargets:
 
     @property
     def inventory(self) -> Inventory:
-        """Inventory of these targets."""
+        """Description of these targets."""
         servos = {
             name: {
                 coupling.servo_id: servo.model
@@ -180,7 +183,7 @@ class FaultTargets:
 
     @contextmanager
     def each_step(self, act: Callable[[float], None]) -> Iterator[None]:
-        """Within the context, call ``act(time_s)`` after each step of the world."""
+        """While the context is active, call ``act(time_s)`` after each step of the world."""
         self._each_step.append(act)
         try:
             yield

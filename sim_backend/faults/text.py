@@ -1,4 +1,4 @@
-"""Faults as command-line text, such as ``silent id=3 for=2s``: the kind, then its parameters in any order."""
+"""Faults as command-line text, such as ``silent id=3 for=2s``: the kind, followed by its parameters in any order."""
 
 import shlex
 from collections.abc import Callable
@@ -15,18 +15,18 @@ from sim_backend.faults.events import EVENT, KINDS
 _WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as", "register_name": "register"}
 _UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")
 _TIMES: Final = ("at_s", "since", "for_s")
-"""Parameters that all kinds have. They come last in the usage text."""
+"""Parameters that all kinds have. These parameters come last in the usage text."""
 
 
 def words(kind: type[Event]) -> dict[str, str]:
-    """Return the parameters of a kind: the field for each word of the text."""
+    """Return the parameters of a kind, as a mapping from the word in the text to the field."""
     fields = [name for name in kind.model_fields if name != "kind" and not _never(kind, name)]
     fields.sort(key=lambda name: (name in _TIMES, not kind.model_fields[name].is_required()))
     return {word_of(name): name for name in fields}
 
 
 def word_of(field: str) -> str:
-    """Return the word for a field, which is its name without the unit."""
+    """Return the word for a field, which is the field's name without the unit."""
     return _WORDS.get(field) or next((field.removesuffix(u) for u in _UNITS if field.endswith(u)), field)
 
 
@@ -45,7 +45,7 @@ def usage(kind: type[Event]) -> str:
 
 
 def parse(text: str) -> Any:
-    """Parse one fault. Raises FaultError, which lists all mistakes."""
+    """Parse one fault. Raises FaultError with a list of all mistakes."""
     kind, name, parameters = _split(text)
     return _event(kind, name, text, parameters)
 
@@ -123,7 +123,7 @@ def _seconds(value: str) -> Any:
 
 
 def text_of(event: Event) -> str:
-    """Return the text from which ``parse`` makes this event."""
+    """Return the text from which ``parse`` creates this event."""
     parts = [event.kind]
     for word, field in words(type(event)).items():
         value = getattr(event, field)

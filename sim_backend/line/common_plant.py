@@ -1,8 +1,9 @@
-"""Several lines of servos on one plant. They share one world and one time.
+"""Several lines of servos on one plant. The lines share one world and one time.
 
-Each line requests physics up to its own time. The first request moves everything by one step: first the firmware of all
-lines, then the plant. The other lines find this step done. A line can therefore find its servos ahead of its own
-packet. The difference is at most the time of another line's packet on the wire, which is less than a millisecond.
+Each line requests physics up to its own time. The first request advances the whole plant by one step: first the
+firmware of all lines, then the mechanics. When the other lines request this step, it is already done. The servos of a
+line can therefore be slightly ahead of the line's own packet. The difference is at most the time of another line's
+packet on the wire, which is less than a millisecond.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from sim_backend.mechanics.plant import Plant
 
 
 class PlantPart(Plant):
-    """Some of a plant's shafts. ``advance`` does nothing; the plant moves when all parts have set their torques."""
+    """Some of a plant's shafts. ``advance`` does nothing; the plant moves after all parts have set their torques."""
 
     def __init__(self, plant: Plant, places: Sequence[int]) -> None:
         couplings = [plant.couplings[i] for i in places]
@@ -33,7 +34,7 @@ class PlantPart(Plant):
 
 
 class CommonPlant:
-    """A plant that several lines share. Create a ``part`` for each line, and let the line ``join``."""
+    """A plant that several lines share. Create a ``part`` for each line, and then let the line ``join`` the plant."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -46,15 +47,15 @@ class CommonPlant:
         return PlantPart(self._plant, places)
 
     def join(self, line: ServoLine[Any]) -> None:
-        """Move the line's servos together with those of all lines from now on.
+        """From now on, advance the line's servos together with those of all other lines.
 
-        Call it before the line's time begins.
+        Call this method before the line's time begins.
         """
         line.rig = _JoinedRig(line.rig, self)
         self._rigs.append(line.rig)
 
     def reach(self, steps: int) -> None:
-        """Advance everything to this step, unless that is done."""
+        """Advance the whole plant to this step, unless this has already been done."""
         while self._steps < steps:
             for rig in self._rigs:
                 rig.step_servos()
@@ -63,7 +64,8 @@ class CommonPlant:
 
 
 class _JoinedRig(Rig[AnyServo]):
-    """The servos of one line. The line counts its steps here, and the first line that asks moves all lines."""
+    """The servos of one line. This object counts the steps of the line. The first line that requests a step advances
+    all lines."""
 
     def __init__(self, rig: Rig[AnyServo], common: CommonPlant) -> None:
         super().__init__(rig.servos, rig.plant, rig.supply)

@@ -1,8 +1,8 @@
 """Servos of any make on one half-duplex wire: timing, faults, and the order of replies.
 
-Nothing runs in the background. When a packet is complete, physics and firmware are advanced to that time, and then the
-packet is answered. A servo therefore reports its state at that time. Assumed:
-- Two servos with the same ID pull the same line, so their replies are combined by a bitwise AND.
+No work is done in the background. When a packet is complete, physics and firmware are advanced to its time, and then
+the packet is answered. A servo therefore reports its state at the end of the packet. Assumed:
+- Two servos with the same ID drive the same wire, so their replies are combined by a bitwise AND.
 - A pause of 20 ms discards a half-received packet.
 """
 
@@ -19,11 +19,12 @@ BITS_PER_BYTE: Final = 10
 PAUSE_S: Final = 0.02
 
 Turn = tuple[float, list[bytes]]
-"""Reply at one time: the return delay (s) and the packets. Servos that share an ID send two packets."""
+"""Replies that are sent at the same time: the return delay (s) and the packets. Servos that share an ID send two
+packets."""
 
 
 class Wired(Stepped, Protocol):
-    """The part of a servo that a line needs."""
+    """The part of a servo that a line uses."""
 
     @property
     def baud(self) -> int: ...
@@ -49,17 +50,17 @@ class DelayedReply:
     due_s: float
     data: bytes
     held_s: float = 0.0
-    """Additional time that the adapter holds the bytes back while the wire is free, in seconds."""
+    """Additional time that the adapter delays the bytes while the wire is free, in seconds."""
 
 
 class ServoLine(ABC, Generic[AnyServo]):
-    """A line of servos. Times are those of the caller's clock; the rig's time starts at the first call."""
+    """A line of servos. Times are those of the caller's clock; the time of the rig starts at the first call."""
 
     def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
         """Create a line.
 
-        ``paced`` bytes take time on the wire; without it they take none, to measure software. ``id_at`` is the index of
-        the servo's ID in a reply.
+        With ``paced``, bytes take time on the wire; without it, they take no time, which is used to measure software.
+        ``id_at`` is the index of the servo ID within a reply.
         """
         self.rig = rig
         self.paced = paced
@@ -67,7 +68,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         self.dropped_s = 0.0
         """Simulated time that was skipped because the caller was late, in seconds."""
         self.after_instructions: Callable[[], None] = _nothing
-        """Called after servos have executed an instruction, before the master gets the reply."""
+        """Function that is called after servos have executed an instruction, before the master gets the reply."""
         self._unplugged: set[AnyServo] = set()
         self._parser = parser
         self._id_at = id_at
@@ -79,7 +80,7 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     @property
     def servos(self) -> tuple[AnyServo, ...]:
-        """All servos in the order of the plant's couplings."""
+        """All servos, in the order of the couplings of the plant."""
         return self.rig.servos
 
     def servo(self, servo_id: int) -> AnyServo:
@@ -87,7 +88,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return next(servo for servo in self.servos if servo.servo_id == servo_id)
 
     def unplug(self, servo: AnyServo) -> None:
-        """Unplug the servo. It has no power and hears nothing until ``plug``."""
+        """Unplug the servo. The servo has no power and receives nothing until ``plug`` is called."""
         self._unplugged.add(servo)
         servo.power_cycle()
 
@@ -96,7 +97,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return servo not in self._unplugged
 
     def plug(self, servo: AnyServo) -> None:
-        """Plug the servo in, unless it is. It starts as after any power-off."""
+        """Plug the servo in, if it is not plugged in. The servo starts as after any power-off."""
         if servo in self._unplugged:
             self._unplugged.remove(servo)
             servo.power_cycle()
@@ -109,13 +110,13 @@ class ServoLine(ABC, Generic[AnyServo]):
     def advance(self, now_s: float, longest_s: float | None = None) -> None:
         """Advance physics and firmware to ``now_s``.
 
-        Time beyond ``longest_s`` is skipped and counted, because a stalled computer must not stall again while it
-        catches up.
+        Time beyond ``longest_s`` is skipped and counted, so that a computer that has stalled does not stall again when
+        it catches up.
         """
         if self._origin_s is None:
             self._origin_s = now_s
         dt_s = self.rig.timestep_s
-        # The small term keeps a rounding error from losing a step.
+        # The small constant prevents a rounding error from losing a step.
         behind = int((now_s - self._origin_s) / dt_s + 1e-6) - self._steps
         if longest_s is not None and behind * dt_s > longest_s:
             excess = behind - int(longest_s / dt_s)
@@ -161,7 +162,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _through_adapter(self, replies: list[DelayedReply]) -> list[DelayedReply]:
-        """Delay the replies as the adapter does. A reply that it holds back also delays all replies after it."""
+        """Delay the replies in the same way as the adapter. A delayed reply also delays all replies after it."""
         late = any(reply.held_s for reply in replies)
         if not replies or not (late or replies[0].due_s < self._handed_over_s):
             return replies
@@ -172,7 +173,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return through
 
     def _listening(self, baud: int) -> list[AnyServo]:
-        """Return the servos that are connected and use this baud rate. The others hear noise, or nothing."""
+        """Return the servos that are connected and use this baud rate. Other servos receive noise or nothing."""
         faults = self.faults
         return [
             servo
@@ -195,7 +196,8 @@ class ServoLine(ABC, Generic[AnyServo]):
         return []
 
     def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[DelayedReply]:
-        """Return replies one after the other. A turn without a reply lasts ``slot_s``."""
+        """Return replies that are sent one after the other. A servo that does not reply in its turn delays the next one
+        by ``slot_s``."""
         replies = []
         for delay_s, packets in turns:
             if not packets:
@@ -207,9 +209,9 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _chained(self, turns: Iterable[Turn], at_s: float, byte_s: float) -> list[DelayedReply]:
-        """Return replies of servos of which each waits until it has heard the reply before its own.
+        """Return replies of servos that each wait for the previous reply.
 
-        The chain ends at a turn without a reply, and after a reply that is lost on the wire.
+        The chain ends at the first servo that does not reply, and after a reply that is lost on the wire.
         """
         replies = []
         for delay_s, packets in turns:
@@ -225,7 +227,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> DelayedReply:
-        """Return the bytes on the wire if these packets are sent at the same time."""
+        """Return the bytes on the wire when these packets are sent at the same time."""
         servo_id = packets[0][self._id_at]
         data = self.faults.pass_reply(servo_id, overlaid(packets))
         return DelayedReply(begin_s + max(map(len, packets)) * byte_s, data, self.faults.held_s(servo_id))

@@ -1,7 +1,8 @@
-"""Power of a line of servos: changes of the supply voltage, and plugs that are pulled and put back.
+"""Power of a line of servos: changes of the supply voltage, and plugs that are disconnected and connected.
 
-Below ``BROWN_OUT_V`` a servo's controller stops: it hears nothing, and its torque is off. When the voltage returns, it
-starts as after a reboot, without the values that were not saved. This is known of STS servos and assumed of the others.
+Below ``BROWN_OUT_V``, a servo's controller stops: it receives nothing, and its torque is off. When the voltage returns,
+it starts as after a reboot, without the values that were not saved. This behavior is known for STS servos and assumed
+for other servos.
 """
 
 from math import inf
@@ -15,9 +16,9 @@ BROWN_OUT_V: Final = 3.5
 
 
 def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
-    """Feed all servos of the line with this voltage over leads of this resistance from now on.
+    """From now on, supply all servos of the line with this voltage over leads with this resistance.
 
-    None means the value with which the line was built. A voltage of 0 means a pulled plug.
+    None selects the value with which the line was built. A voltage of 0 simulates a disconnected plug.
     """
     line.rig.feed(voltage_v, resistance_ohm)
     for servo in line.servos:
@@ -25,13 +26,13 @@ def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: f
 
 
 def watch_supply(line: ServoLine[Any]) -> None:
-    """Stop servos whose voltage has dropped too far under load, and start those whose voltage is back."""
+    """Stop the servos whose voltage is too low under load, and start the servos whose voltage has returned."""
     for servo in line.servos:
         _supplied(servo, servo.firmware.voltage_v)
 
 
 def restart(servo: WiredServo) -> None:
-    """Restart the servo as after a short loss of power, for instance by a loose plug."""
+    """Restart the servo as after a short loss of power, for example caused by a loose plug."""
     servo.power_cycle()
     servo.deaf_s = servo.BOOT_S
 

@@ -1,4 +1,4 @@
-"""Servos on a plant with their power supplies, advanced together in fixed steps. The result is deterministic."""
+"""Servos on a plant with their power supplies, advanced together in fixed steps. The simulation is deterministic."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,15 @@ from sim_backend.servos.sts.state import STATE, SUPPLY, Supplies
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """A power supply with leads. Its voltage drops by the resistance times the current of all servos that it feeds."""
+    """A power supply with leads. The voltage at the servos is reduced by the resistance of the leads times the current
+    of all servos on this supply."""
 
     voltage_v: float = 12.0
     resistance_ohm: float = 0.1
 
 
 class Fed(Protocol):
-    """The part of a servo's firmware that a rig needs."""
+    """The part of a servo's firmware that a rig uses."""
 
     voltage_v: float
 
@@ -35,7 +36,7 @@ class Fed(Protocol):
 
 
 class Stepped(Protocol):
-    """The part of a servo that a rig needs."""
+    """The part of a servo that a rig uses."""
 
     @property
     def servo_id(self) -> int: ...
@@ -60,7 +61,8 @@ class Rig(Generic[AnyServo]):
     ) -> None:
         """Create a rig.
 
-        ``supply`` is one supply for all servos, or one for each servo, which may be shared; None is the default.
+        ``supply`` is one supply for all servos, or a sequence with one supply for each servo, in which supplies may be
+        shared; None selects the default supply.
         """
         if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
             raise ValueError("servos and the plant's couplings must have the same IDs in the same order")
@@ -72,7 +74,7 @@ class Rig(Generic[AnyServo]):
         self._firmware = [servo.firmware for servo in servos]
         self.supply = supply or Supply()
         each = [self.supply] * len(servos) if isinstance(self.supply, Supply) else self.supply
-        # Two supplies of the same voltage are still separate.
+        # Two supplies with the same voltage are still separate supplies.
         supplies = list({id(supply): supply for supply in each}.values())
         self._loads = [
             (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
@@ -108,11 +110,12 @@ class Rig(Generic[AnyServo]):
             self._shared["resistance_ohm"] = [supply.resistance_ohm for supply, _ in self._loads]
 
     def supply_of(self, servo: AnyServo) -> Supply:
-        """Return the supply that feeds the servo now."""
+        """Return the supply that currently feeds the servo."""
         return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
-        """Return a compiled function that advances all servos by one timestep; None if not all are STS servos."""
+        """Return a compiled function that advances all servos by one timestep; None if one of them is not an STS
+        servo."""
         firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
         if len(firmware) < len(self._firmware):
             return None
@@ -129,7 +132,7 @@ class Rig(Generic[AnyServo]):
         return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
 
     def _one_by_one(self) -> None:
-        """Advance all servos of any kind by one timestep."""
+        """Advance all servos by one timestep, whatever their kind is."""
         dt_s, plant = self.timestep_s, self.plant
         for supply, loads in self._loads:
             total_a = 0.0

@@ -1,4 +1,5 @@
-"""Differences between arms of the same parts. Friction, motors, masses and supply deviate from their nominal values."""
+"""Differences between arms that are built from the same parts. Friction, motors, masses and supply deviate from their
+nominal values."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -10,13 +11,13 @@ from sim_backend.line.rig import Supply
 from sim_backend.mechanics.motor import MotorConstants
 
 SHARE: Final = 0.1
-"""Maximum deviation of a value, as a share of the value. All deviations up to it are equally likely."""
+"""Maximum deviation of a value, as a share of the value. All deviations up to this maximum are equally likely."""
 
 
 class Quantity(IntEnum):
     """Quantities that deviate.
 
-    Each has its own random numbers, so that another draw of one does not change the others.
+    Each quantity has its own random numbers, so that an additional draw for one quantity does not change the others.
     """
 
     MAGNET = 1
@@ -28,12 +29,12 @@ class Quantity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Deviations of one arm, which depend only on ``seed``. None means the nominal arm."""
+    """Deviations of one arm, which depend only on ``seed``. A seed of None means the nominal arm."""
 
     seed: int | None = None
 
     def factor(self, quantity: Quantity, which: int) -> float:
-        """Return the factor on the nominal value of the quantity, for one servo, joint or body."""
+        """Return the factor by which the nominal value of a quantity is multiplied, for one servo, joint or body."""
         if self.seed is None:
             return 1.0
         return 1.0 + SHARE * np.random.default_rng((self.seed, quantity, which)).uniform(-1.0, 1.0)

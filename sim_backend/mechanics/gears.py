@@ -1,7 +1,7 @@
 """Gears between a motor and its shaft, with inertia and with friction that depends on load and speed.
 
-The friction law is the fourth one of BAM (github.com/Rhoban/bam, M4). A shaft is held back by Coulomb friction, by a
-share of the torque through the gears, and by viscous friction. Near rest, the first two are larger (Stribeck effect).
+The friction law is the fourth one of BAM (github.com/Rhoban/bam, M4). Coulomb friction, a share of the torque through
+the gears, and viscous friction act on a shaft. Near rest, the first two parts are larger (Stribeck effect).
 """
 
 from collections.abc import Iterable
@@ -36,14 +36,14 @@ class Gears:
     sticking_share: float = 0.0
     """Additional ``load_share`` of a shaft at rest."""
     sticking_rad_s: float = 1.0
-    """Speed at which the additional friction has fallen to 1/e."""
+    """Speed at which the additional friction is reduced to 1/e."""
     sticking_exponent: float = 1.0
 
     def friction_nm(self, load_nm: float, speed_rad_s: float) -> float:
         """Return the maximum friction torque, without the viscous part.
 
-        ``load_nm`` is the torque through the gears: that of the motor minus that of the load. A shaft that is pulled at
-        one end and held at the other has both torques on its teeth.
+        ``load_nm`` is the torque through the gears: the torque of the motor minus that of the load. If a shaft is
+        driven at one end and held at the other, both torques act on the teeth.
         """
         largest_nm: float = friction_nm(gear_table([self])[0], load_nm, speed_rad_s)
         return largest_nm
@@ -80,7 +80,7 @@ def friction_nm(gears: Record, load_nm: float, speed_rad_s: float) -> float:
 
 @compiled
 def renew_friction(gears: GearTable, load_nm: Floats, speed_rad_s: Floats, least_nm: float, friction: Floats) -> None:
-    """Write the maximum friction of all shafts into ``friction`` (n,)."""
+    """Write the maximum friction of all shafts to ``friction`` (n,)."""
     for i in range(len(gears)):
         friction[i] = max(least_nm, friction_nm(gears[i], load_nm[i], speed_rad_s[i]))
 

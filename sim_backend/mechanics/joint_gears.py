@@ -1,7 +1,8 @@
-"""Identified gears in a MuJoCo model. Their friction depends on the torque through them in the last timestep.
+"""Identified gears in a MuJoCo model. The friction of these gears depends on the torque through them in the last
+timestep.
 
-MuJoCo treats friction as a constraint with a maximum torque, so at any timestep it holds a joint and never reverses it.
-Only this maximum torque is updated here, before each step.
+MuJoCo treats friction as a constraint with a maximum torque, so that, for any timestep, friction holds a joint and
+never reverses it. This module only updates the maximum torque before each step.
 """
 
 from collections.abc import Mapping
@@ -13,14 +14,15 @@ import numpy as np
 from sim_backend.mechanics.gears import Gears, gear_table, renew_friction
 
 LEAST_FRICTION_NM: Final = 1e-9
-"""Minimum friction. MuJoCo has no constraint for a joint without friction, so the indices of the others would shift."""
+"""Minimum friction. MuJoCo creates no constraint for a joint without friction, so the indices of the other constraints
+would shift."""
 
 
 class JointGears:
     """Updates the friction of some degrees of freedom of one model."""
 
     def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
-        """Fit ``gears``, by degree of freedom, in addition to those of ``before``."""
+        """Set ``gears``, by degree of freedom, in addition to the gears of ``before``."""
         self._model, self._data = model, data
         self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
         self._dofs = np.array(sorted(self._gears))
@@ -29,7 +31,7 @@ class JointGears:
         for dof, own in self._gears.items():
             model.dof_armature[dof] = own.rotor_kg_m2
             model.dof_damping[dof] = own.viscous_nm_s
-        # This sets the friction at rest, and loads the compiled code before the first timestep.
+        # This call sets the friction at rest, and loads the compiled code before the first timestep.
         renew_friction(self._table, self._friction.copy(), self._friction.copy(), LEAST_FRICTION_NM, self._friction)
         model.dof_frictionloss[self._dofs] = self._friction
         mujoco.mj_setConst(model, mujoco.MjData(model))  # Update the constants that depend on inertias.
@@ -44,7 +46,8 @@ class JointGears:
         self._model.dof_frictionloss[dofs] = self._friction
 
     def _friction_now(self) -> Any:
-        """Return the friction in the constraint forces, by degree of freedom. Friction must not depend on itself."""
+        """Return the friction that the constraint forces contain, by degree of freedom. Friction must not depend on
+        itself, so it is subtracted."""
         data = self._data
         rows = slice(data.ne, data.ne + data.nf)
         share = np.zeros(self._model.nv)

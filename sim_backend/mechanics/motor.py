@@ -1,7 +1,7 @@
 """Brushed motor with gears, as seen at the output shaft: torque, current and temperature. SI units.
 
-Gear friction and rotor inertia belong to the plant, because a physics engine handles them better than a torque would.
-docs/simulation.md has the source of each number.
+Gear friction and rotor inertia are part of the plant, because a physics engine simulates them better than a torque
+would. docs/simulation.md lists the source of each number.
 """
 
 from dataclasses import dataclass, replace
@@ -14,15 +14,16 @@ from sim_backend.mechanics.gears import Gears
 ROTOR_INERTIA_KG_M2: Final = 0.0154
 """Inertia of an STS3215's rotor and gears at the output shaft.
 
-The value follows from step responses without load, which were recorded with the reimplemented firmware. They start with
-211 rad/s2 under the 3.25 N m of full drive, a torque computed from the kt and the resistance that BAM identified.
+The value was derived from step responses without load, which were recorded with the reimplemented firmware. The
+responses start with 211 rad/s2 under the 3.25 N m of full drive, a torque computed from the kt and the resistance that
+BAM identified.
 """
 GEAR_FRICTION_NM: Final = 0.052
 """Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""
 GEAR_DAMPING_NM_S: Final = 0.03
-"""Viscous friction at which full drive of the 12 V motor reaches 45 rpm, the value in its data sheet."""
+"""Viscous friction at which the 12 V motor with full drive reaches 45 rpm, the value in its data sheet."""
 IDENTIFIED_DAMPING_NM_S: Final = 0.052
-"""Viscous friction that BAM identified with the 7.4 V motor."""
+"""Viscous friction that BAM identified for the 7.4 V motor."""
 STALL_CURRENT_A: Final = 2.7
 """Stall current of the STS3215 at 12 V, also used for Feetech servos without a published value."""
 
@@ -31,8 +32,8 @@ STALL_CURRENT_A: Final = 2.7
 class MotorConstants:
     """Constants of one motor with its gears, including the ambient temperature.
 
-    The thermal model has one heat capacity. A published test of an STS3215 at half its stall torque showed a rise of 15
-    K in ten minutes.
+    The thermal model consists of one heat capacity. A published test of an STS3215 at half its stall torque showed a
+    rise of 15 K in ten minutes.
     """
 
     torque_constant_nm_a: float
@@ -42,7 +43,7 @@ class MotorConstants:
     thermal_time_s: float = 400.0
     ambient_c: float = 27.0
     gears: Gears | None = None
-    """Identified gears; None if the plant's own values apply."""
+    """Identified gears; None if the plant uses its own values."""
 
     @classmethod
     def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":
@@ -55,17 +56,18 @@ class MotorConstants:
         )
 
 
-# Stall torque and current are from the data sheet. With this back-EMF, full drive minus friction reaches its 45 rpm.
+# The stall torque and the stall current are from the data sheet. With this back-EMF, full drive minus friction reaches
+# the 45 rpm of the data sheet.
 STS3215_12V: Final = MotorConstants(2.94 / 2.7, 2.3, 12.0 / 2.7)
-# Identified on hardware by BAM. With ROTOR_INERTIA_KG_M2 and 0.052 N m s of damping, they yield the time constant of
-# 26 ms and the no-load speed of 5.4 rad/s of the recorded step responses.
+# Identified on hardware by BAM. Together with ROTOR_INERTIA_KG_M2 and a damping of 0.052 N m s, these values yield the
+# time constant of 26 ms and the no-load speed of 5.4 rad/s of the recorded step responses.
 STS3215_7V4: Final = MotorConstants(1.21, 1.21, 2.68)
 
 
 def _geared(ratio: float) -> MotorConstants:
     """Return the 7.4 V motor with ``ratio`` times the identified gear ratio.
 
-    The rotor's inertia grows with its square.
+    The inertia of the rotor is proportional to the square of the ratio.
     """
     gears = Gears(ROTOR_INERTIA_KG_M2 * ratio**2, IDENTIFIED_DAMPING_NM_S * ratio**2, GEAR_FRICTION_NM * ratio, 0.0)
     at_shaft = STS3215_7V4.torque_constant_nm_a * ratio
@@ -81,19 +83,19 @@ _IDENTIFIED: Final = {
 
 
 def sts_motor(model: ServoModel) -> MotorConstants:
-    """Return the motor of an STS servo: identified on hardware if available, otherwise from its data sheet."""
+    """Return the motor of an STS servo: the identified motor if available, otherwise a motor from the data sheet."""
     return _IDENTIFIED.get(model) or MotorConstants.of(model)
 
 
 class Thermometer:
-    """Temperature of the motor, with one heat capacity and one path to the air."""
+    """Temperature of the motor, modeled with one heat capacity and one heat path to the air."""
 
     def __init__(self, motor: MotorConstants) -> None:
         self._motor = motor
         self.temperature_c = motor.ambient_c
 
     def step(self, dt_s: float, current_a: float) -> None:
-        """Heat the motor by the loss in the winding, and cool it towards the air."""
+        """Heat the motor by the losses in the winding, and cool it toward the air temperature."""
         motor = self._motor
         power_w = current_a * current_a * motor.resistance_ohm
         steady_c = motor.ambient_c + power_w * motor.thermal_resistance_k_w

@@ -1,7 +1,7 @@
 """The plant that the servos' shafts drive: the simulated arm or a test bench. SI units.
 
-A servo knows only its shaft. A ``Coupling`` defines which joint the shaft moves and how. Forces use the same ratio in
-the other direction, so energy is conserved.
+A servo knows only its own shaft. A ``Coupling`` defines which joint the shaft moves, and how. Forces are converted with
+the inverse ratio, so energy is conserved.
 """
 
 from abc import ABC, abstractmethod
@@ -39,7 +39,7 @@ class Coupling:
 
     @property
     def ratio(self) -> float:
-        """Joint units per radian of the shaft, with its sign."""
+        """Signed joint displacement per radian of the shaft."""
         return self.sign * self.transmission
 
 
@@ -61,21 +61,21 @@ SHAFT: Final = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class JointArrays:
-    """Live state of the joints. Readers see each change, and a written effort takes effect."""
+    """Live state of the joints. Readers see each change, and written efforts take effect."""
 
     position: Floats
     velocity: Floats
     effort: Floats
     position_at: Sequence[int]
-    """Indices of the joints in ``position``; the other two fields are the indices for velocity and effort."""
+    """Indices of the joints in ``position``; the other two fields contain the indices for velocity and effort."""
     velocity_at: Sequence[int]
     effort_at: Sequence[int]
 
 
 class Plant(ABC):
-    """Shafts in the order of ``couplings``, all advanced together by a fixed step.
+    """Shafts in the order of ``couplings``, which are all advanced together by a fixed timestep.
 
-    Compiled servos work on ``joints`` and ``shafts``; other servos call the methods.
+    Compiled servos use ``joints`` and ``shafts``; other servos call the methods.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Plant(ABC):
             effort[at] = torque * per_unit
 
     def slip(self, number: int, angle_rad: float) -> None:
-        """Let a shaft slip: from now on its angle is larger by ``angle_rad`` at the same joint position."""
+        """Let a shaft slip: from now on, its angle is larger by ``angle_rad`` at the same joint position."""
         self.shafts["zero_rad"][number] += angle_rad
         self._rows = self.shafts.tolist()
 
@@ -118,7 +118,7 @@ class Plant(ABC):
 
 
 class JointWorld(Protocol):
-    """The part of ``sim_backend.scene.world.World`` that a plant needs."""
+    """The part of ``sim_backend.scene.world.World`` that a plant uses."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
@@ -140,8 +140,8 @@ class JointWorld(Protocol):
 class WorldPlant(Plant):
     """Servos on a simulated arm. Joints without a servo swing freely.
 
-    ``after_step(time_s)`` is called after every step with the world's time. Events around the arm happen in this call,
-    so that they are the same in every run.
+    ``after_step(time_s)`` is called with the time of the world after every step. Events around the arm are simulated in
+    this call, so that they are the same in every run.
     """
 
     def __init__(
@@ -173,10 +173,10 @@ class WorldPlant(Plant):
 
 
 class BenchPlant(Plant):
-    """Servos on a bench, each with a load of its own: inertia, a constant torque, and friction. There are no joints.
+    """Servos on a test bench, each with its own load: inertia, a constant torque, and friction. There are no joints.
 
-    ``load_nm`` pulls at a shaft all the time, as gravity does; friction holds a shaft at rest. Servos with identified
-    gears use those; the others use the constructor's values.
+    ``load_nm`` pulls at a shaft all the time, as gravity does; friction holds a shaft that is at rest. Servos with
+    identified gears use those gears; the other servos use the constructor's values.
     """
 
     def __init__(
@@ -192,12 +192,12 @@ class BenchPlant(Plant):
         places = range(len(couplings))
         angles = np.array([c.zero_rad for c in couplings])
         joints = JointArrays(angles, np.zeros(len(places)), np.zeros(len(places)), places, places, places)
-        # The position of a joint is the angle of its shaft.
+        # In this plant, the position of a joint is the angle of its shaft.
         super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
         self.load_nm = np.zeros(len(couplings))
         usual = Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)
         self._gears: GearTable = gear_table([usual] * len(couplings))
-        # This loads the compiled code before the first timestep.
+        # This call loads the compiled code before the first timestep.
         turn_shafts(self._gears[:0], self.load_nm, joints.effort, joints.position, joints.velocity, timestep_s)
 
     def fit(self, gears: Sequence[Gears | None]) -> None:
@@ -206,7 +206,7 @@ class BenchPlant(Plant):
                 self._gears[i] = gear_table([own])[0]
 
     def place(self, angles: Sequence[float]) -> None:
-        """Turn the shafts to these angles (rad), at rest."""
+        """Turn the shafts to these angles (rad) and set their velocities to 0."""
         self.joints.position[:] = angles
         self.joints.velocity[:] = 0.0
 

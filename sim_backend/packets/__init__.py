@@ -1,1 +1,1 @@
-"""The packets of the Feetech and Dynamixel protocols, and faults that change them on the wire."""
+"""The packets of the Feetech and Dynamixel protocols, and faults that change packets on the wire."""

@@ -14,9 +14,9 @@ from sim_backend.packets.instructions import Instruction, Parser
 
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 11
-"""Number of bytes in a status packet, without its data."""
+"""Number of bytes in a status packet, not counting its data."""
 _BLOCK_OVERHEAD: Final = 4
-"""Number of bytes in a servo's block of a fast reply, without its data: error, ID and CRC."""
+"""Number of bytes in a servo's block of a fast reply, not counting its data: error, ID and CRC."""
 _HEAD: Final = 7
 _SHORTEST: Final = 3
 _LONGEST: Final = 1024
@@ -45,12 +45,12 @@ class Code(IntEnum):
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """Return a servo's reply. ``error`` is as in ``drivers.protocol.v2``."""
+    """Return a servo's reply. ``error`` is defined as in ``drivers.protocol.v2``."""
     return packet(servo_id, STATUS, bytes((error,)) + data)
 
 
 def fast_length(sizes: Iterable[int]) -> int:
-    """Return the length field of a fast reply. It counts the blocks of all servos, even of those that are silent."""
+    """Return the length field of a fast reply. The length covers the blocks of all servos, including silent servos."""
     return 1 + sum(size + _BLOCK_OVERHEAD for size in sizes)
 
 
@@ -62,7 +62,7 @@ def fast_head(length: int) -> bytes:
 def fast_block(before: bytes, servo_id: int, error: int, data: bytes) -> bytes:
     """Return the block that a servo adds to a fast reply after ``before``.
 
-    It is not stuffed; its CRC covers all bytes.
+    The block is not stuffed; its CRC covers all bytes before it.
     """
     block = bytes((error, servo_id)) + data
     return block + crc16(before + block).to_bytes(2, "little")
@@ -74,7 +74,7 @@ def ends_whole(packet_so_far: bytes) -> bool:
 
 
 class InstructionParser(Parser):
-    """Parser for instructions. It ignores the replies of other servos."""
+    """Parser for instructions. The parser ignores the replies of other servos."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -97,7 +97,7 @@ class InstructionParser(Parser):
         return None
 
     def _find_header(self) -> bool:
-        """Discard bytes that cannot begin a packet. Return whether a whole header is left."""
+        """Discard bytes that cannot begin a packet. Return whether the buffer still contains a whole header."""
         start = self._buffer.find(HEADER)
         del self._buffer[: start if start >= 0 else max(0, len(self._buffer) - len(HEADER) + 1)]
         return start >= 0

@@ -12,7 +12,7 @@ Entry = tuple[int, int, bytes]
 """ID, address and data."""
 
 _BULK_HEAD: Final = 5
-"""Number of bytes for ID, address and size in a bulk instruction."""
+"""Number of bytes for ID, address and size of one servo in a bulk instruction."""
 
 
 def sync_spans(parameters: bytes) -> list[Span]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 LONGEST_NOISE: Final = 6
-"""Maximum number of noise bytes: less than half a reply, as a glitch of the supply causes."""
+"""Maximum number of noise bytes: less than half a reply, as after a glitch of the supply."""
 
 
 @dataclass(slots=True)
@@ -31,7 +31,7 @@ class Disturbance:
         self._random = random.Random(self.seed)
 
     def reaches(self, servo_id: int) -> bool:
-        """Whether an instruction reaches this servo intact."""
+        """Return whether an instruction reaches this servo intact."""
         if self.miss == 0.0 or self._random.random() >= self.miss:
             return True
         self.done["miss", servo_id] += 1
@@ -62,11 +62,11 @@ class WireFaults:
         self.echo = False
         """Whether the adapter receives the bytes that it sends."""
         self.on_reply: list[Callable[[int, bytes], bytes]] = []
-        """Functions that change a reply (servo ID, packet) on the wire, applied one after the other."""
+        """Functions that change a reply (servo ID, packet) on the wire. They are applied one after the other."""
         self.on_instruction: list[Callable[[int], bool]] = []
         """Functions that decide whether an instruction reaches the servo. All of them must agree."""
         self.on_arrival: list[Callable[[int], float]] = []
-        """Functions that return how long the adapter holds back a servo's reply, in seconds."""
+        """Functions that return the delay by which the adapter holds back a servo's reply, in seconds."""
         self.foreign: deque[bytes] = deque(maxlen=1)
         """Packet of another program that is sent before the master's next packet."""
         self._silent: set[int] = set()
@@ -76,7 +76,7 @@ class WireFaults:
         self.disturbance: Disturbance | None = None
 
     def silence(self, servo_id: int) -> None:
-        """Break the servo's data line. It neither receives nor replies until ``restore``."""
+        """Break the servo's data line. The servo neither receives nor replies until ``restore`` is called."""
         self._silent.add(servo_id)
 
     def restore(self, servo_id: int) -> None:
@@ -84,15 +84,15 @@ class WireFaults:
         self._silent.discard(servo_id)
 
     def corrupt_next(self, servo_id: int, replies: int = 1) -> None:
-        """Let the next replies of the servo arrive with a wrong checksum."""
+        """Give the next replies of the servo a wrong checksum."""
         self._corrupt[servo_id] = self._corrupt.get(servo_id, 0) + replies
 
     def delay_next(self, servo_id: int) -> None:
-        """Let the servo's next reply arrive only after the master has sent another instruction."""
+        """Hold the servo's next reply back until the master has sent another instruction."""
         self._late.add(servo_id)
 
     def take_held(self) -> bytes:
-        """Return delayed replies that arrive now."""
+        """Return the delayed replies that arrive now."""
         held = b"".join(self._held)
         self._held.clear()
         return held
@@ -102,14 +102,14 @@ class WireFaults:
         return servo_id in self._silent
 
     def hears(self, servo_id: int) -> bool:
-        """Whether the next instruction reaches the servo."""
+        """Return whether the next instruction reaches the servo."""
         reached = not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
-        for reaches in self.on_instruction:  # Each one draws its own number, so all of them are called.
+        for reaches in self.on_instruction:  # Each one draws its own number, so all are called.
             reached = reaches(servo_id) and reached
         return reached
 
     def held_s(self, servo_id: int) -> float:
-        """Return how long the adapter holds back the servo's next reply, in seconds."""
+        """Return the delay by which the adapter holds back the servo's next reply, in seconds."""
         return sum(held(servo_id) for held in self.on_arrival)
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
@@ -117,7 +117,7 @@ class WireFaults:
         return self.through_adapter(servo_id, self.on_wire(servo_id, packet))
 
     def on_wire(self, servo_id: int, packet: bytes) -> bytes:
-        """Return a reply as the other servos on the wire hear it."""
+        """Return a reply as the other servos on the wire receive it."""
         if self.disturbance is not None:
             packet = self.disturbance.pass_reply(servo_id, packet)
         for become in self.on_reply:
@@ -129,7 +129,7 @@ class WireFaults:
         return packet[:-1] + bytes((packet[-1] ^ 0xFF,))
 
     def through_adapter(self, servo_id: int, packet: bytes) -> bytes:
-        """Return a reply from the wire, or nothing if ``delay_next`` holds it back."""
+        """Return a reply from the wire, or no bytes if ``delay_next`` holds the reply back."""
         if servo_id not in self._late:
             return packet
         self._late.remove(servo_id)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One packet from the master. ``code`` can be unknown to the servos."""
+    """One packet from the master. ``code`` may be unknown to the servos."""
 
     servo_id: int
     code: int
@@ -15,14 +15,15 @@ class Instruction:
 
 
 class Parser(ABC):
-    """Splits a stream of bytes into instructions. A malformed packet costs one byte, not the packet after it."""
+    """Splits a stream of bytes into instructions. A malformed packet costs only one byte, not the packet that follows
+    it."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     @property
     def pending(self) -> int:
-        """Number of bytes that wait for the rest of their packet."""
+        """Number of bytes that belong to an incomplete packet."""
         return len(self._buffer)
 
     def reset(self) -> None:
@@ -39,4 +40,4 @@ class Parser(ABC):
 
     @abstractmethod
     def _next_packet(self) -> Instruction | None:
-        """Take the next complete instruction from the buffer; None if more bytes are needed."""
+        """Take the next complete instruction from the buffer. Return None if more bytes are needed."""

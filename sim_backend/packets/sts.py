@@ -1,8 +1,9 @@
 """Servo side of the Feetech protocols and of Dynamixel 1.0: parse instructions and build status packets. No I/O.
 
-Sources: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is ``FF FF id length code
-parameters checksum``, and a status packet is ``FF FF id length error data checksum``. The length counts the bytes after
-it. The checksum is the inverted sum of all bytes between the header and the checksum.
+Sources: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is
+``FF FF id length code parameters checksum``, and a status packet is ``FF FF id length error data checksum``. The length
+counts the bytes after the length byte. The checksum is the inverted sum of all bytes between the header and the
+checksum.
 """
 
 from enum import IntEnum
@@ -13,13 +14,13 @@ from sim_backend.packets.instructions import Instruction, Parser
 HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 6
-"""Number of bytes in a status packet, without its data."""
+"""Number of bytes in a status packet, not counting its data."""
 LONGEST_DATA: Final = 0xFF - 2
-"""Maximum number of data bytes that a status packet's length can count."""
+"""Maximum number of data bytes in a status packet."""
 
 
 class Code(IntEnum):
-    """Instructions. The series of a servo determines which of them it supports."""
+    """Instructions. The series of a servo determines which of these instructions it supports."""
 
     PING = 0x01
     READ = 0x02
@@ -28,9 +29,9 @@ class Code(IntEnum):
     ACTION = 0x05
     RESET = 0x06  # resets the EEPROM to factory values, except for the ID
     REBOOT = 0x08  # has no reply
-    SAVE_DEFAULTS = 0x09  # STS: saves the present table as the values that RESET restores
+    SAVE_DEFAULTS = 0x09  # STS: saves the current table as the values that RESET restores
     FORGET_TURNS = 0x0A  # STS
-    SET_MIDDLE = 0x0B  # STS: sets the homing offset so that the present angle is the count in two bytes
+    SET_MIDDLE = 0x0B  # STS: sets the homing offset so that the current angle reads as the count given in two bytes
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     BULK_READ = 0x92
@@ -48,7 +49,8 @@ def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
 
 
 class InstructionParser(Parser):
-    """Parser that searches for the next header within rejected bytes, so it finds a packet after a half packet."""
+    """Parser that searches for the next header within rejected bytes, so that it finds a packet after an incomplete
+    packet."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -67,7 +69,7 @@ class InstructionParser(Parser):
         return None
 
     def _find_header(self) -> bool:
-        """Discard bytes that cannot begin a packet. Return whether a whole header is left."""
+        """Discard bytes that cannot begin a packet. Return whether the buffer still contains a whole header."""
         start = self._buffer.find(HEADER)
         if start < 0:
             start = len(self._buffer) - self._buffer.endswith(b"\xff")
@@ -78,7 +80,7 @@ class InstructionParser(Parser):
 class StsParser(Parser):
     """Parser of an STS servo. Two FF bytes begin a packet at any place, even inside another packet.
 
-    It has no time-out. A half packet remains until its rest or two FF bytes arrive.
+    It has no time-out. An incomplete packet is kept until its remaining bytes or two FF bytes arrive.
     """
 
     LONGEST = 130
@@ -90,7 +92,7 @@ class StsParser(Parser):
         self._last = 0
 
     def reset(self) -> None:
-        """Do nothing, because a pause has no effect."""
+        """Do nothing, because a pause has no effect on these servos."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -109,7 +111,8 @@ class StsParser(Parser):
         return None
 
     def _whole_packet(self) -> int:
-        """Return the size of the valid packet at the start of the buffer, or 0. This avoids a check of each byte."""
+        """Return the size of the valid packet at the start of the buffer, or 0. This check at the start of the buffer
+        saves a check of each byte."""
         buffer = self._buffer
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0
@@ -119,7 +122,7 @@ class StsParser(Parser):
         return end if checksum(buffer[2 : end - 1]) == buffer[end - 1] else 0
 
     def _take(self, value: int) -> Instruction | None:
-        """Process one byte. Return the instruction that it completes, if the checksum is correct."""
+        """Process one byte. Return the instruction that the byte completes, if the checksum is correct."""
         body, header = self._body, value == self._last == 0xFF
         self._last = value
         complete = body is not None and len(body) >= 2 and len(body) == body[1] + 1
@@ -136,5 +139,5 @@ class StsParser(Parser):
         return None
 
     def _believed(self, length: int, code: int) -> bool:
-        """Whether a packet with this instruction can have this length."""
+        """Return whether a packet with this instruction may have this length."""
         return length >= 2 and (length <= self.LONGEST or code == Code.SYNC_WRITE)

@@ -23,9 +23,9 @@ CUBE: Final = "cube"
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
 OFF_STAND_M: Final = 0.002
-"""Distance of the cube's middle beyond the stand's edges at which the cube would topple."""
+"""Distance of the cube's center beyond the edges of the stand at which the cube would topple."""
 LIFTED_M: Final = 0.006
-"""Difference in height at which the cube is not on the stand but on something else."""
+"""Difference in height from which the cube counts as not being on the stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def has_cell(model: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """Apples that come to the stand one after another, in place of the cube."""
+    """Apples that appear on the stand one after another and replace the cube."""
 
     seed: int
     """Seed of all apples."""
@@ -52,7 +52,7 @@ class Tray:
 
 
 class CubeCell:
-    """The cube, its stand and the bins of a world. With a tray, apples take the place of the cube."""
+    """The cube, its stand and the bins of a world. With a tray, apples replace the cube."""
 
     def __init__(
         self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_], tray: Tray | None = None
@@ -60,7 +60,7 @@ class CubeCell:
         """Find the parts of the cell. ``of_arm`` marks the geoms that are part of the arm, (ngeom,)."""
         self.tray = tray
         self.apple: Apple | None = None
-        """The apple that is on its way; None for a cube."""
+        """The apple that is being sorted; None for a cube."""
         self.fed = 0
         """Number of cubes or apples before this one."""
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
@@ -81,7 +81,7 @@ class CubeCell:
             self._place_apple(tray)
 
     def locate(self) -> None:
-        """Store the poses of the bins. Call it when the kinematics are up to date."""
+        """Store the poses of the bins. Call this method when the kinematics are up to date."""
         bodies = {f"bin_{name}": self._data.body(f"bin_{name}") for name in BINS}
         self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
         sites = [(name, f"bin_{name}_inside") for name in BINS]
@@ -92,14 +92,14 @@ class CubeCell:
     def poses(self) -> dict[str, Pose]:
         """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C".
 
-        A bin's pose is the middle of its floor.
+        The pose of a bin is that of the center of its floor.
         """
         cube = self._data.qpos[self.qpos]
         return {CUBE: _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
         """Whether the cube is at rest, on a surface or in the hand."""
-        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # For six values, NumPy is slower.
+        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # For six values, NumPy would be slower.
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
     def cube_bin(self) -> str | None:
@@ -113,7 +113,7 @@ class CubeCell:
 
     def cube_on_stand(self) -> bool:
         """Whether the cube is at rest on the stand."""
-        place: list[float] = self._arrays.position[self.qpos].tolist()  # For three values, NumPy is slower.
+        place: list[float] = self._arrays.position[self.qpos].tolist()  # For three values, NumPy would be slower.
         apart = map(sub, place[:3], self.home.tolist())
         return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 
@@ -163,7 +163,7 @@ class CubeCell:
         mujoco.mj_forward(self._model, self._data)
 
     def _place_apple(self, tray: Tray) -> None:
-        """Give the sphere size and pose of the next apple on the stand."""
+        """Give the sphere the size and the pose of the next apple on the stand."""
         self.apple = apple_of_tray(tray.seed, self.fed, tray.diameters_mm)
         radius_m = 0.0005 * self.apple.diameter_mm
         resize(self._model, radius_m)
@@ -174,7 +174,7 @@ class CubeCell:
 
 
 def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
-    """Convert a MuJoCo pose, whose quaternion starts with w. Everywhere else here, w comes last."""
+    """Convert a MuJoCo pose, whose quaternion starts with w. Everywhere else in this project, w comes last."""
     x, y, z = (float(value) for value in position)
     qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
     return Pose((x, y, z), (qx, qy, qz, qw))

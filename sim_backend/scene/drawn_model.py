@@ -16,9 +16,9 @@ UNSEEN_GROUP: Final = 3
 
 
 def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
-    """Compile a scene with the links' meshes. The meshes have no mass and no contacts.
+    """Compile a scene together with the meshes of the links. The meshes have no mass and no contacts.
 
-    Meshes of links that are not in the scene are left out.
+    Meshes of links that are not in the scene are omitted.
     """
     bodies = {body.name: body for body in spec.bodies}
     replaced: dict[str, list[Any]] = {
@@ -40,7 +40,7 @@ def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
 
 
 def add_mesh(spec: Any, name: str, vertices: FloatArray, faces: Faces) -> None:
-    """Add a triangle mesh to a specification under a name."""
+    """Add a triangle mesh with a name to a specification."""
     mesh = spec.add_mesh(name=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     mesh.uservert = vertices.ravel()
     mesh.userface = faces.astype(np.int32).ravel()

@@ -18,7 +18,8 @@ def cast_ellipsoid(
 ) -> None:  # fmt: skip
     """Store the rays that hit one ellipsoid first, with ``radii`` (3,) in meters.
 
-    The other arguments are those of ``rays._cast_one``. In units of the radii, the ellipsoid is a unit sphere.
+    The other arguments are the same as those of ``rays._cast_one``. In units of the radii, the ellipsoid is a unit
+    sphere.
     """
     x, y, z = away
     start, ray, slope = np.empty(3), np.empty(3), np.empty(3)

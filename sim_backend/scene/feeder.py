@@ -1,9 +1,9 @@
-"""Feed a new cube to the stand when the last one is done and the arm starts to move again.
+"""Put a new cube on the stand after the last cube is done, when the arm starts to move again.
 
-Apples come earlier, while the arm rests: a camera must see an apple before a job for it can start.
+Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
 
-Between two jobs the arm rests at the ready pose with its open fingers around the stand. The old cube stays in place
-until the arm leaves for the next job, so that it can be seen and measured.
+Between two jobs, the arm is at rest at the ready pose, with its open fingers around the stand. The old cube stays in
+place until the arm leaves for the next job, so that it can be seen and measured.
 """
 
 import math
@@ -16,31 +16,33 @@ from sim_backend.scene.world import World
 
 LOOK_S: Final = 0.01
 SLOW_RAD_S: Final = 0.05
-"""Maximum speed of a joint at rest. A servo that holds its position vibrates a little."""
+"""Maximum speed of a joint at rest. A servo that holds its position vibrates slightly."""
 SLOW_HAND_1_S: Final = 0.1
-"""Maximum speed of the hand at rest, in travels per second."""
+"""Maximum speed of the hand at rest, in multiples of its travel per second."""
 STAYS_RAD: Final = 0.03
-"""Maximum motion of a joint that also counts as at rest. It exceeds the backlash, in which a joint can swing."""
+"""Maximum motion of a joint that also counts as at rest. The value exceeds the backlash, within which a joint can
+oscillate."""
 STAYS_HAND: Final = 0.1
 """Maximum motion of the hand at rest, as a share of its travel."""
 AT_READY_RAD: Final = 0.15
 OPEN: Final = 0.1
-"""Maximum distance of an open hand from the ready pose, as a share of its travel. A cube stops the hand much further
-away."""
+"""Maximum distance of an open hand from the ready pose, as a share of its travel. With a cube in the hand, the distance
+is much larger."""
 REST_S: Final = 0.1
-"""Time at rest in the ready pose. A node that continues with the next job rests only until its goal arrives."""
+"""Time at rest in the ready pose. A node that continues with the next job stays at rest only until its goal arrives."""
 SWINGING_REST_S: Final = 0.5
-"""Time at rest for an arm that swings in place. On its way to the ready pose it never stays that long."""
+"""Time at rest for an arm that oscillates in place. On the way to the ready pose, the arm never stays in one place for
+this time."""
 LONG_REST_S: Final = 10.0
-"""Time at rest in other poses. It is long because a rest there can be a pause within the job."""
+"""Time at rest in other poses. This time is long, because the arm can also pause in another pose during a job."""
 SHOWN_S: Final = 1.5
-"""Time that the old apple stays in its bin before the next one comes."""
+"""Time that the old apple stays in its bin before the next apple is placed."""
 
 
 class Feeder:
     """Feeds cubes to one world.
 
-    Call `update` after every step. It tracks since when the arm rests, and if a cube is due.
+    Call `update` after every step. The feeder records since when the arm has been at rest, and whether a cube is due.
     """
 
     def __init__(self) -> None:
@@ -49,10 +51,11 @@ class Feeder:
         self._stays_at: FloatArray | None = None
         self._shown_until_s = math.inf
         self.due = False
-        """Whether the old cube is done and the arm has rested, so that the next motion brings a new cube."""
+        """Whether the old cube is done and the arm has been at rest, so that a new cube is placed at the next
+        motion."""
 
     def update(self, world: World, time_s: float) -> None:
-        """Feed a cube if it is time and the scene has a stand. `time_s` is the world's time."""
+        """Place a cube if it is due and the scene has a stand. `time_s` is the time of the world."""
         if time_s < self._next_s or world.cell is None or not world.cell.laid:
             return
         self._next_s = time_s + LOOK_S
@@ -70,7 +73,7 @@ class Feeder:
         self._stays_at = None
 
     def _rest(self, world: World, time_s: float) -> None:
-        """Check whether the arm has rested long enough."""
+        """Check whether the arm has been at rest long enough."""
         self._slow_since_s = min(self._slow_since_s, time_s) if _slow(world) else math.inf
         if self._stays_at is None or not _stays(self._stays_at, world):
             self._stays_at, self._stays_since_s = world.position(), time_s
@@ -82,7 +85,7 @@ class Feeder:
         self._shown_until_s = time_s + SHOWN_S
 
     def _feed(self, world: World, cell: CubeCell) -> None:
-        """Feed a cube when the arm leaves and the stand is free.
+        """Place a cube when the arm leaves and the stand is free.
 
         A hand that only opens or closes does not start a job.
         """
@@ -90,9 +93,9 @@ class Feeder:
             self._lay_next(cell)
 
     def _feed_apple(self, world: World, cell: CubeCell, time_s: float) -> None:
-        """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
+        """Place an apple when the last one has been in its bin for a while, even if the arm is at rest in another pose.
 
-        The arm of a failed job holds its pose. The next job starts with the ready pose.
+        The arm of a failed job holds its pose. The next job starts by moving to the ready pose.
         """
         if time_s >= self._shown_until_s and cell.stand_free():
             self._lay_next(cell)
@@ -109,7 +112,7 @@ def _slow(world: World) -> bool:
 
 
 def _set_out(rest: FloatArray, world: World) -> bool:
-    """Whether the arm has left its place of rest, regardless of the hand."""
+    """Whether the arm has left the pose in which it was at rest, regardless of the hand."""
     return bool(np.abs((world.position() - rest)[:-1]).max() > STAYS_RAD)
 
 
@@ -120,7 +123,7 @@ def _stays(rest: FloatArray, world: World) -> bool:
 def _done(world: World, cell: CubeCell) -> bool:
     """Whether the cube is done: in a bin or lost, but not on the stand and not in the hand.
 
-    After a failed job it can lean against the open fingers around the stand.
+    After a failed job, the cube can lean against the open fingers around the stand.
     """
     if not cell.cube_at_rest() or cell.cube_on_stand():
         return False

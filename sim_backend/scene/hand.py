@@ -1,6 +1,7 @@
-"""A person's hand on the simulated arm. It holds joints in place, moves them and releases them.
+"""A person's hand on the simulated arm. The hand holds joints in place, moves them and releases them.
 
-It acts as a spring with a damper, with limited force and speed. Against a stop it only presses.
+It acts like a spring with a damper, with limited force and speed. When a joint reaches a stop, the hand only presses
+against it.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +18,7 @@ SPEED_RAD_S: Final = 1.0
 
 
 class Pushable(Protocol):
-    """The part of ``sim_backend.scene.world.World`` that a hand needs."""
+    """The part of ``sim_backend.scene.world.World`` that a hand uses."""
 
     @property
     def data(self) -> Any: ...
@@ -28,7 +29,7 @@ class Pushable(Protocol):
 
 @dataclass(slots=True)
 class Grip:
-    """One joint in the hand. ``reach`` is the number of joint units per radian of its servo."""
+    """One joint in the hand. ``reach`` is the joint displacement per radian of its servo."""
 
     target: float
     reference: float
@@ -39,13 +40,14 @@ class SceneHand:
     """A person's hand. Call ``update`` after every step of the world. Positions are in rad or m."""
 
     def __init__(self, world: Pushable, reach: Mapping[str, float]) -> None:
-        """Create a hand. ``reach`` has joint units per radian of the servo's shaft, by joint; 1 for revolute joints."""
+        """Create a hand. ``reach`` contains the joint displacement per radian of the servo's shaft, by joint; it is 1
+        for revolute joints."""
         self._world = world
         self._reach = dict(reach)
         self._grips: dict[str, Grip] = {}
 
     def hold(self, *joints: str) -> None:
-        """Hold joints (by default all) where they are."""
+        """Hold joints (by default, all joints) at their current positions."""
         for joint in joints or self._reach:
             here = self.position(joint)
             self._grips[joint] = Grip(here, here, self._reach[joint])
@@ -57,7 +59,7 @@ class SceneHand:
         self._grips[joint].target = position
 
     def release(self, *joints: str) -> None:
-        """Release joints (by default all)."""
+        """Release joints (by default, all joints)."""
         for joint in joints or list(self._grips):
             self._grips.pop(joint, None)
             self._world.data.joint(joint).qfrc_applied = 0.0
@@ -72,7 +74,7 @@ class SceneHand:
         return joint in self._grips
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has reached its target. A stop can have kept the joint itself from it."""
+        """Whether the hand has reached its target. A stop may have kept the joint itself from reaching it."""
         return joint not in self._grips or self._grips[joint].reference == self._grips[joint].target
 
     def position(self, joint: str) -> float:

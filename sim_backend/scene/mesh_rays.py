@@ -1,4 +1,5 @@
-"""First hits of rays on a mesh of a MuJoCo model. Compiled code searches the tree of boxes that MuJoCo builds."""
+"""First hits of rays on a mesh of a MuJoCo model. Compiled code searches the tree of boxes that MuJoCo builds for each
+mesh."""
 
 from math import inf, sqrt
 from typing import Any, Final, NamedTuple
@@ -13,12 +14,12 @@ Xyz = tuple[float, float, float]
 DEPTH: Final = 64
 """Size of the stack. Each level of the tree halves the number of triangles."""
 EDGE: Final = 1e-6
-"""Distance from a triangle at which a ray still hits it, as a share of the triangle.
+"""Distance from a triangle within which a ray still hits it, as a share of the triangle's size.
 
-It closes gaps between triangles.
+This tolerance closes gaps between triangles.
 """
 THICK_M: Final = 1e-9
-"""Thickness that is added to the boxes of the tree, because flat parts have boxes without thickness."""
+"""Thickness that is added to the boxes of the tree, because flat parts would have boxes without thickness."""
 
 ASKEW: Final = 1e-12
 
@@ -27,19 +28,19 @@ class MeshParts(NamedTuple):
     """Arrays of a mesh with v vertices, f faces, m normals and b boxes in its tree."""
 
     vertices: NDArray[np.float32]
-    """Shape (v, 3), in the geom's frame."""
+    """Vertices, shape (v, 3), in the geom's frame."""
     faces: NDArray[np.int32]
-    """Shape (f, 3), indices of vertices."""
+    """Indices of the vertices of each face, shape (f, 3)."""
     normals: NDArray[np.float32]
     """Shape (m, 3)."""
     face_normals: NDArray[np.int32]
-    """Shape (f, 3), indices of normals."""
+    """Indices of the normals of each face, shape (f, 3)."""
     boxes: FloatArray
-    """Shape (b, 6), middle and half size."""
+    """Center and half size of each box, shape (b, 6)."""
     children: NDArray[np.int32]
-    """Shape (b, 2), -1 for no child."""
+    """Indices of the children of each box, shape (b, 2); -1 for no child."""
     face_of: NDArray[np.int32]
-    """Shape (b,), index of the face in a leaf, -1 in other boxes."""
+    """Index of the face in each leaf, shape (b,); -1 in other boxes."""
 
 
 def mesh_parts(model: Any, mesh: int) -> MeshParts:
@@ -63,7 +64,7 @@ def cast_mesh(
     number: int, parts: MeshParts, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
     rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Store the rays that hit one mesh first. The arguments are those of ``rays._cast_one``."""
+    """Store the rays that hit one mesh first. The arguments are the same as those of ``rays._cast_one``."""
     x, y, z = away
     start = (origin[0], origin[1], origin[2])
     stack = np.empty(DEPTH, np.int32)
@@ -85,7 +86,8 @@ def cast_mesh(
 
 @compiled
 def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: NDArray[np.int32]) -> tuple[float, int]:
-    """Return distance and face of the first hit nearer than ``nearest``; the face is -1 if there is none."""
+    """Return the distance and the face of the first hit that is nearer than ``nearest``; the face is -1 if there is
+    none."""
     pace = (_inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2]))
     found, count = -1, 0
     if _entry(parts.boxes, 0, origin, pace) < nearest:
@@ -107,7 +109,7 @@ def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: 
         if to_far < nearest:
             stack[count] = far
             count += 1
-        if to_near < nearest:  # The nearer box is on top of the stack, so it comes next.
+        if to_near < nearest:  # The nearer box is pushed last, so it is visited next.
             stack[count] = near
             count += 1
     return nearest, found
@@ -121,9 +123,9 @@ def _inverse(value: float) -> float:
 
 @compiled
 def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
-    """Return the distance at which a ray enters a box: 0 from within, infinite for a miss.
+    """Return the distance at which a ray enters a box: 0 if it starts inside, infinite if it misses the box.
 
-    ``pace``: inverse direction.
+    ``pace`` is the inverse of the direction.
     """
     enter, leave = 0.0, inf
     for i in range(3):
@@ -135,8 +137,8 @@ def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
 
 @compiled
 def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[float, float, float]:
-    """Return the distance of a hit from either side, infinite for a miss, and the weights of the second and third
-    corner.
+    """Return the distance of a hit from either side, and the weights of the second and third corner. The distance is
+    infinite if the ray misses.
 
     This is the method of Möller and Trumbore.
     """

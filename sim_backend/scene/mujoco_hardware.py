@@ -1,7 +1,7 @@
 """The arm in MuJoCo as a hardware component without servos and without a bus.
 
 Each joint follows the line between two commands by a stiff spring with damping. The spring is as strong as the servo in
-the robot file. The weight of the arm is compensated, as the stack does it with servos. For the effects of servos and
+the robot file. The weight of the arm is compensated, as the stack does for servos. To see the effects of servos and
 their bus on a command, use the virtual bus.
 """
 
@@ -21,9 +21,9 @@ from sim_backend.scene.world import World
 IntArray = NDArray[np.int64]
 
 STIFFNESS = 15.0
-"""Share of the stall torque per radian of shaft error. Full torque is reached at four degrees."""
+"""Share of the stall torque per radian of shaft error. The torque reaches its maximum at an error of four degrees."""
 LONGEST_CATCH_UP_S = 0.2
-"""Maximum simulated time that is made up after the program was held up, in seconds."""
+"""Maximum simulated time that is made up after the program was delayed, in seconds."""
 
 
 @compiled
@@ -42,9 +42,10 @@ def drive(
     strongest: FloatArray,
     damping: FloatArray,
 ) -> None:
-    """Pull joints by springs towards their set-points, after ``share`` of the way from ``begin`` to ``end``.
+    """Pull the joints by springs toward their set-points, which are a ``share`` of the way from ``begin`` to ``end``.
 
-    ``weight`` has the efforts for gravity and motion of each degree of freedom. They are added to those of the springs.
+    ``weight`` contains the efforts that compensate gravity and motion, for each degree of freedom. These efforts are
+    added to those of the springs.
     """
     for i in range(len(begin)):
         error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
@@ -54,7 +55,8 @@ def drive(
 
 
 class MujocoHardware:
-    """A component with the life cycle of hal.hardware.Hardware on a World. Its time is that of the clock."""
+    """A component with the life cycle of hal.hardware.Hardware on a World. The time of the component is that of the
+    clock."""
 
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name
@@ -105,7 +107,7 @@ class MujocoHardware:
         self.state = LifecycleState.UNCONFIGURED
 
     def read(self) -> JointState:
-        """Advance the world to the present time and return the joint states."""
+        """Advance the world to the current time and return the joint states."""
         require_configured(self.state, "read")
         now_s = self._clock.now()
         due_s = min(now_s - self._last_s, LONGEST_CATCH_UP_S)

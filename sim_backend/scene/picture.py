@@ -1,8 +1,8 @@
-"""Pictures of the arm by ray casting. They need no OpenGL, so they work on every machine.
+"""Pictures of the arm by ray casting. No OpenGL is needed, so pictures can be made on every machine.
 
-There is one ray per pixel from the camera and one from the lamp for shadows, with Lambert shading. A smooth picture is
-the mean of four, each with rays shifted by a quarter of a pixel and a slightly different place of the lamp. Images are
-uint8 arrays of shape (height, width, 3); n is the number of rays.
+One ray per pixel is cast from the camera, and one from the lamp for shadows, with Lambert shading. A smooth picture is
+the mean of four, whose rays are shifted by a quarter of a pixel and whose lamps are in slightly different places.
+Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
 from collections.abc import Sequence
@@ -25,28 +25,29 @@ CAMERA: Final = "overview"
 SKY: Final = np.array([0.93, 0.95, 0.97])
 AMBIENT: Final = 0.48
 LAMP_M: Final = 0.02
-"""Distance by which the lamp is moved to either side for soft shadows."""
+"""Distance by which the lamp is moved in each direction for soft shadows."""
 TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
-"""Distances at which the floor begins to fade into the sky, and at which it ends."""
+"""Distance at which the floor begins to fade into the sky, and distance at which it has disappeared."""
 TOUCH_M: Final = 1e-4
-"""Distance from a point within which a hit is the point itself."""
+"""Distance from a point within which a hit counts as the point itself."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 class View:
-    """View of a fixed camera on one model. Parts that never move are cast and shaded once for all pictures."""
+    """View of a fixed camera on one model. Parts that never move are traced and shaded once for all pictures."""
 
     def __init__(
         self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
     ) -> None:
-        """Prepare the view. ``data`` has any pose with updated kinematics. Smooth pictures take four times as long."""
+        """Prepare the view. ``data`` contains any pose with updated kinematics. Smooth pictures take four times as
+        long."""
         self._shape = (height, width, 3)
         view = data.cam(camera)
         focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
         self._passes = []
         for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
-            # A matrix product would start the threads of the matrix library, on processors that others may need.
+            # A matrix product would start the threads of the matrix library on processors that other programs may need.
             rays = np.einsum("ni,ji->nj", _rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3))
             lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
             self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
@@ -59,7 +60,7 @@ class View:
 
 
 class _Pass:
-    """One ray per pixel with the lamp in one place. ``_still`` are the geoms that are fixed to the world."""
+    """One ray per pixel with the lamp in one place. ``_still`` contains the geoms that are fixed to the world."""
 
     def __init__(self, model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> None:
         self._model, self._eye, self._rays, self._lamp = model, eye, rays, lamp
@@ -108,9 +109,9 @@ def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
-    """Return the share of the lamp's light on each point.
+    """Return the share of the lamp's light that reaches each point.
 
-    It is 0 if the ``first`` hit from the lamp is another point.
+    The share is 0 if the ``first`` hit from the lamp is another point.
     """
     return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
 
@@ -158,10 +159,11 @@ def save_gif(path: Path, images: Sequence[Picture], fps: float) -> None:
 
 
 class FilmRecorder:
-    """Records the motion of the world to draw it later. Phases without motion are left out."""
+    """Records the motion of the world to draw it later. Phases without motion are omitted."""
 
     def __init__(self, world: World, period_s: float = 0.3, frames: int = 75) -> None:
-        """Record every `period_s` of world time, and keep at most the first `frames` in which the world moved."""
+        """Record a frame every `period_s` of world time, but only the first `frames` frames in which the world has
+        moved."""
         self._world = world
         self._period_s = period_s
         self._frames = frames
@@ -170,7 +172,7 @@ class FilmRecorder:
         self._best = world.configuration()
 
     def update(self, time_s: float) -> None:
-        """Record a frame if it is time. Call this at least once per period; most calls return at once."""
+        """Record a frame if one is due. Call this at least once per period; most calls return at once."""
         if time_s < self._next_s:
             return
         self._next_s = time_s + self._period_s
@@ -181,13 +183,13 @@ class FilmRecorder:
             self._taken.append(now)
 
     def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
-        """Save `arm.png`, and `arm.gif` with half its width, to `folder`."""
+        """Save `arm.png`, and `arm.gif` with half the width, to `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         self.save_still(folder / "arm.png", width)
         self.save_film(folder / "arm.gif", fps, width // 2)
 
     def save_still(self, path: Path, width: int = 960) -> None:
-        """Draw the moment at which the cube was held highest."""
+        """Draw the moment when the cube was at its highest position."""
         save_png(path, *self._draw([self._best], width, smooth=True))
 
     def save_film(self, path: Path, fps: float = 8.0, width: int = 480) -> None:
@@ -195,7 +197,7 @@ class FilmRecorder:
         save_gif(path, self._draw(self._taken or [self._best], width, smooth=False), fps)
 
     def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
-        model = self._world.drawn_model()  # A separate model, because drawing must not disturb the world.
+        model = self._world.drawn_model()  # A separate model is used, because drawing must not disturb the world.
         data = mujoco.MjData(model)
         _place(model, data, configurations[0])
         view = View(model, data, width=width, height=width * 3 // 4, smooth=smooth)

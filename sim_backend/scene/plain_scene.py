@@ -20,17 +20,17 @@ from sim_backend.scene.world import READY, place_followers
 
 TIMESTEP_S: Final = 0.001
 LIGHTEST_KG: Final = 1e-6
-"""Mass of a link without one in the description. MuJoCo does not move a body without mass."""
+"""Mass of a link whose description contains no mass. MuJoCo does not move a body without mass."""
 SMALLEST_KG_M2: Final = 1e-12
 STICK_M: Final = 0.012
 """Radius of a stick."""
 SHORTEST_M: Final = 0.01
-"""Minimum length of a stick. Shorter sticks are left out."""
+"""Minimum length of a stick. Shorter sticks are omitted."""
 PRIMITIVES: Final = ("box", "cylinder", "sphere")
 TABLE_RGBA: Final = (0.86, 0.87, 0.88, 1.0)
 ARM_RGBA: Final = (0.96, 0.76, 0.16, 1.0)
 CAMERA_FROM: Final = np.array([0.77, -0.52, 0.44])
-"""Direction from the middle of the arm to the camera."""
+"""Direction from the center of the arm to the camera."""
 CAMERA_REACHES: Final = 2.6
 """Distance of the camera, as a multiple of the arm's size."""
 FOVY_DEG: Final = 40.0
@@ -39,8 +39,8 @@ FOVY_DEG: Final = 40.0
 def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
     """Return the MJCF of a scene.
 
-    ``servos`` has joint units per radian of the servo's shaft, by driven joint; the hand's joint is the last. Raises
-    DescriptionError if MuJoCo cannot read the description.
+    ``servos`` contains the joint displacement per radian of the servo's shaft, by driven joint; the joint of the hand
+    is the last one. Raises DescriptionError if MuJoCo cannot read the description.
     """
     try:
         spec: Any = mujoco.MjSpec.from_string(_with_primitives(urdf_xml))
@@ -54,7 +54,7 @@ def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
 
 
 def _with_primitives(urdf_xml: str) -> str:
-    """Return the description with primitive shapes only, and with a mass for each link."""
+    """Return the description with only primitive shapes, and with a mass for each link."""
     robot = ElementTree.fromstring(urdf_xml)
     for link in robot.findall("link"):
         shapes = [_primitive(shape) for shape in (*link.findall("collision"), *link.findall("visual"))]
@@ -88,7 +88,7 @@ def _set_up(spec: Any, servos: Mapping[str, float]) -> None:
     spec.option.timestep = TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint in spec.joints:
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # The servo's motor is the limit.
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # The motor of the servo limits the effort.
         ratio = servos.get(joint.name, 1.0) ** 2
         joint.armature = ROTOR_INERTIA_KG_M2 / ratio if joint.name in servos else 0.0
         joint.damping = [GEAR_DAMPING_NM_S / ratio, 0.0, 0.0]
@@ -103,7 +103,7 @@ def _set_up(spec: Any, servos: Mapping[str, float]) -> None:
 
 
 def _add_sticks(body: Any) -> None:
-    """Connect the joints of a link that has no shape."""
+    """Add sticks between the joints of a link that has no shape."""
     if body.geoms:
         return
     ends = [np.array(child.pos) for child in body.bodies] or [2.0 * np.array(body.ipos)]
@@ -115,7 +115,8 @@ def _add_sticks(body: Any) -> None:
 
 
 def _first_pose(model: Any) -> FloatArray:
-    """Return MuJoCo's positions with all joints at zero, or in the middle of a range that does not include zero."""
+    """Return MuJoCo's positions with each joint at zero, or at the center of its range if the range does not include
+    zero."""
     pose: FloatArray = model.qpos0.copy()
     for joint in range(model.njnt):
         low, high = model.jnt_range[joint]
@@ -126,7 +127,7 @@ def _first_pose(model: Any) -> FloatArray:
 
 
 def _finished(spec: Any, pose: FloatArray) -> Any:
-    """Add table, light, camera and the keyframe with the first pose. Return the compiled scene."""
+    """Add the table, the light, the camera and the keyframe with the initial pose. Return the compiled scene."""
     model: Any = spec.compile()
     data: Any = mujoco.MjData(model)
     data.qpos[:] = pose
@@ -143,14 +144,15 @@ def _finished(spec: Any, pose: FloatArray) -> Any:
 
 
 def _table_m(model: Any, data: Any) -> float:
-    """Return the height of the table: that of the arm's base, or lower so that no moving link starts inside it."""
+    """Return the height of the table: that of the base of the arm, or less if a moving link would otherwise start
+    inside the table."""
     moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     lowest = (data.geom_xpos[moving, 2] - model.geom_rbound[moving]).min(initial=0.0)
     return float(min(0.0, lowest))
 
 
 def _camera(middle: FloatArray, distance_m: float) -> dict[str, Any]:
-    """Return the settings of a camera that looks at the middle of the arm."""
+    """Return the settings of a camera that looks at the center of the arm."""
     back = CAMERA_FROM / np.linalg.norm(CAMERA_FROM)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

@@ -1,6 +1,7 @@
 """First hits of rays on the geoms of a MuJoCo model, in compiled code. n is the number of rays.
 
-MuJoCo provides the poses of the geoms. Its own mj_multiRay is not used, because its culling removes parts of geoms.
+MuJoCo provides the poses of the geoms. MuJoCo's own mj_multiRay is not used, because its culling removes parts of
+geoms.
 """
 
 from math import inf, sqrt
@@ -16,10 +17,10 @@ from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
 
 FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
-"""For each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
+"""Hit of each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
 
 VISIBLE_GROUPS: Final = (0, 1, 2)
-"""Geom groups that are drawn. Other groups are used only by the simulation."""
+"""Geom groups that are drawn. Geoms in other groups are used only by the simulation."""
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
 SPHERE: Final = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 ELLIPSOID: Final = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -28,7 +29,7 @@ CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 MESH: Final = int(mujoco.mjtGeom.mjGEOM_MESH)
 DRAWN: Final = (PLANE, SPHERE, ELLIPSOID, BOX, CYLINDER, MESH)
 WALL: Final = -1
-"""Face of a hit on a cylinder's round wall. Other faces are named by the axis normal to them."""
+"""Face of a hit on a cylinder's round wall. Other faces are identified by the axis that is normal to them."""
 
 
 def visible(model: Any) -> Any:
@@ -37,12 +38,12 @@ def visible(model: Any) -> Any:
 
 
 def no_hits(count: int) -> Hits:
-    """Return the hits of ``count`` rays in an empty scene."""
+    """Return an array for the hits of ``count`` rays, without any hits."""
     return np.full(count, -1), np.full(count, np.inf), np.zeros((count, 3))
 
 
 def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any, so_far: Hits | None = None) -> Hits:
-    """Return the first hit of each ray on one of ``geoms``, unless ``so_far`` has a nearer one.
+    """Return the first hit of each ray on one of ``geoms``, or the hit in ``so_far`` if that one is nearer.
 
     Raises ValueError if a geom's shape cannot be drawn.
     """
@@ -76,10 +77,10 @@ def _cast_one(
     number: int, plane: bool, half: FloatArray, radius: float, axes: FloatArray, away: FloatArray, origin: FloatArray,
     beside: float, rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Store the rays that hit one geom first.
+    """Store the rays whose first hit is on one geom.
 
-    ``origin`` is the start of the rays in the geom's frame, and ``away`` the vector from there to the geom's middle.
-    Rays with a component of less than ``beside`` along ``away`` miss its bounding sphere.
+    ``origin`` is the start of the rays in the geom's frame, and ``away`` is the vector from there to the geom's center.
+    Rays with a component of less than ``beside`` along ``away`` miss the bounding sphere of the geom.
     """
     x, y, z = away
     ray = np.empty(3)
@@ -102,16 +103,16 @@ def _cast_one(
 
 @compiled
 def _on_plane(origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Return distance (infinite for none) and face of the hit, in the plane's frame."""
+    """Return the distance (infinite for no hit) and the face of the hit, in the plane's frame."""
     return (-origin[2] / ray[2] if ray[2] < 0.0 else inf), 2
 
 
 @compiled
 def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Return distance (infinite for none) and face of the first hit, in the solid's frame.
+    """Return the distance (infinite for no hit) and the face of the first hit, in the solid's frame.
 
-    Each solid is convex: an intersection of slabs or, with a ``radius``, of one slab and a round wall. A ray is inside
-    it from the last entry to the first exit.
+    Each solid is convex: an intersection of slabs or, with a ``radius``, of one slab and a cylinder. A ray is inside
+    the solid from its last entry to its first exit.
     """
     enter, leave, face = -inf, inf, WALL
     if radius > 0.0:
@@ -130,7 +131,8 @@ def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArr
 
 @compiled
 def _in_circle(radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, float]:
-    """Return the distances between which a ray is within a circle around the third axis; (inf, -inf) if it never is."""
+    """Return the distances between which a ray is inside a cylinder around the third axis; (inf, -inf) if it never
+    is."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
     b = ray[0] * origin[0] + ray[1] * origin[1]
     c = origin[0] * origin[0] + origin[1] * origin[1] - radius * radius

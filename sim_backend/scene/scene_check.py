@@ -1,7 +1,7 @@
-"""Check that a scene matches the robot description, and that it is complete.
+"""Check that a scene is complete and matches the robot description.
 
-MuJoCo also reads the description, so that two models are compared: the place of each body relative to its parent at
-random poses, and ranges, masses and couplings.
+MuJoCo also reads the description, so that two models can be compared: the pose of each body relative to its parent at
+random joint positions, and the ranges, masses and couplings.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -18,13 +18,13 @@ from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY
 
 NOTHING: Final = 1e-6
-"""Mass of a link that has none in the description, in kg."""
+"""Mass of a link that has no mass in the description, in kg."""
 POSES: Final = 10
 SEED: Final = 1
 APART_M: Final = 1e-4
 APART_RAD: Final = 1e-3
 APART_SHARE: Final = 0.01
-"""Maximum difference of a mass or an inertia, as a share of it."""
+"""Maximum relative difference of a mass or an inertia."""
 NEEDED: Final = {
     "key": (READY,),
     "joint": ("cube",),
@@ -33,11 +33,11 @@ NEEDED: Final = {
     "site": tuple(f"bin_{name}_inside" for name in BINS),
     "cam": ("overview",),
 }
-"""Names that the cell of the pick-and-place job and its pictures need, by kind."""
+"""Names that the pick-and-place cell and its pictures require, by kind."""
 
 
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
-    """Return everything that is wrong with a scene.
+    """Return all mistakes of a scene.
 
     Args:
         scene: The MuJoCo file.
@@ -46,7 +46,7 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
         cell: Whether the scene must have the cell of the pick-and-place job.
 
     Returns:
-        One sentence per mistake. Mistakes of the file itself begin with its path.
+        One sentence per mistake. Mistakes in the file itself begin with its path.
     """
     try:
         model: Any = scene_model(scene)
@@ -65,10 +65,10 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
 
 
 def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> None:
-    """Check that a world can be built from a scene. ``driven`` are the joints that have servos.
+    """Check that a world can be built from a scene. ``driven`` contains the joints that have servos.
 
-    A scene with any part of the cell of the pick-and-place job needs all of it, as does any scene with ``cell``. Raises
-    ArmFileError with everything that the world needs and the scene lacks.
+    A scene that has any part of the pick-and-place cell, or for which ``cell`` is set, must have all parts. Raises
+    ArmFileError with all parts that the world needs and the scene lacks.
     """
     model: Any = scene_model(scene)
     if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
@@ -85,7 +85,8 @@ def described_model(urdf_xml: str) -> Any:
     for link in robot.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    # Nothing is joined or corrected. Only missing masses are added, so that they do not hide other mistakes.
+    # No bodies are merged, and no values are corrected. Only missing masses are added, so that they do not hide other
+    # mistakes.
     bounds = {"boundmass": str(NOTHING), "boundinertia": str(NOTHING**2)}
     as_it_is = {"fusestatic": "false", "balanceinertia": "false", **bounds}
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", as_it_is)
@@ -119,7 +120,8 @@ def _missing(model: Any, driven: Sequence[str], cell: bool) -> Iterator[str]:
 
 
 def _joints(model: Any, described: Any) -> Iterator[str]:
-    """Yield joints that are missing or have another range, and couplings that differ from the description's mimics."""
+    """Yield joints that are missing or have different ranges, and couplings that differ from the mimics of the
+    description."""
     there = names(model, "joint")
     for name in names(described, "joint"):
         if name not in there:
@@ -141,7 +143,7 @@ def _joints(model: Any, described: Any) -> Iterator[str]:
 
 
 def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return offset and multiplier by follower and leader."""
+    """Return the offset and the multiplier of each coupling, by follower and leader."""
     rows = [i for i in range(model.neq) if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[i] >= 0]
     return {
         (model.joint(model.eq_obj1id[i]).name, model.joint(model.eq_obj2id[i]).name): tuple(
@@ -161,7 +163,7 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
             continue
         here, wanted = model.body(name), described.body(name)
         if name == root or not wanted.jntnum[0] or wanted.mass[0] <= NOTHING:
-            continue  # MuJoCo may have joined a fixed body to the body that it is fixed to.
+            continue  # MuJoCo may have merged a fixed body into the body to which it is fixed.
         if abs(here.mass[0] - wanted.mass[0]) > APART_SHARE * wanted.mass[0]:
             yield f"{name} weighs {here.mass[0]:g} kg here and {wanted.mass[0]:g} kg in the URDF"
         if np.abs(here.ipos - wanted.ipos).max() > APART_M:
@@ -173,7 +175,8 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
 
 
 def _places(model: Any, described: Any) -> Iterator[str]:
-    """Yield moving links whose place relative to their parent link differs from the description at one of the poses."""
+    """Yield the moving links whose pose relative to the parent link differs from the description at one of the joint
+    positions."""
     common = [name for name in names(described, "joint") if name in names(model, "joint")]
     links = [_link(described, name) for name in common]
     links = [(link, before) for link, before in links if {link, before} <= set(names(model, "body"))]
@@ -191,7 +194,7 @@ def _places(model: Any, described: Any) -> Iterator[str]:
 
 
 def _link(model: Any, joint: str) -> tuple[str, str]:
-    """Return the names of the body that a joint moves and of its parent."""
+    """Return the name of the body that a joint moves, and the name of its parent."""
     body = model.joint(joint).bodyid[0]
     return model.body(body).name, model.body(model.body_parentid[body]).name
 
@@ -205,7 +208,7 @@ def _posed(model: Any, pose: dict[str, float]) -> Any:
 
 
 def _apart(one: Any, other: Any, link: str, before: str) -> tuple[float, float]:
-    """Return the distance (m, rad) between the places of a link in two models, relative to its parent link."""
+    """Return the difference (m, rad) between the poses of a link, relative to its parent link, in two models."""
     (place, turn), (other_place, other_turn) = _seen(one, link, before), _seen(other, link, before)
     between = turn.T @ other_turn
     return float(np.linalg.norm(place - other_place)), float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1.0, 1.0)))

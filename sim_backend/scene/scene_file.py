@@ -1,4 +1,4 @@
-"""Read scenes, which are MuJoCo files of users, with limits and with the lines of mistakes."""
+"""Read scenes, which are MuJoCo files written by users. Check their limits, and report mistakes with their lines."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ MOST_COPIES: Final = 10_000
 
 
 def scene_model(path: Path) -> Any:
-    """Return the compiled model of a scene. Raises ArmFileError with every mistake."""
+    """Return the compiled model of a scene. Raises ArmFileError with a list of all mistakes."""
     _check(path)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
@@ -28,7 +28,7 @@ def scene_model(path: Path) -> Any:
 
 
 def scene_spec(path: Path) -> Any:
-    """Return the specification of a scene, which can be changed before it is compiled. Raises ArmFileError."""
+    """Return the specification of a scene, which can be changed before the scene is compiled. Raises ArmFileError."""
     _check(path)
     try:
         return mujoco.MjSpec.from_file(str(path))
@@ -42,7 +42,7 @@ def _refused(path: Path, error: ValueError) -> ArmFileError:
 
 
 def _check(path: Path) -> None:
-    """Check size, encoding and numbers of a scene and of the files that it names. Raises ArmFileError."""
+    """Check the size, encoding and numbers of a scene and of all files to which it refers. Raises ArmFileError."""
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing, and without a scene the arm has no virtual servos: `servoloop arms new NAME "

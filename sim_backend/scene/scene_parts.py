@@ -14,16 +14,16 @@ from hal.text_file import read_xml
 
 INCLUDE: Final = "include"
 MODEL: Final = "model"
-"""Element that attaches another scene. The files of that scene are relative to its own folder."""
+"""Element that attaches another scene. File names in the attached scene are relative to the folder of that scene."""
 FOLDERS: Final = ("assetdir", "meshdir", "texturedir")
-"""Attributes of <compiler> that name folders of files."""
+"""Attributes of <compiler> that contain folders of files."""
 
 
 def scene_parts(path: Path) -> list[Element]:
-    """Read a scene and all scenes that it names, and check the sizes of all other files.
+    """Read a scene and all scenes to which it refers, and check the sizes of all other files.
 
     Returns:
-        The root elements; that of the scene itself is the first.
+        Root elements of all scenes; the first one is that of the scene itself.
 
     Raises:
         ArmFileError: A file is too large, or a scene is not well-formed XML. The message has file, line and remedy.
@@ -32,13 +32,13 @@ def scene_parts(path: Path) -> list[Element]:
 
 
 class _Parts:
-    """Files of one scene that have been read."""
+    """Files of one scene that have already been read."""
 
     def __init__(self) -> None:
         self._read: set[Path] = set()
 
     def read(self, path: Path, home: Path) -> list[Element]:
-        """Read a scene and the scenes that it names. ``home`` is the folder to which file names are relative."""
+        """Read a scene and all scenes to which it refers. ``home`` is the folder to which file names are relative."""
         self._read.add(path.resolve())
         root = _parsed(path)
         homes = list(dict.fromkeys((home, path.parent)))
@@ -51,7 +51,7 @@ class _Parts:
         return roots
 
     def _named(self, element: Element, path: Path, home: Path) -> list[Element]:
-        """Return the scenes of the file that an element names, or none if it has already been read."""
+        """Return the scenes in the file to which an element refers, or none if the file has already been read."""
         if path.resolve() in self._read:
             return []
         try:
@@ -70,7 +70,7 @@ def _parsed(path: Path) -> Element:
 
 
 def _check_sizes(roots: Sequence[Element], homes: Sequence[Path]) -> None:
-    """Check the sizes of the files that other elements name: meshes, textures, height fields and skins."""
+    """Check the sizes of the files to which other elements refer: meshes, textures, height fields and skins."""
     elements = [element for root in roots for element in root.iter() if element.tag not in (INCLUDE, MODEL)]
     compilers = [element for element in elements if element.tag == "compiler"]
     folders = list(dict.fromkeys(["", *(one.attrib[key] for one in compilers for key in FOLDERS if key in one.attrib)]))
@@ -84,14 +84,14 @@ def _check_sizes(roots: Sequence[Element], homes: Sequence[Path]) -> None:
 
 
 def _existing(homes: Sequence[Path], folders: Sequence[str], name: str) -> Iterator[Path]:
-    """Yield the existing files that a name can stand for, with its folders and (for strippath) without them."""
+    """Yield the existing files that a name can refer to, with its folders and (for strippath) without them."""
     names = dict.fromkeys((name, Path(name).name))
     paths = dict.fromkeys(home / folder / one for home, folder, one in product(homes, folders, names))
     yield from (path for path in paths if _is_file(path))
 
 
 def _is_file(path: Path) -> bool:
-    """Whether the path is a file, a device or a pipe. MuJoCo itself reports names without a file."""
+    """Whether the path is a file, a device or a pipe. A name without a file is reported by MuJoCo itself."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Pictures of bodies on a floor, and the pixels of points in them, for labels."""
+"""Pictures of bodies on a floor, with the pixels of points in the picture, for labels."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A picture of shape (height, width, 3) with its camera."""
+    """A picture of shape (height, width, 3), together with its camera."""
 
     picture: Picture
     eye: FloatArray
@@ -55,10 +55,10 @@ def take(
     """Take a picture of ``size`` that shows all solids.
 
     Args:
-        solids: The solids, which stand on a floor below the lowest of them.
+        solids: The solids. They stand on a floor below the lowest solid.
         toward: The direction (3,) from the solids to the camera.
         size: Width and height of the picture, in pixels.
-        filled: Maximum shares of width and height that the solids fill.
+        filled: Maximum share of the width and of the height that the solids fill.
     """
     width, height = size
     spec: Any = mujoco.MjSpec()
@@ -93,7 +93,7 @@ def _add(spec: Any, name: str, solid: Solid) -> FloatArray:
 
 
 def _distance(points: FloatArray, reach: FloatArray) -> float:
-    """Return the distance at which points (n, 3), in camera axes, are all within ``reach`` (2,) per unit of depth."""
+    """Return the distance at which all points (n, 3), in camera axes, are within ``reach`` (2,) per unit of depth."""
     return float((np.abs(points[:, :2]) / reach + points[:, 2:]).max())
 
 

@@ -1,11 +1,12 @@
 """The simulated world in MuJoCo: the arm and, if the scene has them, one cube, its stand and three bins.
 
-The world takes joint efforts and returns joint positions and velocities. It does not model servos, which convert goals
-to efforts, and it has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
-always in the order of `World.joints`, which is that of the scene's actuators; the hand's joint is the last.
+The world takes joint efforts and returns joint positions and velocities. The world does not model servos, which convert
+goals to efforts. It has no wall clock: `step` always advances it by one timestep. The origin of the world frame is the
+base of the arm. Joints are always in the order of `World.joints`, which is the order of the actuators in the scene; the
+joint of the hand is the last one.
 
-A scene needs an actuator with the name of the joint for each driven joint. It can have the keyframes `ready` and
-`rest`, and all parts that `sim_backend.scene.cube_cell` names.
+For each driven joint, a scene needs an actuator with the name of the joint. The scene may have the keyframes `ready`
+and `rest`, and all parts that `sim_backend.scene.cube_cell` lists.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,11 +30,12 @@ from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
 READY: Final = "ready"
-"""Keyframe with the ready pose, an open hand and a cube on the stand. Without it, the scene's own pose is used."""
+"""Keyframe with the ready pose, an open hand and a cube on the stand. Without this keyframe, the initial pose of the
+scene is used."""
 REST: Final = "rest"
-"""Keyframe with the pose in which a limp arm lies. In a scene without it, the arm starts in the ready pose."""
+"""Keyframe with the pose in which a limp arm lies. Without this keyframe, the arm starts in the ready pose."""
 JAMMED_KG_M2: Final = 1e8
-"""Inertia of blocked gears. It allows no noticeable motion, and MuJoCo can still solve the equations."""
+"""Inertia of blocked gears. With this value, no motion is noticeable, and MuJoCo can still solve the equations."""
 
 
 class World:
@@ -54,7 +56,7 @@ class World:
             initial_position: Joint positions in the order of `joints` (rad, m); by default those of `rest` or `ready`.
             spread: Deviations of this arm from the scene.
             backlash: Free travel of joints relative to their motors (rad, m).
-            apples: Seed of the apples that take the place of the cube; None for the cube.
+            apples: Seed of the apples that replace the cube; None for the cube.
         """
         self._gears: JointGears | None = None
         self._built_armature: dict[int, float] = {}
@@ -84,11 +86,11 @@ class World:
         self.ready: FloatArray = first[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
         self._held: FloatArray | None = None
-        """MuJoCo's positions without the cube's while the arm is held; otherwise None."""
+        """MuJoCo's positions, except those of the cube, while the arm is held; otherwise None."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
-        """Look up names once, because `position` and `velocity` are called in every step."""
+        """Look up the indices of all names once, because `position` and `velocity` are called in every step."""
         joints = [self.model.joint(name) for name in self.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
@@ -146,13 +148,13 @@ class World:
         return self.arrays.velocity.take(self._qvel)
 
     def fit_gears(self, gears: Mapping[str, Gears]) -> None:
-        """Apply the inertia and friction of these gears, in joint units. Other joints keep the scene's values."""
+        """Apply the inertia and friction of these gears, in joint units. Other joints keep the values of the scene."""
         if gears:
             dofs = {int(self.model.joint(self._motors.get(name, name)).dofadr[0]): own for name, own in gears.items()}
             self._gears = JointGears(self.model, self.data, dofs, self._gears)
 
     def jam(self, joint: str) -> None:
-        """Block the joint's gears. The joint does not move under any load until ``free``."""
+        """Block the joint's gears. Block a joint: it does not move under any load until ``free`` is called."""
         for dof in self._dofs(joint):
             self._built_armature.setdefault(dof, float(self.model.dof_armature[dof]))
             self.model.dof_armature[dof] = JAMMED_KG_M2
@@ -164,7 +166,7 @@ class World:
             self.model.dof_armature[dof] = self._built_armature.pop(dof)
 
     def _dofs(self, joint: str) -> list[int]:
-        """Return the degrees of freedom of a joint and, if it has backlash, of its motor."""
+        """Return the degree of freedom of a joint and, if the joint has backlash, that of its motor."""
         return [int(self.model.joint(name).dofadr[0]) for name in {joint, self._motors.get(joint, joint)}]
 
     def load(self, joint: str, effort: float) -> None:
@@ -172,7 +174,7 @@ class World:
         self.data.joint(joint).qfrc_applied += effort
 
     def hold_until_driven(self) -> None:
-        """Hold the arm still until an effort acts on it, as a person supports an arm at power-on.
+        """Hold the arm still until an effort acts on it, as a person supports a real arm at power-on.
 
         An arm whose scene has the keyframe `rest` needs no support.
         """
@@ -204,7 +206,7 @@ class World:
         self.advance()
 
     def poses(self) -> dict[str, Pose]:
-        """Return the poses of the objects of the cell by name, or none without a cell."""
+        """Return the poses of the objects of the cell by name; the mapping is empty without a cell."""
         return {} if self.cell is None else self.cell.poses()
 
     def cube_bin(self) -> str | None:
@@ -226,11 +228,11 @@ class World:
 
     @property
     def apple(self) -> Apple | None:
-        """The apple that is on its way, if apples take the place of the cube."""
+        """The apple that is being sorted, if apples replace the cube."""
         return None if self.cell is None else self.cell.apple
 
     def clear_table(self) -> None:
-        """Remove stand, bins and cube, if there are any."""
+        """Remove the stand, the bins and the cube, if they exist."""
         if self.cell is not None:
             self.cell.clear()
 
@@ -245,7 +247,7 @@ class World:
         return everything
 
     def drawn_model(self) -> Any:
-        """Return a model with the same positions for pictures, with the real shapes of links if they exist."""
+        """Return a model with the same positions for pictures, with the real shapes of the links if these exist."""
         spec = with_gaps(self._scene, self._gaps)
         if self._tray is not None:
             replace_cube(spec, self._tray.diameters_mm)
@@ -254,7 +256,7 @@ class World:
         return model
 
     def cube_height_m(self, configuration: FloatArray) -> float:
-        """Return the height of the cube's middle above the table in a `configuration`; 0 without a cube."""
+        """Return the height of the cube's center above the table in a `configuration`; 0 without a cube."""
         return 0.0 if self.cell is None else float(configuration[self.cell.qpos][2])
 
 

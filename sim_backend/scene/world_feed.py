@@ -1,7 +1,7 @@
 """Poses of the virtual arm and its surroundings, as a camera would see them, on a Unix socket next to the bus.
 
-The control stack reaches the arm only over the bus. This feed is for pictures, transforms and tests. Each client gets
-one JSON line per publication, and is disconnected if it does not keep up.
+The control stack reaches the arm only over the bus. This feed serves pictures, transforms and tests. Each client gets
+one JSON line per publication, and is disconnected if it does not keep up with them.
 """
 
 import contextlib
@@ -19,9 +19,11 @@ from drivers.errors import PortBusy, PortError
 
 PERIOD_S: Final = 0.05
 CONNECT_S: Final = 2.0
-"""Maximum time to connect, in seconds. When an emulator that hangs has a full queue, a client would wait forever."""
+"""Maximum time to connect, in seconds. If an emulator hangs and its queue is full, a client would otherwise wait
+forever."""
 SEND_BUFFER_BYTES: Final = 1 << 20
-"""Size of the send buffer, in bytes. It holds publications of about ten seconds for a client that does not read."""
+"""Size of the send buffer, in bytes. The buffer holds the publications of about ten seconds for a client that does not
+read them."""
 
 
 class SeenPose(Protocol):
@@ -45,7 +47,7 @@ class SeenApple(Protocol):
 
 
 class SeenWorld(Protocol):
-    """The part of ``sim_backend.scene.world.World`` that the feed needs."""
+    """The part of ``sim_backend.scene.world.World`` that the feed uses."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
@@ -75,10 +77,10 @@ def snapshot(
 ) -> dict[str, Any]:
     """Return one publication: world time, poses, the cube's bin, joint positions (rad, m), and time lost to stalls.
 
-    A world with apples also publishes seed and diameter of the apple, which has the pose and the bin of the cube.
-    ``trace`` has the motion of the joints since the last publication: pairs of the emulator's clock (s; the same for
-    every process on one machine) and the positions in the order of ``joints``. ``contacts`` has the contacts of the arm
-    in this time, except for those with the cube.
+    A world with apples also publishes seed and diameter of the apple, whose pose and bin are those of the cube.
+    ``trace`` contains the motion of the joints since the last publication: pairs of the emulator's clock (s; the same
+    for every process on one machine) and the positions in the order of ``joints``. ``contacts`` contains the contacts
+    of the arm since the last publication, except for those with the cube.
     """
     apple = world.apple
     return {
@@ -97,10 +99,11 @@ def snapshot(
 
 
 class WorldFeed:
-    """Server of the feed; a context manager. Call ``tick`` in the emulator's loop; it never blocks."""
+    """Server of the feed; a context manager. Call ``tick`` in the loop of the emulator; it never blocks."""
 
     def __init__(self, path: Path) -> None:
-        """Listen at ``path``. Raises PortBusy if another emulator does, and PortError if the path cannot be used."""
+        """Listen at ``path``. Raises PortBusy if another emulator serves the path, and PortError if the path cannot be
+        used."""
         self.path = path
         self._clients: list[socket.socket] = []
         self._next_s = 0.0
@@ -109,7 +112,7 @@ class WorldFeed:
         self._socket = listening(path)
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:
-        """Record the joint positions and the contacts, and publish if it is time."""
+        """Record the joint positions and the contacts, and publish if a publication is due."""
         if self._clients:
             self._trace.append((round(now_s, 6), world.position().round(6).tolist()))
             self._contacts |= world.arm_contacts()
@@ -150,7 +153,8 @@ class WorldFeed:
 
 
 def _sent(client: socket.socket, line: bytes) -> bool:
-    """Send a line and return whether it was sent completely. If not, the client is slow or gone, and is closed."""
+    """Send a line and return whether it was sent completely. If it was not sent completely, the client is slow or has
+    disconnected, and it is closed."""
     with contextlib.suppress(OSError):
         if client.send(line) == len(line):
             return True
@@ -159,7 +163,8 @@ def _sent(client: socket.socket, line: bytes) -> bool:
 
 
 def listening(path: Path) -> socket.socket:
-    """Return a non-blocking socket that listens at ``path``. Raises PortBusy if another emulator does, or PortError."""
+    """Return a non-blocking socket that listens at ``path``. Raises PortBusy if another emulator serves the path, or
+    PortError if the path cannot be used."""
     made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     made.setblocking(False)
     try:
@@ -176,7 +181,7 @@ def listening(path: Path) -> socket.socket:
 
 
 def _remove_remains(path: Path) -> None:
-    """Remove the socket of an emulator that has ended. Leave everything else alone."""
+    """Remove the socket of an emulator that has ended. Files of any other kind are left unchanged."""
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_socket():
@@ -192,7 +197,7 @@ def _remove_remains(path: Path) -> None:
 
 
 class WorldFeedClient:
-    """Reads the latest publication without waiting. ``ended`` is true once the emulator is gone."""
+    """Reads the latest publication without waiting. ``ended`` is True after the emulator has disconnected."""
 
     def __init__(self, path: Path) -> None:
         """Connect to the feed at ``path``. Raises OSError if no emulator serves it, or if the emulator hangs."""

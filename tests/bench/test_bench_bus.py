@@ -106,7 +106,7 @@ def test_servos_with_another_control_table_are_refused(device: str, model: str) 
 def test_more_servos_than_a_packet_holds_are_refused_before_the_run() -> None:
     with (
         simulator("1-32") as device,
-        pytest.raises(DriverError, match="32 goals do not fit into a packet of at most 31"),
+        pytest.raises(DriverError, match="32 goals do not fit into a packet, which holds at most 31"),
     ):
         bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10, hold=True)
 

@@ -157,7 +157,7 @@ def test_unsupported_fast_reads_are_logged_once_and_not_repeated(
             assert right(line.cycle())
     assert line.codes().count(Code.FAST_SYNC_READ) == 1
     assert [record.message for record in caplog.records] == [
-        "line: not every servo supports fast sync reads: using plain sync reads"
+        "line: using plain sync reads, because not every servo supports fast sync reads"
     ]
     assert all((a.replies, a.silent, a.corrupt, a.late) == (6, 0, 0, 0) for a in line.bus.counters.servos.values())
 

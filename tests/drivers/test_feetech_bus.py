@@ -152,7 +152,7 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
 
 def test_more_goals_than_a_packet_holds_are_refused() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="32 goals do not fit into a packet of at most 31"):
+    with pytest.raises(ValueError, match="32 goals do not fit into a packet, which holds at most 31"):
         bus.write_goals({i: ServoGoal(0) for i in range(1, 33)})
     assert port.sent == []
 

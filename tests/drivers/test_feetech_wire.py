@@ -79,7 +79,7 @@ def test_more_goals_than_the_length_field_allows_are_refused(size: int) -> None:
     most = (255 - 4) // (size + 1)
     assert wire.sync_write(0x2A, size, bytes(size + 1) * most)[3] == most * (size + 1) + 4
     with pytest.raises(
-        ValueError, match=f"^{most + 1} goals do not fit into a packet of at most {most}: use another port as well$"
+        ValueError, match=f"^{most + 1} goals do not fit into a packet, which holds at most {most}: connect some"
     ):
         wire.sync_write(0x2A, size, bytes(size + 1) * (most + 1))
 

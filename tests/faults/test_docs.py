@@ -120,7 +120,7 @@ def test_errors_name_the_missing_emulator_and_the_wrong_faults(tmp_path: Path) -
 
 
 def test_the_table_of_problems_names_existing_kinds() -> None:
-    section = (DOCS / PAGE).read_text().partition("## Problems of owners")[2].partition("\n\n## ")[0]
+    section = (DOCS / PAGE).read_text().partition("## Reported problems")[2].partition("\n\n## ")[0]
     named = [
         text
         for text in re.findall(r"`([a-z_]+(?: [a-z_]+=\S*)?)`", section)

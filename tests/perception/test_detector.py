@@ -79,7 +79,7 @@ def test_a_corrupt_file_is_one_sentence(tmp_path: Path, scene) -> None:
     with pytest.raises(DetectorError, match=r"m.onnx is not an ONNX model that can run: ") as error:
         OnnxGrader(tmp_path / "m.onnx", CLASSES, scene[0])
     assert "\n" not in str(error.value)
-    with pytest.raises(DetectorError, match=r"there is no model .*n.onnx"):
+    with pytest.raises(DetectorError, match=r"model .*n.onnx does not exist"):
         OnnxGrader(tmp_path / "n.onnx", CLASSES, scene[0])
 
 

@@ -60,6 +60,20 @@ def test_a_yellow_apple_on_a_table_of_wood_is_sound(known: bool) -> None:
     assert found.defect_score < 0.02 and found.red_ratio < 0.02
 
 
+@pytest.mark.parametrize("table", [(0.045, 0.045, 0.05), (0.06, 0.10, 0.26)])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_table_does_not_change_the_size_or_the_defects(table: tuple[float, float, float], seed: int) -> None:
+    """In a blurred picture, a bright apple on a dark or blue table is surrounded by a colored rim."""
+    apples = painted.random_apples(np.random.default_rng(seed), 3, gap_m=0.02)
+    picture, truth = painted.paint(painted.view(), apples, painted.Lamp(lamp=0.8), seed, np.array(table))
+    found = Grader(painted.view(), GradingSettings(table_rgb=table)).grade(picture)
+    assert len(found) == len(truth)
+    for real in truth:
+        apple = min(found, key=lambda one: float(np.linalg.norm(one.position_m - real.position_m)))
+        assert abs(apple.diameter_mm - real.diameter_mm) < 1.5
+        assert abs(apple.defect_score - real.defect_score) < 0.03
+
+
 def test_the_shadow_of_another_apple_is_not_a_defect(grader: Grader) -> None:
     lamp = painted.Lamp(lamp=0.8, ambient=0.3, direction=painted.unit(np.array([0.0, 1.0, 0.8])))
     apples = [

@@ -179,7 +179,7 @@ def test_a_folder_of_pictures_plays_in_order_and_ends(tmp_path: Path) -> None:
     first, second = source.read(1.0), source.read(1.0)
     assert (first.rgb[0, 0, 0], second.rgb[0, 0, 0]) == (10, 20) and second.number == 2
     assert second.stamp_s - first.stamp_s == pytest.approx(0.1, abs=0.05)
-    with pytest.raises(SourceEnded, match="has no further picture after 2"):
+    with pytest.raises(SourceEnded, match="has no more pictures after picture 2"):
         source.read(1.0)
 
 

@@ -67,7 +67,7 @@ def test_a_point_of_a_link_is_brought_to_a_position() -> None:
 def test_goal_in_contact_names_the_link_and_the_object() -> None:
     wall = SceneObject("wall", ((Box(0.1, 0.1, 0.4), Pose()),), Pose(np.array([0.25, 0.0, 0.25])))
     goal = ToolGoal(goal_at(READY, "gripper_base_link"), "gripper_base_link")
-    with pytest.raises(PlanningError, match=r"there is a contact, such as (\w+ touches wall|wall touches \w+)"):
+    with pytest.raises(PlanningError, match=r"is in contact, for example (\w+ touches wall|wall touches \w+)"):
         ROBOT.group("arm").plan(request({**READY, "joint1": 1.5}, goal, scene=SCENE.with_object(wall)))
 
 

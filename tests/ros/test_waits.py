@@ -128,7 +128,7 @@ def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess)
     hanging.process.send_signal(signal.SIGINT)
     hanging.process.send_signal(signal.SIGTERM)
     assert hanging.process.wait(20.0) in AT_ONCE
-    assert "a second signal: ended at once: servos under torque hold their last goal" in hanging.words
+    assert "ended at once by a second signal: servos under torque hold their last goal" in hanging.words
 
 
 def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:

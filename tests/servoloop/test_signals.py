@@ -60,7 +60,7 @@ def test_the_second_signal_ends_a_program_that_is_blocked_outside_python(numbers
         process.send_signal(numbers[0])
         assert process.stdout is not None and process.stdout.readline() == b"one\n"
         status, _, words = send(process, numbers[1])
-        assert (status, words) == (128 + numbers[1], "servoloop: a second signal: ended at once: it holds\n")
+        assert (status, words) == (128 + numbers[1], "servoloop: ended at once by a second signal: it holds\n")
 
 
 def test_the_second_signal_leaves_time_for_a_clean_end() -> None:

@@ -1,1 +1,1 @@
-"""Parts of MoveIt's messages as objects of planning/, and back. No function here communicates."""
+"""Conversions between MoveIt's messages and objects of planning/. No function in this package communicates over ROS."""

@@ -1,4 +1,4 @@
-"""The allowed collision matrix: which links and objects may touch, as messages and as pairs."""
+"""The allowed collision matrix: pairs of links and objects that may touch, as messages and as pairs of names."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ from planning.arm_model import Pair, pair
 
 @dataclass(frozen=True, slots=True)
 class AllowedCollisions:
-    """Whether links and objects may touch: for single pairs, and for names with all others."""
+    """Whether links and objects may touch: for single pairs, and for one name with all other names."""
 
     pairs: Mapping[Pair, bool] = field(default_factory=dict)
     defaults: Mapping[str, bool] = field(default_factory=dict)
 
     @classmethod
     def from_message(cls, message: AllowedCollisionMatrix) -> "AllowedCollisions":
-        """Read a message. Raises RequestError if its matrix is not square."""
+        """Read a message. Raises RequestError if the matrix of the message is not square."""
         names, rows = message.entry_names, message.entry_values
         defaults, values = message.default_entry_names, message.default_entry_values
         if len(names) != len(rows) or any(len(row.enabled) != len(names) for row in rows):
@@ -39,7 +39,7 @@ class AllowedCollisions:
         return cls(pairs, dict(zip(defaults, map(bool, values), strict=True)))
 
     def message(self, names: Iterable[str]) -> AllowedCollisionMatrix:
-        """Return the message. Its matrix has these names, and those of the pairs."""
+        """Return the message. The matrix contains these names and the names of the pairs."""
         known = sorted({*names, *(name for one in self.pairs for name in one)})
         rows = [
             AllowedCollisionEntry(enabled=[self.pairs.get(pair(one, other), False) for other in known]) for one in known
@@ -52,7 +52,7 @@ class AllowedCollisions:
         )
 
     def touching(self, names: Iterable[str]) -> frozenset[Pair]:
-        """Return the pairs of these names that may touch."""
+        """Return all pairs of these names that may touch."""
         return frozenset(pair(*one) for one in combinations(sorted(set(names)), 2) if self._may_touch(*one))
 
     def _may_touch(self, one: str, other: str) -> bool:

@@ -1,4 +1,4 @@
-"""Constraints of requests as goals and as path constraints."""
+"""Convert the constraints of requests to goals and path constraints."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -22,20 +22,20 @@ from planning.robot import PlanningRobot
 from planning.scene import Pose
 
 FREE_RAD: Final = math.pi
-"""Tolerance from which on an orientation is free, in rad."""
+"""Tolerance from which on an orientation counts as free, in rad."""
 ANYWHERE_M: Final = 900.0
-"""Radius of the region of positions for constraints without a position, in m."""
+"""Radius of the region of positions if a constraint has no position, in m."""
 SMALLEST_M: Final = 1e-4
-"""Radius or length that stands for 0 in a region of positions, in m."""
+"""Radius or length that replaces 0 in a region of positions, in m."""
 SMALLEST_RAD: Final = 1e-3
-"""Tolerance that stands for 0 in an orientation, in rad."""
+"""Tolerance that replaces 0 in an orientation, in rad."""
 
 Region = tuple[Pose, PositionSphere | PositionBox]
 """Center of a region of positions in the planning frame, and the region."""
 
 
 class ConstraintReader:
-    """Reads constraints. Poses are converted with the frames of one state."""
+    """Reads constraints. Poses are converted with the frames in one state of the robot."""
 
     def __init__(self, robot: PlanningRobot, frames: Frames, tip: str | None) -> None:
         self._robot = robot
@@ -43,10 +43,10 @@ class ConstraintReader:
         self._tip = tip
 
     def goals(self, message: Constraints) -> list[Goal]:
-        """Return the goals of which one satisfies the constraints.
+        """Return goals such that each of them satisfies the constraints.
 
         Raises:
-            RequestError, PlanningError: The constraints are invalid, or of a kind that cannot be planned for.
+            RequestError, PlanningError: The constraints are invalid, or of a kind that the planner does not support.
         """
         _check_kind(message)
         if not message.joint_constraints:
@@ -72,23 +72,24 @@ class ConstraintReader:
         return PathConstraints(ranges, regions)
 
     def pose_goal(self, message: PoseStamped, link: str, position_m: float, turn_rad: float) -> ToolGoal:
-        """Return the goal that brings a link to a pose within tolerances. Raises RequestError or PlanningError."""
+        """Return the goal that moves a link to a pose within tolerances. Raises RequestError or PlanningError."""
         pose = self._frames.in_base(message.header.frame_id) @ self.goal_pose(message.pose)
         name, (placed,) = self.planned_link(link or None, [pose])
         return ToolGoal(PoseGoal(tool_pose(placed), PositionSphere(position_m), (turn_rad,) * 3), name)
 
     def goal_pose(self, message: PoseMessage) -> Pose:
-        """Return the pose of a goal. Raises RequestError if it is not finite or its quaternion is not of length 1."""
+        """Return the pose of a goal. Raises RequestError if the pose is not finite or its quaternion is not of length
+        1."""
         return _goal_pose(message)
 
     def planned_link(self, name: str | None, poses: Sequence[Pose]) -> tuple[str | None, list[Pose]]:
-        """Return the link to plan for, and its poses that bring a link of the URDF to given poses.
+        """Return the link to plan for, and the poses of this link that bring a link of the URDF to given poses.
 
         Raises:
             RequestError: The link does not exist.
         """
         point = link_point(self._robot, name) if name is not None else None
-        if point is not None:  # a frame that is fixed to the link that is planned for
+        if point is not None:  # A frame that is fixed to the link for which the planner plans.
             return point.link, [pose @ point.pose.inverse() for pose in poses]
         if name is not None and name not in self._robot.links:
             known = ", ".join(self._robot.links)
@@ -106,7 +107,7 @@ class ConstraintReader:
             if joint is None or (name not in self._robot.limits and joint.mimic is None):
                 raise _invalid(f'there is no joint "{name}": choose one of {", ".join(self._robot.limits)}')
             if joint.mimic is not None and name not in self._robot.limits:
-                continue  # it follows another joint of the goal
+                continue  # This joint follows another joint of the goal.
             for what, value in (("tolerance_below", one.tolerance_below), ("tolerance_above", one.tolerance_above)):
                 if not 0.0 <= value < math.inf:
                     raise _invalid(f"{what} of {name} is {value}: send a finite number, 0 or more")
@@ -208,7 +209,8 @@ def _quaternion(pose: Pose) -> tuple[float, float, float, float]:
 
 
 def _tolerance(value: float, smallest: float) -> float:
-    """Return a size of which 0 stands for the smallest one. Raises RequestError if it is negative or not finite."""
+    """Return a size, or the smallest allowed size instead of 0. Raises RequestError if the size is negative or not
+    finite."""
     if not 0.0 <= value < math.inf:
         raise _invalid(f"a tolerance of the goal is {value}: send a finite number, 0 or more")
     return max(float(value), smallest)

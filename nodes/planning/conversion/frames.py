@@ -1,4 +1,4 @@
-"""Poses of the frames that requests name: links, objects and their subframes."""
+"""Poses of the frames that requests refer to: links, objects and their subframes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from planning.scene import Pose, Scene
 
 @dataclass(frozen=True, slots=True)
 class LinkPoint:
-    """A link of the URDF as a frame that is fixed to a link of the planning model."""
+    """A link of the URDF, as a frame that is fixed to a link of the planning model."""
 
     link: str
     pose: Pose
@@ -25,7 +25,8 @@ class LinkPoint:
 
 
 class Frames:
-    """Frames of a robot in one state with the objects around it. If the state is not known, only fixed frames exist."""
+    """Frames of a robot in one state, with the objects around the robot. If the state is not known, only fixed frames
+    are available."""
 
     def __init__(
         self,
@@ -40,10 +41,10 @@ class Frames:
         self._items = items or {}
 
     def in_scene(self, name: str) -> Pose:
-        """Return the pose of a frame in the world of the scene. An empty name is the planning frame.
+        """Return the pose of a frame in the world of the scene. An empty name means the planning frame.
 
         Raises:
-            RequestError: The frame does not exist. The message lists those that exist.
+            RequestError: The frame does not exist. The message lists the existing frames.
         """
         name = name.removeprefix("/")
         owner, slash, subframe = name.partition("/")
@@ -72,7 +73,8 @@ class Frames:
 
 
 def link_point(robot: PlanningRobot, name: str) -> LinkPoint | None:
-    """Return a link of the URDF that the planning model does not have, relative to one that it has; None otherwise."""
+    """Return the pose of a link that exists only in the URDF, relative to a link of the planning model; None for other
+    links."""
     parents = {joint.child: joint for joint in robot.description.joints.values()}
     pose, link = Pose(), name
     while link not in robot.links:

@@ -1,4 +1,4 @@
-"""Poses as messages and as poses of planning/."""
+"""Conversions between pose messages and poses of planning/."""
 
 import numpy as np
 from geometry_msgs.msg import Point, Quaternion, Vector3
@@ -10,7 +10,8 @@ from planning.scene import Pose
 
 
 def pose_of(message: PoseMessage) -> Pose:
-    """Return the pose of a message. Raises PlanningError if it is not finite or the quaternion is not of length 1."""
+    """Return the pose of a message. Raises PlanningError if the pose is not finite or the quaternion is not of length
+    1."""
     return Pose.from_quaternion(vector_of(message.position), quaternion_of(message.orientation))
 
 
@@ -27,7 +28,7 @@ def point_message(pose: Pose) -> Point:
 
 
 def tool_pose(pose: Pose) -> ToolPose:
-    """Return a pose in the form of goals."""
+    """Return a pose in the form that goals use."""
     return ToolPose(np.array(pose.position_m), quaternions(pose.matrix))
 
 
@@ -42,5 +43,5 @@ def quaternion_of(message: Quaternion) -> tuple[float, float, float, float]:
 
 
 def is_identity(message: PoseMessage) -> bool:
-    """Return whether a pose is the default one."""
+    """Return whether a pose is the default pose of a message."""
     return vector_of(message.position) == (0.0, 0.0, 0.0) and quaternion_of(message.orientation) == (0.0, 0.0, 0.0, 1.0)

@@ -46,7 +46,8 @@ def _add_group(root: ET.Element, robot: PlanningRobot, group: Group) -> None:
 
 
 def _chain_base(robot: PlanningRobot, group: Group, tip: str) -> str:
-    """Return the link from which the joints of a group lead to a tip; empty if the group is not such a chain."""
+    """Return the link at which the chain of a group begins that ends at a tip; empty if the group is not such a
+    chain."""
     if tip not in robot.description.links:
         return ""
     path = path_to(robot.description, tip)

@@ -1,4 +1,4 @@
-"""Shapes of collision objects as messages and as shapes of planning/."""
+"""Conversions between the shapes of collision objects and the shapes of planning/."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from nodes.planning.errors import RequestError
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
 
 PLANE_M: Final = 20.0
-"""Side of the box that stands for a plane, in m."""
+"""Side of the box that replaces a plane, in m."""
 PLANE_DEPTH_M: Final = 0.1
 """Depth of this box below the plane, in m."""
 
@@ -29,11 +29,12 @@ _SOLIDS: Final[Mapping[int, tuple[str, int, Callable[..., Shape]]]] = {
     SolidPrimitive.CYLINDER: ("cylinder", 2, Cylinder),
     SolidPrimitive.CONE: ("cone", 2, Cone),
 }
-"""Name, number of dimensions and type of each solid. The dimensions are in the order of the message."""
+"""Type name, number of dimensions and message type of each solid. The dimensions are in the order in which the message
+has them."""
 
 
 def shapes_of(item: CollisionObject) -> Shapes:
-    """Return the shapes of a collision object. A plane becomes a large box below it.
+    """Return the shapes of a collision object. A plane becomes a large box below the plane.
 
     Raises:
         PlanningError: A pose is invalid.
@@ -54,7 +55,7 @@ def has_shapes(item: CollisionObject) -> bool:
 
 
 def centered(item: CollisionObject) -> CollisionObject:
-    """Return an object whose only shape has the pose of the object, as MoveIt does if the object has no pose."""
+    """Return an object whose only shape takes over the pose of the object, as in MoveIt if the object has no pose."""
     poses = (item.primitive_poses, item.mesh_poses, item.plane_poses)
     if not is_identity(item.pose) or sum(map(len, poses)) != 1:
         return item
@@ -85,7 +86,8 @@ def solid(owner: str, message: SolidPrimitive) -> tuple[Shape, Pose]:
 
 
 def mesh(owner: str, message: MeshMessage) -> tuple[Shape, Pose]:
-    """Return the shape of a mesh. Raises RequestError if it has no triangle, or one of a vertex that does not exist."""
+    """Return the shape of a mesh. Raises RequestError if the mesh has no triangles, or if a triangle refers to a vertex
+    that does not exist."""
     if not message.triangles:
         raise _invalid(f'mesh of object "{owner}" has no triangles: check its file')
     used = sorted({int(index) for triangle in message.triangles for index in triangle.vertex_indices})
@@ -98,7 +100,7 @@ def mesh(owner: str, message: MeshMessage) -> tuple[Shape, Pose]:
 
 
 def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
-    """Return the box below a plane a x + b y + c z + d = 0. Raises RequestError if the plane has no normal."""
+    """Return the box below the plane a x + b y + c z + d = 0. Raises RequestError if the plane has no normal."""
     *normal, offset = map(float, message.coef)
     length = math.hypot(*normal)
     if not math.isfinite(length + offset) or length == 0.0:
@@ -130,7 +132,7 @@ def _posed(
     if len(shapes) < len(poses):
         raise _invalid(f'object "{owner}" has {len(shapes)} {field} and {len(poses)} poses for them: give as many')
     found = []
-    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses can be left out.
+    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses may be omitted.
         converted, own = convert(owner, shape)
         found.append((converted, pose_of(pose) @ own))
     return found
@@ -141,5 +143,5 @@ def _invalid(message: str) -> RequestError:
 
 
 def without_shapes(item: CollisionObject) -> CollisionObject:
-    """Return an object with its name, type and pose only."""
+    """Return an object that contains only its name, type and pose."""
     return CollisionObject(header=item.header, id=item.id, type=item.type, pose=item.pose)

@@ -1,4 +1,4 @@
-"""Trajectories as messages and as timed paths."""
+"""Conversions between trajectory messages and timed paths."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from planning.paths.timing import TimedPath
 
 
 def trajectory_message(motion: Motion, frame: str) -> RobotTrajectory:
-    """Return the message of a motion, whose start has the time 0."""
+    """Return the message of a motion that begins at time 0."""
     path = motion.path
     rows = zip(path.times_s, path.positions, path.velocities, path.accelerations, strict=True)
     points = [
@@ -70,7 +70,7 @@ def checked_points(message: JointTrajectory) -> None:
 
 
 def part(message: JointTrajectory, joints: Sequence[str]) -> JointTrajectory:
-    """Return the part of a trajectory for some of its joints."""
+    """Return the part of a trajectory that concerns some of its joints."""
     columns = [message.joint_names.index(joint) for joint in joints]
 
     def chosen(values: Sequence[float]) -> list[float]:
@@ -89,11 +89,11 @@ def part(message: JointTrajectory, joints: Sequence[str]) -> JointTrajectory:
 
 
 def timed_path(message: JointTrajectory, joints: Sequence[str], start: Sequence[float]) -> TimedPath:
-    """Return a client's trajectory as a path of a group's joints (n).
+    """Convert a client's trajectory to a path of a group's joints (n).
 
     Args:
         message: The trajectory.
-        joints: Joints of the group. Those that the trajectory does not have stay at their start.
+        joints: Joints of the group. Joints that the trajectory does not contain stay at their start positions.
         start: Positions (n,) of the joints at the start, in rad or m.
     """
     times_s = np.array([seconds_of(point.time_from_start) for point in message.points])

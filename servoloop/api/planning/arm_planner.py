@@ -1,4 +1,4 @@
-"""Plans of a running arm, from its measured state."""
+"""Plan motions of a running arm from its measured state."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -13,11 +13,11 @@ from servoloop.api.planning.pose import ArmPose
 from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
 
 MOVED: Final = 0.01
-"""Distance of a joint from the start of a plan above which the plan is refused, as a share of the joint's range."""
+"""Maximum distance of a joint from the start of a plan that is accepted, as a share of the joint's range."""
 
 
 class ArmPlanner:
-    """Plans motions of a running arm around the obstacles of its scene."""
+    """Planner of motions of a running arm around the obstacles of its scene."""
 
     def __init__(self, arm: str, limits: Mapping[str, JointLimits], state: Callable[[], ArmState]) -> None:
         """Read the files of an arm.
@@ -25,11 +25,11 @@ class ArmPlanner:
         Args:
             arm: Name or folder of the arm.
             limits: Limits of the joints by name.
-            state: Returns the newest state of the arm.
+            state: Function that returns the newest state of the arm.
 
         Raises:
             ArmSetupError: The extra ``planning`` is not installed, or the files of the arm are invalid.
-            PlanFailedError: The scene file does not have a joint or the tool.
+            PlanFailedError: The scene file lacks a joint or the tool.
         """
         with plan_errors():
             self._planner = MotionPlanner(arm)
@@ -37,7 +37,7 @@ class ArmPlanner:
         self.scene = ArmScene(self._planner, self.position)
 
     def position(self) -> Mapping[str, float]:
-        """Return the measured positions of all joints. Raises ArmInputError if one is not known."""
+        """Return the measured positions of all joints. Raises ArmInputError if a position is unknown."""
         state = self._state()
         for joint, position in state.position.items():
             if not math.isfinite(position):
@@ -53,7 +53,7 @@ class ArmPlanner:
         return ArmPose(tuple(position_m.tolist()), tuple(quaternion.tolist()), tool=tool)
 
     def plan(self, goal: Mapping[str, float] | ArmPose, speed: float, time_limit_s: float) -> PlannedTrajectory:
-        """Plan a motion from the measured state to a goal, which may have the position of the gripper as it is now."""
+        """Plan a motion from the measured state to a goal. The goal may include the current position of the gripper."""
         start = self.position()
         if not isinstance(goal, ArmPose):
             goal = {j: at for j, at in goal.items() if j in self._planner.joints or not self._is_near(j, at, start[j])}
@@ -64,7 +64,7 @@ class ArmPlanner:
         """Check that the arm is where a planned trajectory begins, and that nothing is in its way now.
 
         Raises:
-            PlanFailedError: The arm has moved since, or an obstacle is in the way.
+            PlanFailedError: The arm has moved since the planning, or an obstacle is in the way.
         """
         if not isinstance(trajectory, PlannedTrajectory):
             return

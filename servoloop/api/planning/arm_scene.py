@@ -36,7 +36,7 @@ class ArmScene:
 
         Args:
             planner: Planner of the arm.
-            position: Returns the measured positions of all joints.
+            position: Function that returns the measured positions of all joints.
         """
         self._planner, self._position = planner, position
 
@@ -112,7 +112,7 @@ class ArmScene:
         self._planner.scene = self._planner.scene.without(name)
 
     def allow(self, one: str, other: str) -> None:
-        """Let two links or objects touch."""
+        """Allow contact between two links or objects."""
         known = (*self.names, *self.attached, *self._planner.links)
         for name in (one, other):
             if name not in known:
@@ -120,7 +120,7 @@ class ArmScene:
         self._planner.scene = self._planner.scene.allow(one, other)
 
     def attach(self, name: str, link: str | None, touch_links: Sequence[str] | None) -> None:
-        """Let an obstacle move with a link from now on."""
+        """Attach an obstacle to a link, so that it moves with the link."""
         robot, scene, state = self._planner.robot, self._planner.scene, self._position()
         if name not in scene.objects:
             raise self._unknown(name)
@@ -132,7 +132,7 @@ class ArmScene:
             self._planner.scene = scene.attach(item, carrier, touching)
 
     def detach(self, name: str) -> None:
-        """Leave an attached object where it is now."""
+        """Detach an object and leave it where it is now."""
         robot, scene = self._planner.robot, self._planner.scene
         with plan_errors():
             if name not in scene.attached:

@@ -23,17 +23,17 @@ from servoloop.extras import require_extras
 from servoloop.motion_planning.robot import arm_group, planning_robot
 
 TIME_LIMIT_S: Final = 5.0
-"""Default for the maximum time of a search, in seconds."""
+"""Default maximum time of a search, in seconds."""
 
 SEARCH: Final = threading.Lock()
-"""Held during a search, because OMPL's random generator is global in the process."""
+"""Lock that is held during a search, because OMPL's random generator is global in the process."""
 
 Positions = Mapping[str, float]
 """Joint positions by joint name, in rad or m."""
 
 
 class MotionPlanner:
-    """Plans motions of one arm. The same seed, scene and request give the same motion.
+    """Planner of motions of one arm. The same seed, scene and request give the same motion.
 
     Obstacles are the objects of the arm's scene file, such as its table, and all objects of ``scene``. The planner
     only computes: ``Arm.follow`` carries out its trajectories.
@@ -44,24 +44,27 @@ class MotionPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            tool: Link or site of the scene file that a pose goal brings to its pose. None: the tip of the arm's group.
+            tool: Link or site of the scene file that is moved to a pose goal. None: the tip of the arm's group.
             seed: Seed of all random numbers, at least 1.
 
         Raises:
             ArmSetupError: The files of the arm are invalid, or the extra ``planning`` is not installed.
-            PlanningError: The scene file does not have a joint or the tool.
+            PlanningError: The scene file lacks a joint or the tool.
         """
         with setup_errors():
             require_extras("motion planning", "planning")
             files = ArmOptions(arm).files()
             self.robot: PlanningRobot = planning_robot(files)
-            """Groups, kinematics and plans of the robot."""
+            """Planning groups, kinematics and planner of the robot."""
             self._group = self.robot.group(arm_group(self.robot, files).name)
         warm_up()
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
         self.scene: Scene = self.robot.scene
-        """Objects and pairs that may touch. Assign a changed copy, for example of ``scene.with_object``."""
+        """Objects, and pairs that may touch.
+
+        To change them, assign a changed copy, for example from ``scene.with_object``.
+        """
         self.joints = self._group.joints
         """Names of the planned joints."""
         self.links = self.robot.links
@@ -71,7 +74,7 @@ class MotionPlanner:
 
     @property
     def tool(self) -> str:
-        """Link or site that a pose goal brings to its pose."""
+        """Link or site that is moved to a pose goal."""
         return self._tool
 
     @property
@@ -87,7 +90,7 @@ class MotionPlanner:
         return pose.position_m, pose.quaternion_xyzw
 
     def clearance(self, positions: Positions) -> Clearance:
-        """Return the smallest distance of the arm to itself and to all objects, and the pair that has it."""
+        """Return the smallest distance of the arm to itself and to all objects, and the pair with this distance."""
         return self._group.clearance(self._state("the positions", positions), self.scene)
 
     def plan(
@@ -98,13 +101,13 @@ class MotionPlanner:
         speed: float = 1.0,
         time_limit_s: float = TIME_LIMIT_S,
     ) -> PlannedTrajectory:
-        """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
+        """Plan a collision-free motion within the limits of velocity, acceleration and jerk.
 
         Args:
             start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
                 for the collision checks.
-            goal: Positions of planned joints, of which the others stay at their start; or a region of tool poses in
-                the frame of the base.
+            goal: Positions of planned joints, or a region of tool poses in the frame of the base. Planned joints
+                without a position keep their start position.
             speed: Share of the limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
@@ -113,7 +116,8 @@ class MotionPlanner:
 
         Raises:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
-            PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
+            PlanningError: The start or the goal is not feasible, or no path was found in time. ``code`` is MoveIt's
+                error code.
         """
         end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
         request = MotionRequest(
@@ -138,7 +142,7 @@ class MotionPlanner:
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints, for those that the trajectory does not move.
+            start: Positions of all joints. They apply to joints that the trajectory does not move.
         """
         positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
@@ -159,7 +163,7 @@ class MotionPlanner:
         return JointGoal(goal)
 
     def _state(self, what: str, positions: Positions) -> dict[str, float]:
-        """Return the state of all driven joints, of which the hand's may be left out. Raises ArmInputError."""
+        """Return the state of all driven joints. The joints of the hand need no position. Raises ArmInputError."""
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
                 f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"

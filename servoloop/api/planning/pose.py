@@ -16,10 +16,12 @@ class ArmPose:
     tolerance_m: float = 0.005
     """Maximum distance from the position, in m."""
     tolerance_rad: float | Sequence[float] = 0.05
-    """Maximum rotation from the orientation, about each axis of the tool or about x, y and z (3,), in rad. From pi on,
-    the rotation about an axis is free, which suits arms with five joints."""
+    """Maximum rotation from the orientation, in rad: one value for all axes of the tool, or values for x, y and z (3,).
+
+    A value of pi or more leaves the rotation about an axis free, which suits arms with five joints.
+    """
     tool: str | None = None
-    """Link or site that is brought to the pose; None: the tool of the arm."""
+    """Link or site that is moved to the pose; None: the tool of the arm."""
 
     def tolerances_rad(self) -> tuple[float, float, float]:
         """Return the tolerance about each axis (3,), in rad."""

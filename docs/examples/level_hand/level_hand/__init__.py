@@ -1,1 +1,1 @@
-"""A controller that keeps what the hand holds level."""
+"""A controller that keeps the hand and the object in it level."""

@@ -8,7 +8,7 @@ from controller.parameters import Parameters
 
 class LevelHandParameters(Parameters):
     wrist: str
-    others: list[str]  # Joints with axes parallel to the wrist's.
+    others: list[str]  # Joints whose axes are parallel to that of the wrist.
 
     def claims(self):
         return (f"{self.wrist}/position",)

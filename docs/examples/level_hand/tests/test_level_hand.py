@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.virtual_arm("so101", controllers=CONTROLLERS), pytest.
 
 @pytest.fixture
 def arm(virtual_arm):
-    """Return an arm that is up and whose hand is level."""
+    """Return an arm that is running, with its hand level."""
     virtual_arm.up()
     virtual_arm.load_controller("level_hand", LevelHand, wrist="wrist_flex", others=["shoulder_lift", "elbow_flex"])
     virtual_arm.switch_controllers(activate=["level_hand"])
