@@ -144,7 +144,9 @@ class SimulatedStack:
     def _made(self, component: HardwareInfo, wire: bool) -> Hardware:
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if not wire:
-            return MujocoHardware(component.name, joints, self.world, self.clock)
+            mujoco = MujocoHardware(component.name, joints, self.world, self.clock)
+            mujoco.outputs = tuple(component.outputs)
+            return mujoco
         names = {joint.bus for joint in joints}
 
         def open_buses() -> dict[str, Bus]:

@@ -21,7 +21,7 @@ from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.servo_compliance import Compliance
 from hal.components.component_set import ComponentSet
 from hal.errors import DescriptionError, HalError
-from hal.hardware import Hardware
+from hal.hardware import Hardware, outputs_of
 from hal.joint import Joint
 from hal.mock_hardware import MockHardware
 from hal.outputs import Outputs
@@ -200,7 +200,7 @@ class _ComponentBuilder:
                 '<param name="robot">'
             )
         if self.world is not None and kind is HardwareKind.MUJOCO:
-            return self.world.hardware(component.name, joints)
+            return self.world.hardware(component, joints)
         names = list(dict.fromkeys(joint.bus for joint in joints))
         carried = compensation(joints, self.files.description)
         outputs = ServoOutputs(component, joints, self.outputs)
@@ -240,6 +240,11 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     except Exception as error:  # a user's module may raise anything when it is imported
         raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
     _check_names(hardware, component)
+    if missing := [name for name in component.outputs if name not in outputs_of(hardware)]:
+        raise PluginError(
+            f"the hardware {plugin} has no output {', '.join(missing)}: remove this <command_interface> from its "
+            f"<ros2_control> block '{component.name}'"
+        )
     return hardware
 
 
@@ -278,11 +283,13 @@ class _World:
         self._world.hold_until_driven()
         self._clock = clock
 
-    def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
+    def hardware(self, component: HardwareInfo, joints: Sequence[Joint]) -> Hardware:
         """Return the component that moves the arm in MuJoCo."""
         from sim_backend.scene.mujoco_hardware import MujocoHardware
 
-        return MujocoHardware(name, joints, self._world, self._clock)
+        made = MujocoHardware(component.name, joints, self._world, self._clock)
+        made.outputs = tuple(component.outputs)
+        return made
 
     def scene(self) -> Mapping[str, Pose]:
         """Return the poses of all objects in the world, by name."""

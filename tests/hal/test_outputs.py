@@ -139,3 +139,12 @@ def test_a_mock_has_every_output_and_reports_it() -> None:
     requested.set("lift/acceleration", 0.5)
     mock.write(JointCommand(np.zeros(1), 0.05))
     assert mock.read().extra == {"tool/vacuum": 1.0, "lift/acceleration": 0.5}
+
+
+def test_an_output_has_no_effect_in_mujoco_but_its_controller_starts(tmp_path: Path) -> None:
+    stack = SimulatedStack(files=with_elements(tmp_path, LED), wire=False)
+    parameters = ForwardParameters(joints=("lamp",), interface_name="led")
+    stack.add_controller(ForwardCommandController.build("lamp", parameters, stack.control_stack.context))
+    stack.up()
+    stack.run(0.2)
+    assert stack.manager.registry.claimed["lamp/led"] == "lamp"
