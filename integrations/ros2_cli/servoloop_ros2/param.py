@@ -34,9 +34,9 @@ def get(node: Node, name: Name) -> None:
     print(f"Value: {list(value) if hasattr(value, 'tolist') else value}")
 
 
-@app.command("set")
+@app.command("set", context_settings={"ignore_unknown_options": True})
 def set_parameter(node: Node, name: Name, value: Annotated[str, typer.Argument(help="New value as YAML.")]) -> None:
-    """Set a parameter."""
+    """Set a parameter. A negative number is a value and not an option."""
     request = SetParameters.Request(parameters=[Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()])
     with session() as found:
         (result,) = found.call(SetParameters, f"{node}/set_parameters", request).results

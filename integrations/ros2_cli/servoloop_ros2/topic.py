@@ -39,8 +39,8 @@ def echo(
     """Print the messages of a topic."""
     with session() as found:
         messages = _subscribed(found, topic, kind)
-        while not found.spin_until(lambda: bool(messages), inf if not once else SERVER_S) or messages:
-            if not messages:
+        while True:
+            if not found.spin_until(lambda: bool(messages), SERVER_S if once else inf):
                 raise Ros2Error(f"no message on {topic} within {SERVER_S:g} s: check whether its program publishes")
             print(f"{as_yaml(messages.pop(0))}---", flush=True)
             if once:
