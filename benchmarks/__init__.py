@@ -1,1 +1,1 @@
-"""Benchmarks of the stack, the bus and the simulation. Tests never print such figures."""
+"""Benchmarks of the stack, the bus and the simulation. Tests print none of the figures that benchmarks measure."""

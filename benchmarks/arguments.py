@@ -11,11 +11,11 @@ from hal.errors import HalError
 
 @contextmanager
 def in_words() -> Iterator[None]:
-    """End a benchmark with one sentence instead of a traceback if its simulator ends or its port fails."""
+    """End a benchmark with one sentence instead of a traceback if its simulator exits or its port fails."""
     try:
         yield
     except (DriverError, HalError, OSError) as error:
-        raise SystemExit(f"the bench ends: {error}") from None
+        raise SystemExit(f"the benchmark ends: {error}") from None
 
 
 def positive(text: str) -> int:
@@ -26,7 +26,7 @@ def positive(text: str) -> int:
 
 
 def free_path(text: str) -> Path:
-    """Parse a path for a new link. A link from an earlier run may still exist there."""
+    """Parse a path for a new link. A link from an earlier run may still exist at the path."""
     path = Path(text)
     if path.exists() and not path.is_symlink():
         raise argparse.ArgumentTypeError(f"{path} exists and is not a link: choose another path")

@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7] [--baud 1000000 ...]``.
 
-The clients take turns in rounds, so that other load on the machine affects all of them. The table shows the median
-round. The last table shows how a silent servo affects the others (``silent_servo``).
+The clients take turns in rounds, so that other load on the machine affects all of them equally. The table shows the
+median round of each client. The last table shows how a silent servo affects the other servos (``silent_servo``).
 """
 
 import argparse
@@ -26,7 +26,7 @@ from benchmarks.silent_servo import show_silent
 from servoloop.stack.processes import on_one_processor
 
 BAUDS = {"feetech": (1_000_000,), "dynamixel": (1_000_000, 3_000_000, 4_000_000)}
-"""Default baud rates of the paced tables."""
+"""Default baud rates of the tables with transmission time."""
 CLIENTS: Mapping[str, Mapping[str, Driver]] = {
     "feetech": feetech.CLIENTS,
     "dynamixel": dynamixel.CLIENTS,
@@ -41,7 +41,7 @@ Round = tuple[float, float, int]
 
 @contextmanager
 def simulator(ids: str, *options: str) -> Iterator[str]:
-    """Run a simulated bus in its own process and yield the path of its line."""
+    """Run a simulated bus in a separate process and yield the path of its line."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         link = str(Path(folder) / "bus")
         with child("-m", "benchmarks.simulator", link, "--ids", ids, *options):
@@ -49,7 +49,7 @@ def simulator(ids: str, *options: str) -> Iterator[str]:
 
 
 def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
-    """Warm up, then run ``cycles`` cycles."""
+    """Warm up, and then run ``cycles`` cycles."""
     for _ in range(WARM_UP):
         cycle()
     gc.collect()
@@ -70,7 +70,7 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
 def compare(make: str, servos: int, cycles: int, rounds: int, baud: int | None = None) -> dict[str, Round]:
     """Return the median round of every client on one simulated bus.
 
-    Transmission takes the time of this baud rate, or no time without it.
+    Bytes take the transmission time of this baud rate; without a baud rate, they take no time.
     """
     ids = list(range(1, servos + 1))
     found: dict[str, list[Round]] = {name: [] for name in CLIENTS[make]}
@@ -96,13 +96,14 @@ def _middle(rounds: list[Round]) -> Round:
 
 
 def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapping[str, float]) -> None:
-    """Print one row per client. The last columns compare its speed with rustypot and with the wire.
+    """Print one row per client. The last columns compare the speed of each client with that of rustypot and with the
+    transmission time.
 
     Args:
         console: Output.
         title: Title of the table.
         found: Median round of each client.
-        on_wire_us: Transmission time of a cycle of each client, in microseconds; empty if it takes no time.
+        on_wire_us: Transmission time of a cycle of each client, in microseconds; empty if transmission takes no time.
     """
     columns = "client", "us a cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
     table = Table(*columns, title=title)

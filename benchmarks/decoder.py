@@ -23,25 +23,26 @@ LONGEST_FRAME = 22
 """Length of the longest frame, a stuffed frame of protocol 2.0, in bytes."""
 SILENCE = bytes(LONGEST_FRAME)
 PROBED = 100
-"""Number of pieces between two probes. A probe consists of silence, a truncated frame and a good frame, byte by
-byte."""
+"""Number of pieces between two probes. A probe consists of silence, a truncated frame and a good frame, which are fed
+byte by byte."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A decoder and the bytes with which it is flooded."""
+    """A decoder, and the bytes with which it is flooded."""
 
     decoder: Callable[[], Decoder]
     frame: Callable[[int, int, bytes], bytes]
     """Encodes a good reply from ID, error and data."""
     stands: Callable[[bytes, Reply], bool]
-    """Whether these bytes contain the reply with a correct checksum, without the code under test."""
+    """Function that returns whether these bytes contain the reply with a valid checksum, without using the code under
+    test."""
     tricky: bytes
-    """Eight bytes that are frequent in frames."""
+    """Eight bytes that occur often in frames."""
 
 
 def stands_in_feetech(seen: bytes, reply: Reply) -> bool:
-    """Whether the bytes contain the only encoding of the reply that the manual allows."""
+    """Return whether the bytes contain the only encoding of the reply that the manual allows."""
     body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
     return b"\xff\xff" + body + bytes((255 - sum(body) % 256,)) in seen
 
@@ -57,7 +58,7 @@ def crc_bit_by_bit(data: bytes) -> int:
 
 
 def stands_in_protocol2(seen: bytes, reply: Reply) -> bool:
-    """Whether one of the packets in these bytes decodes to the reply, however it is stuffed."""
+    """Return whether a packet in these bytes decodes to the reply, regardless of its byte stuffing."""
     head = b"\xff\xff\xfd\x00" + bytes((reply.servo_id,))
     says = bytes((0x55, reply.error)) + reply.data
     at = seen.find(head)
@@ -93,7 +94,7 @@ KINDS = {
 
 
 def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
-    """Return a good reply, a truncated reply (perhaps only its header), a reply with a wrong bit, or a few bytes."""
+    """Return a good reply, a truncated reply (possibly only its header), a reply with a wrong bit, or a few bytes."""
     content = chance.randbytes(chance.choice((DATA_SIZE, DATA_SIZE, DATA_SIZE, 0))).translate(table)
     frame = kind.frame(chance.randrange(253), chance.randrange(256), content)
     match chance.randrange(4):
@@ -108,7 +109,8 @@ def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
 
 
 def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
-    """Return about ``size`` bytes in pieces of random length: random, tricky and built of scraps, in turn."""
+    """Return about ``size`` bytes in pieces of random length: in turn random bytes, bytes that are frequent in frames,
+    and parts of frames."""
     chance = random.Random(seed)
     table = bytes(kind.tricky[i % len(kind.tricky)] for i in range(256))
     scraps = b"".join(scrap(kind, chance, table) for _ in range(20_000))
@@ -125,7 +127,8 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
 
 
 def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
-    """Return the number of accepted frames, and how many of them are not in the stream with a correct checksum."""
+    """Return the number of accepted frames, and the number of those that are not in the stream with a valid
+    checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)
     believed = wrong = 0

@@ -1,7 +1,7 @@
 """Compare the virtual Dynamixels with facts and figures: ``python -m benchmarks.dynamixel_fidelity``.
 
 The program prints how many facts about ranges, errors, modes, profiles and the bus agree (``dynamixel_facts``), and
-names those that do not.
+lists those that do not.
 
 The figures of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected figures
 come from data sheets of ROBOTIS ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
@@ -45,7 +45,7 @@ class Bench:
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
         self.plant.load_nm[:] = [load_nm]
-        # The model whose control table it has
+        # The model whose control table the servo has
         self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.AxMxModel) else model
         self.line = _line(self.plant, model)
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})
@@ -71,7 +71,7 @@ class Bench:
         return begin_rad
 
     def wait(self, seconds: float, held: bool = False) -> None:
-        """Advance the time. A held shaft keeps its angle."""
+        """Advance the time. A shaft that is held keeps its angle."""
         angle = self.plant.angles()
         for _ in range(round(seconds * 1000)):
             if held:
@@ -88,7 +88,7 @@ def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
 
 
 def drives() -> Iterator[Figure]:
-    """Yield the drive at a position error, which shows the P gain."""
+    """Yield the drive at a given position error, which shows the P gain."""
     cases: tuple[tuple[ServoModel, Register, float, float, str], ...] = (
         (X330, x.present_pwm, 885.0, XL330_PER_RAD, "law"),
         (x.XL430_W250, x.present_pwm, 885.0, 640 / 128 / 885 * 4096 / (2.0 * pi), "e-manual"),
@@ -120,7 +120,7 @@ def speeds() -> Iterator[Figure]:
 
 
 def lifts(model: ServoModel, load_nm: float) -> bool:
-    """Whether full drive lifts this load."""
+    """Return whether full drive lifts this load."""
     bench = Bench(model, -load_nm)
     before = bench.start_below(FULL_DRIVE_RAD)
     bench.wait(0.15)
@@ -128,7 +128,7 @@ def lifts(model: ServoModel, load_nm: float) -> bool:
 
 
 def stall_nm(model: ServoModel) -> float:
-    """Return the largest load that full drive lifts, in steps of a hundredth of the data sheet's stall torque."""
+    """Return the largest load that full drive lifts, in steps of a hundredth of the stall torque in the data sheet."""
     lowest, highest = 0.0, 2.0 * model.stall_torque_nm
     while highest - lowest > 0.01 * model.stall_torque_nm:
         middle = (lowest + highest) / 2.0
@@ -146,7 +146,8 @@ def stalls() -> Iterator[Figure]:
 
 
 def sag_counts(load_nm: float, from_counts: int) -> int:
-    """Return the distance of an XL330 from its goal under a load, after it approached from this side."""
+    """Return the distance of an XL330 from its goal under a load, after the servo has approached the goal from this
+    side."""
     bench = Bench(X330, -load_nm)
     goal = bench.read(x.present_position)
     bench.start_below(-from_counts * 2.0 * pi / 4096)
@@ -157,7 +158,7 @@ def sag_counts(load_nm: float, from_counts: int) -> int:
 def sags() -> Iterator[Figure]:
     """Yield the stiffness of an XL330 under a load.
 
-    Gear friction increases it when lowering and reduces it when lifting.
+    Gear friction increases the stiffness when the servo lowers a load, and reduces it when the servo lifts a load.
     """
     motor = IDENTIFIED[X330.name]
     assert motor.gears is not None
@@ -177,7 +178,8 @@ def dynamixels() -> Iterator[Figure]:
 
 
 def main() -> None:
-    """Print how many facts agree, and the facts that do not. The exit status is 1 if there are any."""
+    """Print how many facts agree, and list the facts that do not agree. The exit status is 1 if a fact does not
+    agree."""
     found = facts()
     table = Table("", "agree", title="virtual Dynamixels compared with the facts")
     for group in dict.fromkeys(fact.group for fact in found):

@@ -43,7 +43,7 @@ class DynamixelServos:
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
-        """Make only these servos silent from now on."""
+        """From now on, make only these servos silent."""
         self.silent = silent
         self._kept.clear()
 
@@ -65,7 +65,7 @@ class DynamixelServos:
         address, size = (int.from_bytes(parameters[at : at + 2], "little") for at in (0, 2))
         if code in (wire.SYNC_READ, wire.FAST_SYNC_READ):
             asked = parameters[4:]
-            # Each servo waits for the reply of the servo before it, so a silent servo silences those after it.
+            # Each servo waits for the previous reply, so a silent servo silences the servos after it.
             heard = list(takewhile(lambda i: i in self._tables and i not in self.silent, asked))
             if code == wire.FAST_SYNC_READ:
                 return self._fast(heard, wire.fast_head(len(asked), size), address, size) if heard else b""
@@ -89,7 +89,7 @@ class DynamixelServos:
         return reply
 
     def _shown(self, servo_id: int, address: int, size: int) -> bytes:
-        """Return the registers as a client reads them: each cell has the byte that its pointer selects."""
+        """Return the registers as a client reads them: each indirect cell shows the byte that its pointer selects."""
         table = self._tables[servo_id]
         return bytes(table[self._place(table, at)] for at in range(address, address + size))
 

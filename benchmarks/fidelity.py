@@ -1,8 +1,8 @@
 """Compare the virtual servos with real ones: ``python -m benchmarks.fidelity [--json] [--picture steps.png]``.
 
 All values are measured over the virtual bus, once per millisecond. The expected values are from docs/simulation.md:
-recorded on hardware ("hardware"), calculated from known laws ("law"), or from the reimplemented firmware on a simulated
-shaft ("firmware"). The rows of the STS3215 come first.
+they were recorded on hardware ("hardware"), calculated from known laws ("law"), or obtained from the reimplemented
+firmware on a simulated shaft ("firmware"). The rows of the STS3215 come first.
 """
 
 import argparse
@@ -37,7 +37,7 @@ RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
 
 
 class Bench:
-    """One servo on a shaft. Its line takes no time, so that it can be read every millisecond."""
+    """One servo on a shaft. The bytes on its line take no time, so that the servo can be read every millisecond."""
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
         self.plant = BenchPlant([1], friction_nm=friction_nm, damping_nm_s=damping_nm_s)
@@ -57,7 +57,7 @@ class Bench:
 
     @classmethod
     def at_12_v(cls, load_nm: float = 0.0) -> "Bench":
-        """Return the 12 V version with a load that pulls toward smaller counts."""
+        """Return the 12 V version of the servo with a load that pulls toward smaller counts."""
         return cls(sts.STS3215, load_nm=-load_nm, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=0.03)
 
     def unlimited(self) -> "Bench":
@@ -67,12 +67,12 @@ class Bench:
         return self
 
     def write(self, register: Register, value: int) -> None:
-        """Write one register and wait until the servo has applied it."""
+        """Write one register and wait until the servo has applied the value."""
         self.bus.write(1, register, value)
         self.wait(0.001)
 
     def go(self, position: int, speed_counts_s: int) -> None:
-        """Write a goal with acceleration 0, which our driver never sends."""
+        """Write a goal with an acceleration of 0, which our driver never sends."""
         size = sts.goal_velocity.address + sts.goal_velocity.size - sts.acceleration.address
         goal = pack("<BBHHH", 1, 0, position, 0, speed_counts_s)
         self.port.write(v1.sync_write(sts.acceleration.address, size, goal))
@@ -82,7 +82,7 @@ class Bench:
         return self.bus.read(1, register)
 
     def wait(self, seconds: float) -> None:
-        """Advance the time. A held shaft keeps its angle."""
+        """Advance the time. A shaft that is held keeps its angle."""
         pieces = round(seconds * 1000) if self.held else 1
         for _ in range(pieces):
             if self.held:
@@ -91,7 +91,7 @@ class Bench:
             self.read(sts.present_position)
 
     def trace(self, milliseconds: int) -> list[int]:
-        """Return the position of each millisecond."""
+        """Return the position in each millisecond."""
         positions = []
         for _ in range(milliseconds):
             self.wait(0.001)
@@ -107,7 +107,7 @@ class Bench:
 
 
 def step(size: int) -> list[int]:
-    """Return the positions of a step relative to its start, under the conditions of the recording."""
+    """Return the positions during a step relative to its start, under the conditions of the recording."""
     bench = Bench.recorded()
     start = bench.read(sts.present_position)
     bench.write(sts.goal_position, start + size)
@@ -115,7 +115,7 @@ def step(size: int) -> list[int]:
 
 
 def steps() -> Iterator[Figure]:
-    """Yield the figures of three steps at 7.4 V without load."""
+    """Yield the figures of three steps of the 7.4 V servo without load."""
     curves = {size: step(size) for size in (10, 100, 1024)}
     large, small = curves[1024], curves[100]
     first = next(ms for ms, count in enumerate(large) if count >= 102)
@@ -135,7 +135,7 @@ def steps() -> Iterator[Figure]:
 
 
 def sag() -> Iterator[Figure]:
-    """Yield how far a load pulls the shaft away from its goal."""
+    """Yield the distance by which a load pulls the shaft away from its goal."""
     sags = {}
     for load_nm in (0.5, 1.0):
         bench = Bench.at_12_v(load_nm)
@@ -150,7 +150,7 @@ def sag() -> Iterator[Figure]:
 def behind(
     bench: Bench, path: Callable[[float], float], speed: Callable[[float], float], seconds: float
 ) -> list[float]:
-    """Return the lag of the shaft in counts, for each millisecond, behind a path sent as 50 goals per second."""
+    """Return the lag of the shaft behind a path that is sent as 50 goals per second, in counts for each millisecond."""
     counts = []
     for number in range(round(seconds * 50)):
         begin_s = number / 50
@@ -190,7 +190,7 @@ def streams() -> Iterator[Figure]:
 
 
 def protections() -> Iterator[Figure]:
-    """Yield the duration of a stall at 12 V, and the remaining drive."""
+    """Yield the time until a stall at 12 V is detected, and the remaining drive."""
     for name, limit, register, value in (
         ("stall: overload after", 0, sts.status, 1 << 5),
         ("stall with a limit of 2.0 A: torque off after", 310, sts.torque_enable, 0),
@@ -205,7 +205,7 @@ def protections() -> Iterator[Figure]:
 
 
 def switches() -> Iterator[Figure]:
-    """Yield the effects of a goal and of the torque switch on a limp servo, by default."""
+    """Yield the default effects of a goal and of the torque switch on a limp servo."""
     bench = Bench.at_12_v()
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)

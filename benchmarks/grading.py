@@ -28,9 +28,9 @@ from sim_backend.camera.truth import AppleTruth
 from sim_backend.scene.picture import Picture
 
 SAME_M: Final = 0.02
-"""Largest distance between an apple and its result."""
+"""Largest distance between an apple and the result that belongs to it."""
 GRADED_SHARE: Final = 0.75
-"""Visible share of an apple from which it must have a grade. Less visible apples only count as not invented."""
+"""Visible share from which an apple must have a grade. Results for less visible apples only count as not invented."""
 MOST_APPLES: Final = 5
 
 
@@ -39,7 +39,7 @@ class Tally:
     """Results of all pictures."""
 
     grades: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Number of apples by true and by measured grade."""
+    """Number of apples, by true grade and measured grade."""
     errors: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Errors of diameter (mm), red ratio, defect score and position (mm) of each apple."""
     missed: int = 0
@@ -72,7 +72,7 @@ def view_of(camera: PinholeCamera) -> CameraView:
 
 
 def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Picture, list[AppleTruth]]]:
-    """Yield pictures with their truth until they have shown a number of apples."""
+    """Yield pictures with their true values until they have shown a given number of apples."""
     number = seed
     while apples > 0:
         count = min(apples, 3 + number % (MOST_APPLES - 2))

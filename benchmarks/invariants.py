@@ -1,4 +1,4 @@
-"""Measure the cost of the invariants of campaigns: the same runs with all of them and without any."""
+"""Measure the cost of the campaign invariants by running the same schedules with all of them and without any."""
 
 import time
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ SEEDS: Final = 10
 REPEATS: Final = 3
 """Number of repetitions of each run. The shortest one counts."""
 HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
-"""Methods in which an invariant spends its time."""
+"""Methods of an invariant whose time is measured."""
 
 Kinds = tuple[type[Invariant], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class InvariantCost:
-    """Processor time of all runs in seconds, and the share of each invariant in the time of all invariants."""
+    """Processor time of all runs in seconds, and the share of each invariant in the total time of all invariants."""
 
     runs: int
     with_all_s: float
@@ -46,8 +46,8 @@ def default_scenario() -> Scenario:
 def cost(scenario: Scenario, seeds: int = SEEDS) -> InvariantCost:
     """Measure the runs of the first seeds of a scenario.
 
-    Each run is done with all invariants and without any, in direct succession, so that both have the same conditions.
-    The shares are from further runs, because a stopwatch takes time itself.
+    Each run is executed with all invariants and without any, in direct succession, so that the conditions are the same.
+    The shares are measured in separate runs, because a stopwatch takes time itself.
     """
     schedules = [schedule_of(scenario, seed) for seed in range(seeds)]
     with quiet():
@@ -74,7 +74,7 @@ def cpu_s(schedule: Schedule, kinds: Kinds) -> float:
 
 
 def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
-    """Return the share of each invariant in the time of all invariants, by name."""
+    """Return the share of each invariant in the total time of all invariants, by name."""
     stopwatch = Stopwatch()
     kinds = tuple(timed(kind, stopwatch) for kind in ALL)
     for schedule in schedules:
@@ -83,6 +83,6 @@ def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
 
 
 def timed(kind: type[Invariant], stopwatch: Stopwatch) -> type[Invariant]:
-    """Return a copy of an invariant whose time the stopwatch counts under the invariant's name."""
+    """Return a copy of an invariant whose time the stopwatch measures under the invariant's name."""
     own = [hook for hook in HOOKS if hook == "__init__" or getattr(kind, hook) is not getattr(Invariant, hook)]
     return type(kind.__name__, (kind,), {hook: stopwatch.timed(kind.name, getattr(kind, hook)) for hook in own})

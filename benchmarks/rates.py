@@ -1,13 +1,15 @@
 """Run seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
 
-The servos answer on a pseudo-terminal at 1 Mbit/s, in their own process. There are three rows for each rate:
+The servos answer on a pseudo-terminal at 1 Mbit/s, in a separate process. There are three rows for each rate:
 
 - ``servoloop up``: the whole stack as a process, with the shipped controllers, ROS and a subscriber (``--seconds``).
-- Loop alone: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
-- System calls alone: they send the same bytes at the same rate. Cycles that they miss are due to the machine.
+- Only the loop: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
+- Only system calls, which send the same bytes at the same rate. Cycles that this row misses are missed because of the
+  machine.
 
-A value is missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main thread,
-which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and DDS.
+A value counts as missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main
+thread, which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and
+DDS.
 """
 
 import argparse
@@ -91,7 +93,7 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
 
 
 def missed_without_driver(device: str, rate_hz: float, cycles: int) -> int:
-    """Return the number of cycles missed by system calls alone. As in the loop, overdue cycles are skipped."""
+    """Return the number of cycles that system calls alone miss. Overdue cycles are skipped, as in the loop."""
     cycle, close = no_driver(device, two_ports.BAUD, IDS)
     clock, period_s, missed = MonotonicClock(), 1.0 / rate_hz, 0
     due_s = clock.now() + period_s

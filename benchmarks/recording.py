@@ -1,7 +1,7 @@
 """Measure the cost of a recording: ``python -m benchmarks.recording [--json] [--seconds 30]``.
 
-Half a minute of an arm that moves in simulated time is sampled, and then written as the recorder thread does it. Only
-the processor time of both steps counts.
+Half a minute of an arm that moves in simulated time is sampled, and then written as in the recorder thread. Only the
+processor time of these two steps is measured.
 """
 
 import argparse
@@ -24,7 +24,7 @@ BEGIN_S = 3.0
 
 
 class Sampled:
-    """A simulated stack whose cycles are sampled, and the processor time of the sampling in seconds."""
+    """A simulated stack whose cycles are sampled, with the processor time of the sampling in seconds."""
 
     def __init__(self) -> None:
         self.stack = SimulatedStack()
@@ -37,7 +37,7 @@ class Sampled:
         self.stack.up()
 
     def run(self, seconds: float) -> None:
-        """Move back and forth for this duration."""
+        """Move the arm back and forth for this duration."""
         settings = JobSettings()
         self.stack.run(BEGIN_S)
         end_s = self.stack.clock.now() + seconds
@@ -53,14 +53,14 @@ class Sampled:
 
 
 def measure(seconds: float, folder: Path) -> dict[str, float]:
-    """Return the figures of a recording of this duration, by name. The names include the units."""
+    """Return the figures of a recording with this duration, by name. The names of the figures include the units."""
     sampled = Sampled()
     sampled.run(seconds)
     stack, samples = sampled.stack, sampled.samples
     hardware = stack.loop.hardware
     messages = Messages(stack.files.description, hardware.joints, hardware.command_interfaces, 0.0)
     file = RecordingFile(folder / "bench.mcap", messages)
-    file.write(samples[0])  # the schemas, and the values that are computed only once
+    file.write(samples[0])  # the schemas, and values that are computed only once
     file.flush()
     chunk = max(1, round(FLUSH_S / stack.loop.period_s))
     begun_s = process_time()

@@ -1,12 +1,12 @@
 """Measure the cost and the response times of the ROS 2 interface: ``python -m benchmarks.ros [--seconds 600]``.
 
-The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in its own process. This process is its
-only client and has real-time priority if the system grants it, so that its own delays do not count.
+The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in a separate process. This process is its
+only client. It has real-time priority if the system grants it, so that its own delays are not measured.
 
 First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Then goals run one
-after the other for ``--seconds``: the benchmark measures the response time, the start of the motion, and the regularity
-of the stamps of /joint_states. Every third goal is canceled during its motion. The last column has ros2_control's
-figures from another machine with two cores, for comparison.
+after the other for ``--seconds``, and the benchmark measures the response time, the start of the motion, and the
+regularity of the stamps of /joint_states. Every third goal is canceled during its motion. For comparison, the last
+column contains ros2_control's figures from another machine with two cores.
 """
 
 import argparse
@@ -59,18 +59,18 @@ class Figures(Promptness):
 
 
 def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """Return a single-point goal (rad) for the joints of the arm."""
+    """Return a goal (rad) with one point for the joints of the arm."""
     return timing_client.goal_to(JOINTS, position, seconds)
 
 
 @contextmanager
 def stack() -> Iterator[psutil.Process]:
-    """Run ``servoloop up`` on the mock in its own ROS domain, ready for goals."""
+    """Run ``servoloop up`` on the mock in a separate ROS domain, ready for goals."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
         stay_on_this_machine(settings)
         before = {name: os.environ.get(name) for name in settings}
-        os.environ |= settings  # also for the participants of this process
+        os.environ |= settings  # this also applies to the participants in this process
         ready, log = Path(folder) / "ready", Path(folder) / "log"
         command = [sys.executable, "-m", "servoloop", "up", "--hardware", "mock", "--ready-file", str(ready)]
         with log.open("wb") as out:

@@ -1,4 +1,4 @@
-"""Cycles that the servos of a bus lose while one of them is silent, by make and period, in simulated time."""
+"""Cycles that servos of a bus lose while another servo is silent, by make and period, in simulated time."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ MODELS: Final[dict[str, ServoModel]] = {"feetech": sts.STS3215, "dynamixel": x.X
 PERIODS_S: Final = (0.012, 0.02, 0.05)
 SILENT_S: Final = 0.2
 SHARE: Final = 0.8
-"""Share of the period in which the states must be read."""
+"""Share of the period within which the states must be read."""
 
 
 class Cycles:
@@ -48,10 +48,10 @@ class Cycles:
 
 
 def lost_cycles(make: str, servos: int, period_s: float) -> dict[int, int]:
-    """Silence each servo in turn for 0.2 s.
+    """Make each servo in turn silent for 0.2 s.
 
     Returns:
-        Maximum number of cycles that another servo lost, by the ID of the silent servo.
+        Maximum number of cycles that another servo has lost, by the ID of the silent servo.
     """
     lost: dict[int, int] = {}
     for silent in range(1, servos + 1):

@@ -1,9 +1,9 @@
 """Measure the speed of the simulation on one core: ``python -m benchmarks.simulation [--json]``.
 
 There are three measurements: the world alone, the world with the servos of the virtual arm, and the whole stack from
-the controllers to the bytes and the physics. Each figure is the best of several runs, because other load only makes a
-run slower. The first runs of the default campaign, docs/campaign.yaml, follow with all invariants and without any, to
-measure their processor time.
+the controllers to the bytes and the physics. Each figure is the best of several runs, because other load can only slow
+a run down. Then the first runs of the default campaign, docs/campaign.yaml, are executed with all invariants and
+without any, to measure the processor time of the invariants.
 """
 
 import argparse
@@ -35,7 +35,7 @@ SETTLE_S = 1.0
 
 
 def moving(stack: SimulatedStack) -> Callable[[], None]:
-    """Return a function that moves all joints of the arm once, alternately forward and back."""
+    """Return a function that moves all joints of the arm once, forward and back in turn."""
     way = [1]
 
     def move() -> None:
@@ -50,7 +50,7 @@ def moving(stack: SimulatedStack) -> Callable[[], None]:
 
 
 def up(wire: bool) -> SimulatedStack:
-    """Start the arm as ``servoloop simulate`` does, at rest."""
+    """Start the arm at rest, as ``servoloop simulate`` does."""
     stack = SimulatedStack(wire=wire).up()
     stack.run(SETTLE_S)
     return stack
@@ -70,7 +70,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Multiples of real time, and shares of the parts in the time of the whole stack."""
+    """Multiples of real time, and the share of each part in the time of the whole stack."""
 
     world: float
     servos: float
@@ -93,7 +93,7 @@ def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
 
 
 def world_speed(runs: int, steps: int) -> float:
-    """Return the speed of the world alone with the arm in balance.
+    """Return the speed of the world alone, with an arm that is held in balance.
 
     An arm that has sunk onto the cube has more contacts.
     """
@@ -105,7 +105,7 @@ def world_speed(runs: int, steps: int) -> float:
 
 
 def servos_speed(runs: int, steps: int) -> float:
-    """Return the speed of the world with all servos and their supply, holding the arm."""
+    """Return the speed of the world with all servos and their supply, while the servos hold the arm."""
     robot = read_files().robot
     world = World()
     line = virtual_bus(robot, WorldPlant(world, couplings(robot)))
@@ -117,12 +117,12 @@ def servos_speed(runs: int, steps: int) -> float:
 def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
     """Measure all figures.
 
-    A separate run measures the shares of the parts, because a stopwatch takes time itself. The first ``seeds`` runs of
-    ``scenario`` show the cost of the invariants; None is the default scenario.
+    The shares of the parts are measured in a separate run, because a stopwatch takes time itself. The first ``seeds``
+    runs of ``scenario`` show the cost of the invariants; None selects the default scenario.
     """
     stack = up(wire=True)
     move = moving(stack)
-    # Both directions, because one of them has more contacts.
+    # Both directions are measured, because one of them has more contacts.
     stack_s = best_s(move, 2, runs)
     without_s = best_s(moving(up(wire=False)), 2, runs)
     stopwatch = Stopwatch()
@@ -146,7 +146,7 @@ def show(console: Console, figures: Figures) -> None:
     table.add_row("world alone", f"{figures.world:.0f}")
     table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
     table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
-    table.add_row("the same stack on the arm in MuJoCo, without servos and wire", f"{figures.without_a_wire:.0f}")
+    table.add_row("the same stack on the arm in MuJoCo, without servos and bus", f"{figures.without_a_wire:.0f}")
     console.print(table)
     shares = Table("whole stack", "share of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):

@@ -1,7 +1,7 @@
 """A bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
 
-It runs in its own process: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. It has no firmware and
-no physics; ``servoloop emulate`` has both.
+The simulator runs in a separate process: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. The
+simulator has no firmware and no physics; ``servoloop emulate`` has both.
 """
 
 import argparse
@@ -21,11 +21,11 @@ TABLE = bytearray(128)
 TABLE[3:5] = (777).to_bytes(2, "little")
 TABLE[21:23], TABLE[26], TABLE[27], TABLE[85] = bytes((32, 32)), 1, 1, 254  # factory gains
 TABLE[16:18] = (1000).to_bytes(2, "little")  # full torque
-TABLE[48:50] = (999).to_bytes(2, "little")  # torque limit as set by our driver
+TABLE[48:50] = (999).to_bytes(2, "little")  # torque limit that our driver sets
 TABLE[8], TABLE[18] = 1, 12  # every write is acknowledged, speeds are in counts/s
-TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # 2048, -100 counts/s, -2 %, 12.0 V, 33 C
+TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # position 2048, -100 counts/s, -2 %, 12.0 V, 33 C
 GRANULE_S = 0.0003
-"""Duration of the last part of a wait, which is spent in a busy loop because a sleep is less exact."""
+"""Duration of the last part of a wait, which is spent in a busy loop, because a sleep is less exact."""
 
 
 class Servos:
@@ -54,7 +54,7 @@ class Servos:
         return kept
 
     def silence(self, silent: set[int]) -> None:
-        """Make only these servos silent from now on."""
+        """From now on, make only these servos silent."""
         self.silent = silent
         self._kept.clear()
 

@@ -1,10 +1,10 @@
-"""Run the demo's jobs while its processes are stopped repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
+"""Run the jobs of the demo while its processes are stopped repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
 
-The cell is that of ``servoloop demo``: emulator, stack and pick-and-place node, each in its own process. At random
-times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, like stalls of a laptop or a USB hub. There are
-ten jobs for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary
-program without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in
-its bin or a joint has jumped.
+The cell is that of ``servoloop demo``: emulator, stack and pick-and-place node, each in a separate process. At random
+times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, as when a laptop or a USB hub stalls. Ten jobs run
+for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary program
+without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in its bin or
+a joint has jumped.
 """
 
 import argparse
@@ -42,7 +42,8 @@ STALL_S: Final = (0.05, 0.2)
 PAUSE_S: Final = (0.3, 2.0)
 """Shortest and longest time between two stalls, in seconds. A job takes about eleven seconds."""
 STEP_S: Final = 0.05
-"""Time over which the step of a joint is measured, in seconds, or the time between two publications if it is longer."""
+"""Time over which the step of a joint is measured, in seconds; if two publications are further apart, that time is
+used."""
 LARGEST_STEP: Final = 1.15
 """Largest allowed step of a joint, as a multiple of its velocity limit.
 
@@ -96,7 +97,7 @@ class JointSteps:
     """The largest step of any joint of the simulated arm, as a multiple of its velocity limit."""
 
     def __init__(self, feed: Feed, limits: Mapping[str, float]) -> None:
-        """``limits`` are the velocity limits by joint, in rad/s or m/s."""
+        """``limits`` contains the velocity limits by joint, in rad/s or m/s."""
         self.largest = 0.0
         self.joint = ""
         self._feed = feed
@@ -186,7 +187,7 @@ def show(console: Console, outcomes: Sequence[Outcome]) -> None:
 
 
 def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool:
-    """Whether all jobs of all cases sorted their cubes and no joint jumped."""
+    """Whether all jobs in all cases sorted their cubes and no joint jumped."""
     outcomes = []
     for side in sides:
         with tempfile.TemporaryDirectory(prefix="bench-") as folder:
@@ -209,7 +210,7 @@ def main() -> int:
         metavar="LOOPS",
         help="run the demo while this number of busy loops runs, instead of stalls",
     )
-    parser.add_argument("--runs", type=positive, default=5, help="number of demos with busy loops")
+    parser.add_argument("--runs", type=positive, default=5, help="number of demos to run with busy loops")
     arguments = parser.parse_args()
     console = Console(width=120)
     if arguments.busy:

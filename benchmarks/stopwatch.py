@@ -8,18 +8,18 @@ from typing import Any
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds spent in each part, without the time of other parts that it called."""
+    """Seconds spent in each part, excluding the time of other parts that it has called."""
 
     spent_s: dict[str, float] = field(default_factory=dict)
     _inner_s: list[float] = field(default_factory=lambda: [0.0])
 
     def watch(self, part: str, owner: object, *methods: str) -> None:
-        """Count the time of these methods of ``owner`` for this part from now on."""
+        """From now on, count the time of these methods of ``owner`` for this part."""
         for method in methods:
             setattr(owner, method, self.timed(part, getattr(owner, method)))
 
     def timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function with the same result whose time counts for this part."""
+        """Return a function with the same result, whose time is counted for this part."""
         self.spent_s.setdefault(part, 0.0)
 
         def timed(*args: Any, **kwargs: Any) -> Any:

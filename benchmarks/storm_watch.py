@@ -1,4 +1,5 @@
-"""Observers of the storms: a DDS participant that records the stamps of /joint_states and the loop's figures."""
+"""Observer of the stack during a flood of clients: a DDS participant that records the stamps of /joint_states and the
+figures of the loop."""
 
 import os
 import threading
@@ -37,7 +38,7 @@ def participant(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 @dataclass(slots=True)
 class Watch:
-    """Observer that listens to the stack in its own thread."""
+    """Observer that listens to the stack in a separate thread."""
 
     stamps_s: list[float] = field(default_factory=list)
     position: list[float] = field(default_factory=list)

@@ -1,8 +1,8 @@
-"""Measure the loop's timing while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
+"""Measure the timing of the loop while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
 
-The stack runs on the mock in its own process. During each storm, the benchmark records the stamps of /joint_states and
-the number of missed cycles, and compares the positions of the arm before and after. The exit status is 1 if a cycle was
-missed or the arm has moved.
+The stack runs on the mock in a separate process. During each flood ("storm"), the benchmark records the stamps of
+/joint_states and the number of missed cycles, and compares the positions of the arm before and after it. The exit
+status is 1 if a cycle was missed or the arm has moved.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from nodes.ros_process import spin_until_done
 GOALS_PER_S = 100
 CLIENTS = 50
 RESEND_S = 10.0
-"""Timeout before a request is repeated, as in ros2_control's command line. A service's first response may be lost while
-both sides discover each other."""
+"""Timeout after which a request is repeated, as in ros2_control's command line. The first response of a service may be
+lost while the two sides discover each other."""
 MOVED_RAD = 1e-3
 
 
 def goals(seconds: float) -> None:
-    """Send a hundred goals per second, each of which replaces the previous one. The last one returns to the start."""
+    """Send a hundred goals per second, each of which replaces the previous one. The last goal returns to the start."""
     with participant("bench_goals") as (node, executor):
         client = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
         assert client.wait_for_server(PATIENCE_S)
@@ -78,7 +78,7 @@ def killed_client(seconds: float) -> None:
         "    while True: executor.spin_once(timeout_sec=1.0)\n"
     )
     with child("-c", program, says="sent"):
-        time.sleep(0.5)  # It is killed in the middle of its motion.
+        time.sleep(0.5)  # The client is killed in the middle of the motion.
     time.sleep(3.0)
     with participant("bench_home") as (node, executor):
         client = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
@@ -118,7 +118,7 @@ def listing(seconds: float) -> None:
         for client in clients:
             ending.callback(kill, client)
         for client in clients:
-            assert next_line(client) == "ready"  # it has discovered the service
+            assert next_line(client) == "ready"  # the client has discovered the service
         for client in clients:
             assert client.stdin is not None
             client.stdin.write("go\n")
@@ -130,7 +130,7 @@ def listing(seconds: float) -> None:
 def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> None:
     """List controllers repeatedly in one of the listing processes, and print the number of lists.
 
-    It first waits for the service and for a line of input.
+    The process first waits for the service and for a line of input.
     """
     client = node.create_client(ListControllers, "/controller_manager/list_controllers")
     assert client.wait_for_service(PATIENCE_S)
@@ -204,7 +204,8 @@ def run(name: str, seconds: float, watch: Watch) -> tuple[list[float], int, floa
     """Run one storm.
 
     Returns:
-        The stamps in seconds, the number of missed cycles, and the final distance of the arm from its start in rad.
+        The stamps in seconds, the number of missed cycles, and the distance of the arm from its start at the end, in
+        rad.
     """
     watch.wait_for_report()
     first, missed, before = len(watch.stamps_s), watch.missed, list(watch.position)

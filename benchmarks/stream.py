@@ -1,8 +1,10 @@
-"""Latency of streamed targets, from call to bytes: ``python -m benchmarks.stream [--seconds 60] [--rate 50]``.
+"""Measure the latency of streamed targets, from the call to the bytes:
+``python -m benchmarks.stream [--seconds 60] [--rate 50]``.
 
 A stack without ROS runs at 20 Hz with virtual servos in separate processes, and records every byte on the bus. This
 program stands in for a policy: it sends a new target at each step of its rate, as ``Arm.connect().stream()`` does. A
-target is late if it or a newer target is not in the goals on the bus after one cycle, and lost if it never is.
+target counts as late if neither it nor a newer target is in the goals on the bus after one cycle, and as lost if this
+never happens.
 """
 
 import argparse
@@ -29,7 +31,7 @@ from servoloop.recording.reader import stamp_s
 
 JOINT: Final = "joint6"
 STEP_RAD: Final = 4e-4
-"""Difference of two targets. The joint reaches each target within one cycle."""
+"""Difference between two targets. The joint reaches each target within one cycle."""
 TRAFFIC: Final = "/servoloop/bus_traffic"
 GROUP_WRITE: Final = b"\xff\xff\xfe"
 CODE_AT, SYNC_WRITE = 4, 0x83
@@ -40,7 +42,7 @@ AFTER_S: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """Targets of one run, with times in seconds on the clock of this machine's recordings."""
+    """Targets of one run, with times in seconds on the clock that recordings of this machine use."""
 
     targets: FloatArray
     """Targets (k,), in rad."""
@@ -53,7 +55,7 @@ class Streamed:
 
 
 def stream(seconds: int, rate_hz: int) -> Streamed:
-    """Stream targets at a rate to the running stack."""
+    """Stream targets to the running stack at a given rate."""
     clock, count = MonotonicClock(), seconds * rate_hz
     offset_s = wall_offset_s(clock, time.time)
     called, answered = np.empty(count), np.empty(count)
@@ -75,7 +77,7 @@ def stream(seconds: int, rate_hz: int) -> Streamed:
 
 
 def goals_on_the_bus(recording: Path) -> Iterator[tuple[float, float]]:
-    """Yield the time of each group write of goals, in seconds, and the command of the joint in it, in rad."""
+    """Yield the time of each group write of goals, in seconds, and the command of the joint in this write, in rad."""
     decode, commanded = typestore().deserialize_cdr, list[tuple[float, float]]()
     writes = list[float]()
     with recording.open("rb") as file:
@@ -96,7 +98,8 @@ def _is_group_write(data: bytes) -> bool:
 
 
 def latencies_s(streamed: Streamed, goals: Iterator[tuple[float, float]]) -> FloatArray:
-    """Return the time from each call until its target or a newer one is on the bus, (k,) in seconds; NaN if never."""
+    """Return the time from each call until its target or a newer one is on the bus, (k,) in seconds; NaN if this never
+    happens."""
     way = np.sign(streamed.targets[-1] - streamed.targets[0])
     written = np.array([(time_s, way * command) for time_s, command in goals])
     reached = np.maximum.accumulate(written[:, 1])

@@ -1,9 +1,9 @@
-"""Latency below ros2_control: ``python -m benchmarks.topic_host [--seconds 30] [--rate 100]``.
+"""Measure the latency of a stack below ros2_control: ``python -m benchmarks.topic_host [--seconds 30] [--rate 100]``.
 
 ``servoloop topic-host`` runs with virtual servos in a separate process and records every byte on the bus. This process
-stands in for the plug-in JointStateTopicSystem: at each step of the rate, it sends a new command over DDS. The table
-shows the time from a command to its bytes on the bus, and the time from the last byte of a reply to the state message.
-A command is late if it or a newer one is not on the bus after one cycle, and lost if it never is.
+stands in for the plug-in JointStateTopicSystem: at the given rate, it sends new commands over DDS. The table shows the
+time from a command to its bytes on the bus, and the time from the last byte of a reply to the state message. A command
+counts as late if neither it nor a newer command is on the bus after one cycle, and as lost if this never happens.
 """
 
 import argparse
@@ -43,10 +43,10 @@ AFTER_S: Final = 0.5
 
 @contextmanager
 def host(rate_hz: int, recording: Path) -> Iterator[None]:
-    """Run ``servoloop topic-host`` in its own ROS domain, ready for commands."""
+    """Run ``servoloop topic-host`` in a separate ROS domain, ready for commands."""
     settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
     stay_on_this_machine(settings)
-    os.environ |= settings  # also for the node of this process
+    os.environ |= settings  # this also applies to the node of this process
     ready = recording.with_name("ready")
     command = [sys.executable, "-m", "servoloop", "topic-host", "--rate", str(rate_hz), "--record", str(recording)]
     process = subprocess.Popen(
@@ -64,21 +64,22 @@ def host(rate_hz: int, recording: Path) -> Iterator[None]:
 
 
 class Plugin:
-    """The stand-in: it sends commands and notes when states arrive. Times are those of the system clock, in seconds."""
+    """Stand-in for the plug-in that sends commands and records when states arrive. Times are system clock times, in
+    seconds."""
 
     def __init__(self, rate_hz: int) -> None:
         self.period_s = 1.0 / rate_hz
         self.states: list[tuple[float, float]] = []
-        """Stamp of the measurement and time of arrival of each state."""
+        """Stamp and time of arrival of each state."""
         self.newest: JointState | None = None
 
     def on_state(self, message: JointState) -> None:
-        """Note the arrival of a state."""
+        """Record the arrival of a state."""
         self.states.append((stamp_s(message), time.time()))
         self.newest = message
 
     def stream(self, seconds: int) -> Streamed:
-        """Send commands for a time, each one step away from the one before."""
+        """Send commands for some time, each of which is one step away from the previous one."""
         with client_node("benchmark") as (node, executor):
             node.create_subscription(JointState, STATES, self.on_state, qos_profile_sensor_data)
             publisher = node.create_publisher(JointState, COMMANDS, QoSProfile(depth=1))
@@ -120,7 +121,7 @@ def replies_s(recording: Path) -> FloatArray:
 
 
 def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> FloatArray:
-    """Return the time from the last reply of each measurement until its state arrived, (k,) in seconds.
+    """Return the time from the last reply of each measurement to the arrival of its state, (k,) in seconds.
 
     Args:
         states: Stamp and time of arrival of each state, (k, 2) in seconds.
@@ -134,8 +135,10 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
-    parser.add_argument("--seconds", type=positive, default=30, help="duration of the stream")
-    parser.add_argument("--rate", type=positive, default=100, help="commands a second, and cycles a second of the host")
+    parser.add_argument("--seconds", type=positive, default=30, help="duration of the stream of commands")
+    parser.add_argument(
+        "--rate", type=positive, default=100, help="rate of the commands, and of the cycles of the host, in Hz"
+    )
     options = parser.parse_args()
     claim_realtime_priority()
     plugin = Plugin(options.rate)
@@ -147,7 +150,7 @@ def main() -> None:
         to_topic = state_ages_s(np.array(plugin.states), replies_s(recording), streamed.period_s)
     known = to_bytes[np.isfinite(to_bytes)]
     if not known.size:
-        raise SystemExit("the bench ends: no command reached the bus")
+        raise SystemExit("the benchmark ends: no command reached the bus")
     table = Table("", "median, ms", "99 %, ms", "longest, ms", title=f"topic-host at {options.rate} Hz over DDS")
     for name, values in (("command topic to bytes", known), ("bytes to state topic", to_topic)):
         figures = (np.median(values), np.percentile(values, 99.0), values.max())

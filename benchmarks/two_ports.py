@@ -1,9 +1,9 @@
 """Run twelve servos on two ports at 100 cycles per second: ``python -m benchmarks.two_ports [--cycles 1000]``.
 
-The servos answer on two pseudo-terminals at 1 Mbit/s, each in its own process. IDs 1 to 6 are on both. The serial
-ports, buses, hardware component and loop are those of ``servoloop up``. There are two runs: with both ports read at the
-same time, and one port after the other. The exit status is 1 if a cycle was missed with both ports read at the same
-time.
+The servos answer on two pseudo-terminals at 1 Mbit/s, each in a separate process. IDs 1 to 6 are on both. The serial
+ports, buses, hardware component and loop are those of ``servoloop up``. The benchmark consists of two runs: one reads
+both ports at the same time, and the other one reads one port after the other. The exit status is 1 if a cycle was
+missed in the run that reads both ports at the same time.
 """
 
 import argparse
@@ -80,8 +80,8 @@ class Figures:
 def serve(
     link: Path, servo_ids: Sequence[int] = IDS, kind: Callable[[list[int]], simulator.Servos] = simulator.Servos
 ) -> None:
-    """Serve the servos of one port, which ``kind`` makes, in the calling process until the process is ended."""
-    # The servos accept no goals and report the goals of the benchmark, so that torque may be enabled.
+    """Serve the servos of one port, which ``kind`` creates, in the calling process until the process is ended."""
+    # The servos do not move and report the goals of the benchmark, so torque may be enabled.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1

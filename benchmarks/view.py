@@ -1,12 +1,12 @@
 """Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
-The cell is that of ``servoloop demo``: first without a view, then with the page open in the machine's Chromium, which
-draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
+The cell is that of ``servoloop demo``: it first runs without a view, and then with the page open in the machine's
+Chromium, which draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
 
-Two periods are measured during the jobs, as deviations from the configured period: between the starts of two cycles,
-and between two measurements. The latter includes the delays of the kernel and the virtual servos. In 24 jobs, p99.9
-depends on the five worst cycles. ``--rounds 3`` alternates between runs without and with the page, and compares all
-their cycles.
+Two periods are measured during the jobs, as deviations from the configured period: the time between the starts of two
+cycles, and the time between two measurements. The second period includes the delays of the kernel and the virtual
+servos. In 24 jobs, p99.9 depends on the five worst cycles. ``--rounds 3`` alternates between runs without and with the
+page, and compares the cycles of all runs.
 """
 
 import argparse
@@ -40,7 +40,7 @@ QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
 
 @dataclass(slots=True)
 class Outcome:
-    """Jobs of one run, and the regularity of the loop."""
+    """Jobs of one run, with the regularity of the loop."""
 
     view: bool
     jobs: int = 0
@@ -77,10 +77,10 @@ def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
 
 @contextmanager
 def page(address: str) -> Iterator[Callable[[], float]]:
-    """Open the page in a browser and wait until it shows the arm.
+    """Open the page in a browser, and wait until the page shows the arm.
 
     Yields:
-        A function that returns the processor time of the browser since then, in seconds.
+        A function that returns the processor time of the browser since this call, in seconds.
     """
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -117,7 +117,7 @@ def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
 
 
 def show(console: Console, outcomes: list[Outcome]) -> None:
-    """Print one row per run, and the ratios of all runs with the page to all runs without it."""
+    """Print one row per run, and the ratios between all runs with the page and all runs without it."""
     table = Table(
         *("page", "cubes", "cycles", "missed", "latest, ms", "cycles begin, us off", "measured, us off", "browser, s")
     )
@@ -138,7 +138,7 @@ def show(console: Console, outcomes: list[Outcome]) -> None:
 
 
 def _ratio(deviations_s: list[tuple[bool, FloatArray]]) -> str:
-    """Return the p99.9 of all deviations with the page, divided by that of all deviations without it."""
+    """Return the p99.9 of all deviations with the page, divided by the p99.9 of all deviations without it."""
     shown, hidden = (
         np.quantile(np.concatenate([own for view, own in deviations_s if view is wanted]), 0.999)
         for wanted in (True, False)
@@ -150,7 +150,9 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--jobs", type=positive, default=6, help="of each run")
-    parser.add_argument("--rounds", type=positive, default=1, help="of a run without the page and one with it")
+    parser.add_argument(
+        "--rounds", type=positive, default=1, help="number of rounds: a run without the page and one with it"
+    )
     arguments = parser.parse_args()
     console = Console(width=120)
     outcomes = []

@@ -31,13 +31,13 @@ class CalibrationRow:
     """Distance from stop to stop; None if it was never measured."""
     urdf_range: float
     doubt: str
-    """Sentences about implausible values; empty if all values are plausible."""
+    """Warnings about implausible values; empty if all values are plausible."""
 
 
 def import_calibration(
     lerobot: Path, robot: Path, joints: Sequence[Joint], plans: Mapping[str, JointPlan], prefix: str = ""
 ) -> tuple[list[Imported], Path]:
-    """Import LeRobot's calibration for this robot file; return the imported joints and the path of the new file.
+    """Import LeRobot's calibration for this robot file. Return the imported joints and the path of the new file.
 
     Args:
         lerobot: LeRobot's calibration file.
@@ -47,7 +47,7 @@ def import_calibration(
         prefix: Prefix of this arm's joint names in LeRobot's file. Entries without this prefix are ignored.
 
     Raises:
-        CalibrationError: The file has mistakes, all of which are listed. Nothing is written.
+        CalibrationError: The file has mistakes. The message lists all of them, and nothing is written.
     """
     require_offsets(joints)
     file = without_prefix(read_lerobot(lerobot), prefix)
@@ -74,7 +74,7 @@ def export_calibration(lerobot: Path, robot: Path) -> None:
 
 @contextmanager
 def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[str]]) -> Iterator[None]:
-    """Add file and line to mistakes that begin with a joint name; ``known`` is the location of each joint."""
+    """Add file and line to mistakes that begin with a joint name. ``known`` holds the location of each joint."""
     try:
         yield
     except CalibrationError as error:
@@ -86,7 +86,7 @@ def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[
 def built_signs(robot: Path) -> dict[str, int]:
     """Return the sign of each joint in the robot file itself, without the calibration.
 
-    These are the signs of all arms that are built alike.
+    These are the signs of all arms of the same design.
     """
     return {name: joint.sign for name, joint in load(robot, RobotFile, RobotFileError).joints.items()}
 

@@ -1,6 +1,6 @@
 """Measure the drive that a joint needs: move it back and forth at two low speeds.
 
-The difference between the two drives depends only on motor and gear: friction and gravity cancel out.
+The difference between the two drives depends only on the motor and the gear, because friction and gravity cancel out.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,14 @@ from commissioning.slow_arm import SlowArm
 from hal.joint import Joint
 
 STUCK_SHARE: Final = 0.3
-"""Minimum motion of a joint that is neither blocked nor without force, as a share of the commanded motion."""
+"""Minimum motion, as a share of the commanded motion. A joint that moves less is blocked or has no force."""
 BEHIND_RAD: Final = 0.25
 """Following error at which a motion is aborted, rad of the servo's shaft. With the factory gains, a servo drives with
 full force from 0.19 rad on.
 """
 LEAST_DRIVE: Final = 0.04
-"""Minimum drive that can be evaluated, as a share of full drive. The steps between goals hide less drive."""
+"""Minimum drive that can be evaluated, as a share of full drive. A smaller drive is hidden by the steps between goals.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,9 @@ class TrialPace:
     ramp_s: float = 0.1
     """Time at each end of a motion that is ignored because the joint accelerates, in seconds."""
     rest_s: float = 0.8
-    """Time at rest after each motion, in seconds. The joint settles in the first half; only the second is evaluated."""
+    """Time at rest after each motion, in seconds. The joint settles in the first half, and only the second half is
+    evaluated.
+    """
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -62,11 +65,13 @@ class TrialMotion:
     lowest_v: float
     """Lowest voltage during the trial."""
     expected_sag: float = 0.0
-    """Position error expected from gravity and the stiffness of the servo; 0 if one of them is unknown."""
+    """Position error that is expected from gravity and the stiffness of the servo; 0 if gravity or stiffness is
+    unknown.
+    """
 
     @property
     def faster(self) -> float | None:
-        """Speed per drive, as a multiple of the model's; None if the drive is too small to tell."""
+        """Speed per drive, as a multiple of the model's value; None if the drive is too small to evaluate."""
         expected = self.speed / (self.joint.model.no_load_speed_rad_s * self.joint.transmission)
         return expected / self.drive if expected >= LEAST_DRIVE and self.drive > 0.0 else None
 
@@ -91,7 +96,7 @@ class DriveTrial:
     """Trial in which one joint moves back and forth at two speeds."""
 
     def __init__(self, arm: SlowArm, index: int, way: float, pace: TrialPace = TrialPace()) -> None:
-        """Prepare the trial; ``way`` is the signed distance from the current goal, in rad or m."""
+        """Prepare the trial. ``way`` is the signed distance from the current goal, in rad or m."""
         self.way = way
         self._pace = pace
         self._arm, self._index = arm, index
@@ -119,7 +124,7 @@ class DriveTrial:
             self._pull = max(self._pull, 0.5 * (there.drive + back.drive), key=abs)
 
     def _pass(self, target: float, share: float) -> "_Pass | None":
-        """Move at a constant speed and return the means without both ends; None if the joint does not follow."""
+        """Move at a constant speed and return the mean values without both ends; None if the joint does not follow."""
         start, period_s = float(self._arm.command[self._index]), self._arm.period_s
         ramp = round(self._pace.ramp_s / period_s)
         cycles = max(round(abs(target - start) / (share * self._joint.limits.velocity) / period_s), 2 * ramp + 2)
@@ -128,7 +133,7 @@ class DriveTrial:
             self._cycle(start + (target - start) * cycle / cycles)
             place = self._arm.measured(self._index)
             if abs(place - float(self._arm.command[self._index])) > BEHIND_RAD * self._joint.transmission:
-                return None  # Driven any longer, the servo would release its torque to protect itself.
+                return None  # If the servo were driven any longer, it would release its torque to protect itself.
             # Both directions cover the same positions, so gravity cancels out. A silent servo only has old values.
             if ramp < cycle <= cycles - ramp and self._joint.name not in self._arm.state.faults:
                 samples.append(_Sample(cycle * period_s, self._drive(), place))

@@ -6,10 +6,10 @@ from drivers.errors import DriverError
 
 
 class CommissioningError(DriverError):
-    """A tool cannot carry out its task; the message states the remedy."""
+    """A tool cannot carry out its task. The message tells the user what to do."""
 
 
 SMALLEST_BAUD: Final = 1_200
 """Smallest accepted baud rate, below the smallest rate of any servo."""
 LARGEST_BAUD: Final = 12_000_000
-"""Largest accepted baud rate, that of the fastest USB adapters."""
+"""Largest accepted baud rate, which the fastest USB adapters support."""

@@ -1,11 +1,11 @@
 """Convert LeRobot's calibration file (JSON) to servoloop's and back, without loss.
 
-Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. They differ in two
-ways:
+Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. The two formats differ
+in two ways:
 
-- LeRobot's file does not contain the positive direction of the URDF. The robot file has the ``sign`` of all arms that
-  are built alike; ``drive_mode`` 1 means that this servo turns the other way.
-- LeRobot's zero is the pose in which the user pressed Enter, at count 2047. It is not the zero of the URDF: see
+- LeRobot's file does not contain the positive direction of the URDF. The robot file has the ``sign`` of all arms of the
+same design, and ``drive_mode`` 1 means that this servo turns the other way.
+- LeRobot's zero is the pose in which the user pressed Enter, at count 2047. This is not the zero of the URDF: see
   ``commissioning.lerobot_import``.
 """
 
@@ -32,7 +32,7 @@ ITS_ZERO: Final = (
     f"{LEROBOT_ZERO_COUNTS})"
 )
 OLD_KEYS: Final = {"motor_names", "start_pos", "end_pos", "calib_mode"}
-"""Keys of LeRobot's former file format, which has no entry for each joint."""
+"""Keys of LeRobot's previous file format, which has no entry for each joint."""
 
 
 class LerobotJoint(BaseModel):
@@ -75,7 +75,7 @@ def read_lerobot(path: Path) -> LerobotFile:
 def places(path: Path) -> Callable[[Sequence[int | str]], str]:
     """Return a function that maps a location in a JSON file to the file and line, for messages.
 
-    It reads the JSON as YAML. If that fails, it returns the file name only.
+    The function reads the JSON as YAML. If that fails, the function returns only the file name.
     """
     try:
         return compose(path, CalibrationError).place
@@ -84,7 +84,10 @@ def places(path: Path) -> Callable[[Sequence[int | str]], str]:
 
 
 def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
-    """Return the entries whose names begin with a prefix, and remove it. Raises CalibrationError if there are none."""
+    """Return the entries whose names begin with a prefix, without this prefix.
+
+    Raise CalibrationError if there are no such entries.
+    """
     found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
     if not found:
         raise CalibrationError(
@@ -94,7 +97,7 @@ def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
 
 
 def prefix_of(file: LerobotFile, joints: Sequence[str]) -> str:
-    """Return the prefix that all of these joints have in the file; an empty string if there is none."""
+    """Return the prefix that all of these joints have in the file, or an empty string."""
     prefixes = (name.removesuffix(joints[0]) for name in file if name.endswith(joints[0])) if joints else ()
     return next((prefix for prefix in prefixes if all(prefix + joint in file for joint in joints)), "")
 
@@ -105,7 +108,10 @@ def lerobot_text(file: LerobotFile) -> str:
 
 
 def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> LerobotFile:
-    """Convert a calibration to LeRobot's format. Raises CalibrationError listing all that the format cannot hold."""
+    """Convert a calibration to LeRobot's format.
+
+    Raise CalibrationError listing all values that the format cannot hold.
+    """
     file: LerobotFile = {}
     problems: list[str] = []
     for name, ours in calibration.joints.items():
@@ -121,9 +127,9 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
 
 
 def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
-    """Return LeRobot's entry of one joint; None if it has no homing offset that servos accept.
+    """Return LeRobot's entry of one joint, or None if the joint has no homing offset that servos accept.
 
-    ``built`` is the sign of this joint in all arms that are built alike.
+    ``built`` is the sign of this joint in all arms of the same design.
     """
     if ours.homing_offset is None or abs(ours.homing_offset) > LARGEST_OFFSET:
         return None

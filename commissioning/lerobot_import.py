@@ -1,8 +1,8 @@
 """Convert LeRobot's calibration to servoloop's.
 
 The direction of each joint comes from the robot file. LeRobot's zero is not the zero of the URDF, but LeRobot's file
-contains the stops. So the zero is computed from the travel, at the place that the joint's plan names: the middle or a
-stop. LeRobot's zero is used, with a warning, only if this is not possible.
+contains the stops. The zero is therefore computed from the travel, at the reference position in the joint's plan: the
+middle or a stop. LeRobot's zero is used, with a warning, only if this is not possible.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 
 Source = Zero | Literal["lerobot", "kept"]
-"""Source of a zero: the place in the plan, LeRobot's pose, or a previous calibration equal to LeRobot's."""
+"""Source of a zero: the joint's plan, LeRobot's pose, or a previous calibration that equals LeRobot's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Imported:
     made: JointCalibration
     source: Source
     doubt: str
-    """Sentences about implausible values; empty if all values are plausible."""
+    """Warnings about implausible values; empty if all values are plausible."""
 
     @property
     def at_lerobot_zero(self) -> float:
@@ -56,12 +56,13 @@ def from_lerobot(
     Args:
         file: LeRobot's file.
         joints: Joints of the arm.
-        built: Sign of each joint in all arms that are built alike, by name.
+        built: Sign of each joint in all arms of the same design, by name.
         plans: Calibration plan of each joint, by name.
-        former: Previous calibration. Its zero is kept for each joint whose entry in LeRobot's file is equal to it.
+        former: Previous calibration. A joint keeps its zero if its entry in LeRobot's file equals the previous
+            calibration.
 
     Raises:
-        CalibrationError: The file has mistakes, all of which are listed.
+        CalibrationError: The file has mistakes. The message lists all of them.
     """
     require_offsets(joints)
     if prefix := prefix_of(file, [joint.name for joint in joints]):
@@ -161,7 +162,7 @@ class _Import:
         return low if (zero == "lower_stop") == (sign > 0) else high
 
     def _is_whole_turn(self) -> bool:
-        """Whether the travel is a whole turn. LeRobot writes this for a wrist without sweeping it."""
+        """Whether the travel is a whole turn. LeRobot writes a whole turn for a wrist without sweeping the joint."""
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
@@ -177,5 +178,5 @@ class _Import:
                 "calibrate"
             )
         if self._is_whole_turn():
-            return ""  # The zero is known, and the file does not contain the travel.
+            return ""  # The zero is known, although the file does not contain the travel.
         return travel_warnings(self.joint, made)

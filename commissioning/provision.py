@@ -13,7 +13,7 @@ from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
+"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
@@ -26,9 +26,9 @@ def provision(
 ) -> tuple[Change, ...]:
     """Write register values to the servo's EEPROM and return the changes. The ID is written last.
 
-    Only registers with another value are written; the torque must be off. After a change the servo is restarted,
-    because some registers take effect only then, and all values are read back. Raises ServoError, CommissioningError,
-    PortLost, with the changes made so far in the notes of the exception.
+    The torque must be off, and only registers with a different value are written. After a change, the servo is
+    restarted, because some registers take effect only then, and all values are read back. Raises ServoError,
+    CommissioningError, PortLost, with the changes made so far in the notes of the exception.
     """
     changes = update(bus, servo_id, series_of(model).lock, values)
     if changes:
@@ -43,7 +43,7 @@ def provision(
 
 
 def restart(bus: Bus, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Restart a servo whose torque is off, and wait until it answers. Does nothing if its protocol has no restart."""
+    """Restart a servo whose torque is off, and wait until it answers. Do nothing if the protocol has no restart."""
     if series_of(model).protocol.reboot == "none":
         return
     bus.reboot(servo_id)

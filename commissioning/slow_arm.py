@@ -1,4 +1,4 @@
-"""Move an arm slowly, for tools that use the bus alone."""
+"""Move an arm slowly, for tools that have exclusive use of the bus."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -29,9 +29,11 @@ STANDS_RAD: Final = 0.003
 """Maximum angle that a servo's shaft at rest turns within ``SETTLE_S``: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
 SINK_SHARES: Final = (0.3, 0.2, 0.12, 0.06)
-"""Torque limits before the torque is released, as shares of full drive. They make a raised arm sink instead of fall."""
+"""Torque limits before the torque is released, as shares of full drive. With these limits, a raised arm sinks instead
+of falling.
+"""
 SINK_STEP_S: Final = 0.4
-"""Time at each of these torque limits."""
+"""Duration of each of these torque limits."""
 
 
 class StoppedError(DriverError):
@@ -132,7 +134,7 @@ class SlowArm:
         return measured + round((near - measured) / turn) * turn
 
     def go(self, index: int, target: float) -> None:
-        """Move one joint smoothly to the target at its slow speed, and wait at most 2 s until it is at rest."""
+        """Move one joint smoothly to the target at its slow speed, and wait until it is at rest, at most 2 s."""
         start, limits = float(self.command[index]), self.joints[index].limits
         cycles = round(0.5 * pi * abs(target - start) / limits.velocity / self.period_s) + 1
         for cycle in range(1, cycles + 1):
@@ -147,7 +149,7 @@ class SlowArm:
     def go_all(self, targets: FloatArray, after_cycle: Callable[[], None] = lambda: None) -> None:
         """Move all joints smoothly at the same time, at most at ``FASTEST_RAD_S`` of each servo's shaft.
 
-        The joints arrive together; the method does not wait until they are at rest. Raises StoppedError.
+        The joints arrive together. The method does not wait until the joints are at rest. Raises StoppedError.
 
         Args:
             targets: Goals of the joints, shape (n,).
@@ -170,7 +172,7 @@ class SlowArm:
             self.cycle(index, position)
 
     def cycle(self, index: int, position: float) -> None:
-        """Run one cycle with a new goal for one joint; the others keep theirs. Raises StoppedError."""
+        """Run one cycle with a new goal for one joint. The other joints keep their goals. Raises StoppedError."""
         wanted = self.command.copy()
         wanted[index] = position
         self._cycle(wanted)
@@ -189,7 +191,10 @@ class SlowArm:
             raise StoppedError(fault)
 
     def _sink(self) -> None:
-        """Reduce the torque limits step by step. A servo that does not accept them is released with the others."""
+        """Reduce the torque limits step by step.
+
+        A servo that does not accept a limit is released with the other servos.
+        """
         for share in SINK_SHARES:
             for joint in self.joints:
                 try:

@@ -216,7 +216,7 @@ class ComponentTransitions:
             )
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
-        """Deactivate the controllers of a component in this cycle. Its joints then come to rest."""
+        """Deactivate the controllers of a component in this cycle. The joints of the component then come to rest."""
         ended = self._manager.release((*component.hardware.command_interfaces, *outputs_of(component.hardware)), reason)
         self.leaving.append(_Leaving(component, transition))
         if transition is not None and transition.reactivated is not None:

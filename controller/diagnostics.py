@@ -78,7 +78,7 @@ def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
 
 
 def _controllers_status(loop: ControlLoop, hardware_id: str) -> Status:
-    """Return the status of all controllers. Its level is always OK, because an inactive controller is not an error."""
+    """Return the status of all controllers. The level is always OK, because an inactive controller is not an error."""
     loaded = loop.manager.registry.loaded
     active = sum(entry.active for entry in loaded.values())
     states = {name: entry.state.name.lower() for name, entry in loaded.items()}

@@ -45,7 +45,7 @@ class GuidedMotion:
         """Advance the set point at a velocity and return it.
 
         The set point stays within reach of the joints. If the joints do not follow because of a fault, a stop or an
-        obstacle, the set point waits for them. They then do not jump when they can follow again.
+        obstacle, the set point waits for them. The joints then do not jump when they can follow again.
 
         Args:
             velocity: Velocities (n,), in rad/s or m/s.

@@ -70,7 +70,9 @@ class ControllerType(Protocol):
 
 
 class Controller(Protocol):
-    """A controller. It runs in the thread of the loop, once per cycle, and must neither wait nor do I/O.
+    """A controller.
+
+    The thread of the loop updates the controller once per cycle, so the controller must neither wait nor do I/O.
 
     While it is active, a controller claims its n ``command_interfaces``.
     """

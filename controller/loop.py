@@ -84,7 +84,9 @@ class ControlLoop:
         self._after_read_s = 0.0
         """Longest recent duration of the steps after the read, in seconds."""
         self.on_cycle: Callable[[JointState], None] = lambda state: None
-        """Called at the end of each cycle with the measured joint state. Its exceptions do not end the loop."""
+        """Called at the end of each cycle with the measured joint state. Exceptions of this function do not end the
+        loop.
+        """
         self._keep_alive = rules.keep_alive
         self.component_transitions = ComponentTransitions(hardware, manager, self.take_over, self._resume, rules)
 
@@ -210,7 +212,9 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command through the safety gate to the hardware. This is the only path to the hardware.
+        """Send a command through the safety gate to the hardware.
+
+        All commands reach the hardware only through this method.
 
         Args:
             wanted: Command of shape (m,).

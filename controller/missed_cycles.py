@@ -96,7 +96,7 @@ class MissedCycles:
     def kept_hz(self) -> float | None:
         """Highest rate at which 99.5 % of the recent cycles are on time, in Hz; None after too few cycles.
 
-        Any thread may read it.
+        Any thread may read this property.
         """
         durations_s = sorted(self._durations_s)
         if len(durations_s) < FEWEST_CYCLES:

@@ -83,7 +83,7 @@ class Parameters(BaseModel):
     def unused(self) -> list[str]:
         """Return the parameters without effect.
 
-        They are logged and not rejected, because they may be parameters of ros2_control.
+        Unknown parameters are logged and not rejected, because they may be parameters of ros2_control.
 
         Returns:
             Names of the parameters, sorted.

@@ -6,14 +6,14 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock that never goes backwards. Its zero point has no meaning."""
+    """A clock that never goes backwards and whose zero point has no meaning."""
 
     def now(self) -> float:
         """Return the time, in seconds."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Sleep until a time. Return at once if it has passed.
+        """Sleep until a time. Return at once if this time has passed.
 
         Args:
             deadline_s: Time to wake up, in seconds on this clock.
@@ -22,7 +22,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The monotonic clock of the operating system. All processes on a machine share it."""
+    """The monotonic clock of the operating system, which all processes on a machine share."""
 
     now = staticmethod(time.monotonic)
 

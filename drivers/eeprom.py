@@ -19,7 +19,7 @@ from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, Serv
 from drivers.servos.register import Access, Register
 
 LARGEST_ID = 253
-"""Largest ID of Feetech servos. For Dynamixel servos it is 252. 254 is the broadcast ID."""
+"""Largest ID of Feetech servos. The largest ID of Dynamixel servos is 252. 254 is the broadcast ID."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 """Settings that cannot be read back because the servo can no longer be reached on this bus."""
 ANSWERS_NO_READ = {"status_return_level": 0}
@@ -261,7 +261,7 @@ def _close_after(memory: Eeprom, error: BaseException) -> None:
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
     """Write all settings that differ from ``values`` and return the changes. The ID is written last.
 
-    If an exception is raised, a note for each earlier change is added to it.
+    If an exception is raised, it gets a note for each earlier change.
     """
     for register, value in values.items():
         _check(register, value)

@@ -11,7 +11,7 @@ from servoloop.stack.hardware import servo_bus
 
 
 class Person:
-    """The person at the terminal, who moves the joints and answers questions."""
+    """The person at the terminal, who moves the joints and answers the questions."""
 
     def until_done(self, task, update):
         print(f"{task.text}. Press Enter when done.")

@@ -7,7 +7,7 @@ from servoloop import Arm
 LOAD_NM = 0.25
 """Torque at which the object counts as held, in N m."""
 CYCLES = 3
-"""Number of cycles for which the load must last, because the first motion of a servo needs a high torque, too."""
+"""Number of cycles for which the load must last, because a servo also needs a high torque when it starts to move."""
 
 
 def main(arm: Arm) -> bool:
@@ -17,7 +17,7 @@ def main(arm: Arm) -> bool:
     while not motion.done and loaded < CYCLES:
         effort = abs(arm.step().effort[arm.gripper.joint])
         loaded = loaded + 1 if effort > LOAD_NM else 0
-    motion.cancel()  # the gripper stays where it is and holds the object
+    motion.cancel()  # the gripper stays at its position and holds the object
     arm.step()
     held = loaded == CYCLES
     print(f"{'holding' if held else 'closed'} at {arm.state.position[arm.gripper.joint]:.3f} rad")

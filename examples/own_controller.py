@@ -1,4 +1,4 @@
-"""Let a controller of your own drive a joint, once per cycle of the loop. Run: python own_controller.py [PORT]"""
+"""Let your own controller drive a joint, once per cycle of the loop. Run: python own_controller.py [PORT]"""
 
 import math
 import sys
@@ -46,7 +46,7 @@ def main(arm: Arm) -> None:
     arm.move_to({"wrist_roll": 0.0}, duration=2.0)
     with arm.controller(Swing, joint="wrist_roll", amplitude=0.2):
         arm.sleep(5.0)
-    arm.move_to({"wrist_roll": 0.0})  # the arm's own controllers continue
+    arm.move_to({"wrist_roll": 0.0})  # the arm's own controllers continue to run
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Show a motion by hand, then let the arm repeat it. Run: python teach_and_replay.py PORT"""
+"""Record a motion that you show by hand, and then let the arm repeat it. Run: python teach_and_replay.py PORT"""
 
 import sys
 
@@ -13,7 +13,7 @@ def record(arm: Arm) -> list[ArmState]:
     end = arm.on_state(states.append)
     input("Move the arm by hand. Hold it still and press Enter when you have finished.")
     end()
-    arm.torque(True)  # the servos hold the arm where your hand holds it
+    arm.torque(True)  # the servos hold the arm in the pose in which your hand holds it
     return states
 
 

@@ -1,4 +1,4 @@
-"""Test a program of your own without hardware and faster than real time. Run: pytest test_own_robot.py"""
+"""Test your own program without hardware and faster than real time. Run: pytest test_own_robot.py"""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ def wave(arm: Arm, times: int = 2) -> None:
 
 @pytest.fixture(params=[1, 2])
 def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
-    """Two virtual arms with different friction, motors and masses."""
+    """Create a virtual arm. The two arms differ in friction, motors and masses."""
     with Arm.simulated("so101", seed=request.param) as simulated:
         yield simulated
 

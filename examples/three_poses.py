@@ -22,5 +22,5 @@ def main(arm: Arm) -> None:
 
 
 if __name__ == "__main__":
-    with Arm("so101", *sys.argv[1:2]) as so101:  # without a port, virtual servos move
+    with Arm("so101", *sys.argv[1:2]) as so101:  # without a port, virtual servos are used
         main(so101)

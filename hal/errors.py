@@ -1,4 +1,4 @@
-"""Errors of the hardware layer. Errors of the drivers pass through it unchanged.
+"""Errors of the hardware layer. Errors of the drivers pass through the hardware layer unchanged.
 
 HalError
 ├── DescriptionError   mistakes in the URDF

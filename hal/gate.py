@@ -1,6 +1,6 @@
 """The safety gate checks and limits every command before it reaches the hardware.
 
-The gate does not trust the controllers. Its output depends on its arguments only and satisfies these rules:
+The gate does not trust the controllers. The output of the gate depends only on its arguments and satisfies these rules:
 
 - All values are finite and within the limits of the joints.
 - A position differs from the last command by at most the distance that the joint may travel in one period. A joint that

@@ -13,8 +13,9 @@ from hal.types import AT_LIMIT, JointLimits
 OVERSPEED: Final = 2.0
 """Highest plausible speed of a driven joint, as a multiple of the no-load speed of its servo.
 
-If the servo is unknown, it is a multiple of the velocity limit. The margin covers a higher supply voltage, a falling
-arm and a late sample."""
+If the servo is unknown, the speed is a multiple of the velocity limit. The margin covers a higher supply voltage, a
+falling arm and a late sample.
+"""
 BY_HAND_RAD_S: Final = 20.0
 """Highest plausible speed of a limp joint that is moved by hand."""
 SAMPLING_S: Final = 0.02

@@ -87,7 +87,7 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """Report on a servo that presses without motion. Its drive is reduced if it has a torque limit."""
+    """Report on a servo that presses without motion. If the joint has a torque limit, the drive is reduced."""
 
     text: str
     """Description with the servo's ID."""

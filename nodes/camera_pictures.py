@@ -15,8 +15,9 @@ from sensor_msgs.msg import CompressedImage
 
 from drivers.clock import Clock
 from nodes.discovery import stay_on_this_machine
+from nodes.namespace import namespace_arguments
 
-PICTURES: Final = "/apple_camera/image_raw/compressed"
+PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed pictures."""
 GONE_S: Final = 3.0
 """Age from which a picture is not shown any more, in seconds."""
@@ -39,13 +40,14 @@ def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
 class PictureWatch:
     """Newest picture of the camera node, received in a thread and a ROS context of its own."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, namespace: str = "") -> None:
+        """Start to watch the camera node in a namespace; empty for the root namespace."""
         self._clock = clock
         self._newest: CompressedImage | None = None
         self._received_s = 0.0
         stay_on_this_machine(os.environ)
         self._context: Any = rclpy.Context()
-        rclpy.init(context=self._context)
+        rclpy.init(args=namespace_arguments(namespace), context=self._context)
         self._node = rclpy.create_node("servoloop_view_camera", context=self._context)
         self._node.create_subscription(CompressedImage, PICTURES, self._on_picture, qos_profile_sensor_data)
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -1,8 +1,9 @@
 """Publish ``robot_description``, ``/tf`` and ``/tf_static`` for the links of the arm and the objects in the scene.
 
-The node behaves like ROS 2's robot_state_publisher, with three differences. The node reads the joint states within the
-process instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The
-``robot_description`` cannot be changed, because the stack drives the robot with which it was started.
+The node behaves like ROS 2's robot_state_publisher, with four differences. The node reads the joint states within the
+process instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The default of
+``frame_prefix`` is the namespace, because all namespaces share ``/tf``. The ``robot_description`` cannot be changed,
+because the stack drives the robot with which it was started.
 """
 
 from typing import Annotated, Final
@@ -16,10 +17,10 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
-from controller.manager.node_parameters import parameters_of
 from drivers.printable import printable
 from hal.plausible import Rate
 from hal.yaml_file import error_text
+from nodes.namespace import frame_prefix
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import LATCHED, RateLimiter
 from nodes.ros_time import RosTime
@@ -80,11 +81,12 @@ class RobotStatePublisher:
         ]
 
     def _initial(self) -> RobotStateParameters:
+        default = {"frame_prefix": frame_prefix(self._stack.namespace)}
         try:
-            return RobotStateParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
+            return RobotStateParameters.model_validate(default | self._stack.factory.file.parameters(NAME))
         except ValidationError as error:
             self.node.get_logger().error(printable(f"{_describe(error)}: using the default parameters"))
-            return RobotStateParameters()
+            return RobotStateParameters.model_validate(default)
 
     def _declare(self) -> None:
         self.node.declare_parameter("robot_description", self._stack.description.xml)

@@ -3,6 +3,7 @@
 import faulthandler
 import os
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
@@ -16,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from nodes.discovery import describe_access, stay_on_this_machine
+from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
@@ -24,11 +26,15 @@ MIXED_LIST: Final = "Sequence should be of same type"
 """Error text of rcl for a parameter list that mixes integers and decimal numbers."""
 
 
-def init_rclpy(arguments: Sequence[str] | None = None) -> str:
+def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> str:
     """Initialize rclpy with the discovery range of this process.
 
     Signal handling remains with the caller. The handlers of rclpy would close the middleware immediately, and running
     goals could not be ended.
+
+    Args:
+        arguments: Arguments in the form of ``sys.argv``, which is the default.
+        namespace: Namespace of all nodes of this process; empty if the arguments may name it.
 
     Returns:
         The result is a sentence that names the programs that can command the arm.
@@ -38,7 +44,8 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
     """
     stay_on_this_machine(os.environ)
     with rcl_errors():
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        given = sys.argv if arguments is None else arguments
+        rclpy.init(args=[*given, *namespace_arguments(namespace)], signal_handler_options=SignalHandlerOptions.NO)
     return describe_access(os.environ)
 
 

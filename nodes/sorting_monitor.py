@@ -76,8 +76,8 @@ class SortingMonitor:
     def subscribe(self, node: Node) -> None:
         """Subscribe to the topics."""
         self._node = node
-        node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_apples, 10)
-        node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
+        node.create_subscription(AppleQualityArray, "sorting/perception/apple_quality", self._on_apples, 10)
+        node.create_subscription(String, "sorting/arm/state", self._on_state, 10)
 
     def receive_pictures(self, store: Callable[[int, bytes], None]) -> None:
         """Pass the stamp (in ns of ROS time) and the encoded message of every compressed picture to ``store``."""

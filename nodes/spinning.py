@@ -24,12 +24,12 @@ LOG = logging.getLogger("servoloop.nodes")
 CycleExecutor = cycle_executor.CycleExecutor | PlainExecutor
 
 
-def start_rclpy() -> Callable[[], None]:
-    """Initialize rclpy, and return the function that sends delayed answers."""
+def start_rclpy(namespace: str) -> Callable[[], None]:
+    """Initialize rclpy with all nodes in a namespace, and return the function that sends delayed answers."""
     patched = gil_release.PATCH in usable_patches()
     if patched:
         gil_release.release_gil_in_middleware()
-    LOG.info("%s", init_rclpy())
+    LOG.info("%s", init_rclpy(namespace=namespace))
     return gil_release.send_delayed if patched else lambda: None
 
 

@@ -50,3 +50,5 @@ class Stack:
     """Whether to publish ``robot_description`` and the transforms of the links."""
     simulation: Simulation | None = None
     """Control of simulated time. This attribute is None if the loop runs in real time."""
+    namespace: str = ""
+    """Namespace of all nodes of the stack, such as ``/left``; empty for the root namespace."""

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from hal.types import FloatArray
+from nodes.namespace import namespace_of
 from nodes.ros_process import spin_until_done
 
 LOOP_STATUS = "servoloop: control loop"
@@ -59,8 +60,11 @@ class StackMonitor:
         self.newest = NewestMessages()
         self._node = node
         self._executor = executor
-        node.create_subscription(JointState, "/joint_states", self._on_joints, 10)
-        node.create_subscription(JointTrajectoryControllerState, f"/{arm}/controller_state", self._on_state, 50)
+        namespace = namespace_of(node)
+        self._prefix = f"{namespace}/" if namespace else ""
+        """Prefix of the statuses of this stack, because all namespaces share /diagnostics."""
+        node.create_subscription(JointState, "joint_states", self._on_joints, 10)
+        node.create_subscription(JointTrajectoryControllerState, f"{arm}/controller_state", self._on_state, 50)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def spin(self, seconds: float) -> None:
@@ -69,7 +73,7 @@ class StackMonitor:
 
     def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:
         """Set a parameter of another node and return whether the node accepted it."""
-        client = self._node.create_client(SetParameters, f"/{node_name}/set_parameters")
+        client = self._node.create_client(SetParameters, f"{node_name}/set_parameters")
         if not client.wait_for_service(timeout_sec=5.0):
             return False
         parameter = Parameter(name, value=value).to_parameter_msg()
@@ -96,5 +100,7 @@ class StackMonitor:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            if not status.name.startswith(self._prefix):
+                continue
             values = {item.key: item.value for item in status.values}
-            self.newest.diagnostics[status.name] = {**values, "message": status.message}
+            self.newest.diagnostics[status.name.removeprefix(self._prefix)] = {**values, "message": status.message}

@@ -36,7 +36,7 @@ class Surface:
     """
 
     def __init__(self, stack: Stack) -> None:
-        self._send_delayed = start_rclpy()
+        self._send_delayed = start_rclpy(stack.namespace)
         self._stack = stack
         self._turn = threading.Lock()
         """Lock that is held by the thread that uses the nodes: the executor in its callbacks, or the publisher of

@@ -74,12 +74,12 @@ class TimingClient:
         self.recording = False
         self._executor, self._controller, self._noted, self._stop = executor, controller, noted, stop
         self._now: Callable[[], float] = lambda: node.get_clock().now().nanoseconds * 1e-9
-        action = f"/{controller.name}/follow_joint_trajectory"
+        action = node.resolve_service_name(f"{controller.name}/follow_joint_trajectory")
         self._arm = ActionClient(node, FollowJointTrajectory, action)
         self._position: list[float] = []
         self._waiting_since_s: float | None = None
         self._start: list[float] = []
-        node.create_subscription(JointState, "/joint_states", self._on_state, 100)
+        node.create_subscription(JointState, "joint_states", self._on_state, 100)
         if not self._arm.wait_for_server(PATIENCE_S):
             raise DriverError(f"no node offers the action {action}: start the stack first")
 

@@ -7,7 +7,7 @@ PerceptionError
 │   ├── CameraDenied     the user has no permission to open the camera
 │   ├── CameraLost       the camera disappeared while it was open
 │   ├── CameraSilent     no new frame arrived in time
-│   └── SourceEnded      a recording has no further frame
+│   └── SourceEnded      a recording has no more frames
 ├── CalibrationRefused   the views do not determine the calibration
 ├── PictureRefused       the picture cannot be graded
 ├── CameraFileError      mistakes in a calibration file
@@ -47,7 +47,7 @@ class CameraSilent(CameraError):
 
 
 class SourceEnded(CameraError):
-    """A recording has no further frame."""
+    """A recording has no more frames."""
 
 
 class CalibrationRefused(PerceptionError):

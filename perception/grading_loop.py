@@ -48,7 +48,7 @@ class GradingLoop:
         self._grading_s = 0.0
         self._state = (False, f"{source.name} is not open yet")
         self.ended = False
-        """Whether a recording has no further frame."""
+        """Whether a recording has no more frames."""
 
     @property
     def status(self) -> GradingStatus:
@@ -86,7 +86,7 @@ class GradingLoop:
         return Seen(frame, self._graded(frame))
 
     def close(self) -> None:
-        """Release the camera. The next step opens it again."""
+        """Release the camera. The next step opens the camera again."""
         if self._open:
             self._source.close()
         self._open = False

@@ -35,7 +35,7 @@ class Intrinsics:
 
     @classmethod
     def pinhole(cls, focal_px: float, width: int, height: int, name: str = "camera") -> "Intrinsics":
-        """Return the intrinsics of a camera without distortion, whose optical axis meets the center of the picture."""
+        """Return the intrinsics of a camera without distortion. Its principal point is the center of the picture."""
         matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
         return cls(matrix, np.zeros(5), width, height, name)
 

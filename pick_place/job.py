@@ -1,4 +1,7 @@
-"""Run one pick-and-place job step by step. Imports no ROS package: the caller provides motions and a state callback."""
+"""Run one pick-and-place job step by step.
+
+The module imports no ROS package: the caller provides motions and a state callback.
+"""
 
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -23,7 +26,7 @@ class JobPhase(StrEnum):
 
 
 class JobEnding(Enum):
-    """Possible endings of a job."""
+    """Possible outcomes of a job."""
 
     SUCCEEDED = "succeeded"
     ABORTED = "aborted"
@@ -32,7 +35,7 @@ class JobEnding(Enum):
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A published state of a job. If ``feedback`` is True, it is also sent to the action client."""
+    """A published state of a job. If ``feedback`` is True, the state is also sent to the action client."""
 
     request_id: int
     grade: str
@@ -67,7 +70,7 @@ class JobArm(Protocol):
     """Interface through which a job moves the arm to joint positions."""
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
-        """Move to a pose and return the outcome. Failures are returned and never raised."""
+        """Move to a pose and return the outcome. A failure is returned and never raised."""
         ...
 
     def hand(self, position_m: float) -> None:
@@ -75,12 +78,12 @@ class JobArm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running ``move`` end soon, at the present position of the arm."""
+        """Make the running ``move`` end soon, at the current position of the arm."""
         ...
 
 
 Run = Callable[[], Awaitable[JobOutcome]]
-"""Carries out a step and returns its outcome. Failures are returned and never raised."""
+"""Function that carries out a step and returns its outcome. It returns failures and never raises them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,7 @@ class JobHand:
 
 
 class JobMotions(Protocol):
-    """Motions of a job: to joint positions, or planned to poses of the tool."""
+    """Motions of a job, either to joint positions or planned to poses of the tool."""
 
     @property
     def grades(self) -> Collection[str]:
@@ -114,7 +117,7 @@ class JobMotions(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running step end soon, at the present position of the arm."""
+        """Make the running step end soon, at the current position of the arm."""
         ...
 
 
@@ -143,13 +146,16 @@ class PickPlaceJob:
         self._cancel_reason: str | None = None
 
     def cancel(self, reason: str = "canceled") -> None:
-        """End the job soon, with arm and fingers at their present positions. Only the first reason is kept."""
+        """End the job soon, with arm and fingers at their current positions.
+
+        Only the reason of the first call is kept.
+        """
         if self._cancel_reason is None:
             self._cancel_reason = reason
             self._motions.stop()
 
     async def run(self) -> Result:
-        """Run the job. Every failure is reported as a state and returned; none is raised."""
+        """Run the job. Every failure is reported as a state and returned; no failure is raised."""
         try:
             await self._run()
         except _EndedError as end:

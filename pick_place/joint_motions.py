@@ -1,4 +1,4 @@
-"""Steps of a job that moves to joint positions, one goal after the other. Imports no ROS package."""
+"""Steps of a job that moves to joint positions, one goal after the other. The module imports no ROS package."""
 
 from collections.abc import Collection, Sequence
 
@@ -32,7 +32,7 @@ class JointMotions:
         )
 
     def stop(self) -> None:
-        """Make the running motion end soon, at the present position of the arm."""
+        """Make the running motion end soon, at the current position of the arm."""
         self._arm.stop()
 
     def _move(self, positions_rad: Sequence[float]) -> Run:

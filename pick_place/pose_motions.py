@@ -1,6 +1,7 @@
-"""Steps of a job whose motions are planned to poses of the tool. Imports no ROS package.
+"""Steps of a job whose motions are planned to poses of the tool. The module imports no ROS package.
 
-A free plan leads above the pick pose or the bin. A straight line leads down to it, and back up.
+The planner finds a path to a pose above the pick pose or the bin. From there, the tool moves down and back up in a
+straight line.
 """
 
 from collections.abc import Collection, Sequence
@@ -30,15 +31,15 @@ class JobPlanner(Protocol):
         ...
 
     async def lay_object(self) -> JobOutcome:
-        """Add the object to the scene, at its place before the pick."""
+        """Add the object to the scene, at its position before the pick."""
         ...
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool, as it is gripped at the pick pose."""
+        """Attach the object to the tool, in the position in which it is gripped at the pick pose."""
         ...
 
     async def remove_object(self) -> JobOutcome:
-        """Remove the object from the tool and from the scene. It need not be there."""
+        """Remove the object from the tool and from the scene. This is not an error if the object is not there."""
         ...
 
     async def drop_object(self) -> JobOutcome:
@@ -46,7 +47,7 @@ class JobPlanner(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running call end soon, at the present position of the arm."""
+        """Make the running call end soon, at the current position of the arm."""
         ...
 
 
@@ -66,8 +67,8 @@ class PoseMotions:
     def steps(self, grade: str) -> Sequence[JobMove | JobHand]:
         """Return all steps of a job for a known grade.
 
-        The object is an obstacle until the tool is above it. It is then removed from the scene, so that the fingers can
-        close around it, and attached to the tool until they open again.
+        The object is an obstacle until the tool is above it. Then the object is removed from the scene, so that the
+        fingers can close around it. The object is then attached to the tool until the fingers open again.
         """
         settings, planner = self._settings, self._planner
         pick, bin_pose = settings.pick, settings.bins[grade]
@@ -94,7 +95,7 @@ class PoseMotions:
         )
 
     def stop(self) -> None:
-        """Make the running step end soon, at the present position of the arm."""
+        """Make the running step end soon, at the current position of the arm."""
         self._stopped = True
         self._planner.stop()
 

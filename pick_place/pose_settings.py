@@ -1,4 +1,7 @@
-"""Settings of ``motion: poses``: poses of the tool, the planner's parameters and the object. No ROS imports."""
+"""Settings of ``motion: poses``: poses of the tool, the planner's parameters and the object.
+
+The module imports no ROS package.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +18,7 @@ NORMALIZED_WITHIN: Final = 1e-3
 
 
 def above(pose: ToolPose, height_m: float) -> ToolPose:
-    """Return the pose that is higher by ``height_m``."""
+    """Return the pose raised by ``height_m``."""
     x, y, z, *quaternion = pose
     return (x, y, z + height_m, *quaternion)
 
@@ -27,7 +30,10 @@ class PickObject:
     name: str = "cube"
     """Name in the scene. An object of this name that is already there is replaced."""
     size_m: tuple[float, ...] = (0.04, 0.04, 0.04)
-    """Lengths of the edges, in m. A few mm less than the real object, which touches what it stands on."""
+    """Lengths of the edges, in m.
+
+    They are a few mm less than those of the real object, so that the box does not touch the surface below it.
+    """
     position_m: tuple[float, ...] = (0.291, 0.0, 0.088)
     """Center of the object before the pick, in m, in the frame of the settings."""
     touch_links: tuple[str, ...] = ("gripper_base_link", "hand_right_link", "hand_left_link")
@@ -57,7 +63,7 @@ class PoseSettings(ArmSettings):
     """Settings of ``motion: poses``."""
 
     pick: ToolPose = (0.24894, 0.0, 0.23205, 0.69229, 0.70684, 0.10165, 0.10379)
-    """Pose in which the open fingers are around the object."""
+    """Pose of the tool in which the open fingers surround the object."""
     bins: Mapping[str, ToolPose] = field(default_factory=_bins)
     """Pose above the bin of each grade, by grade (stripped, upper case)."""
     frame: str = "base_link"
@@ -65,7 +71,7 @@ class PoseSettings(ArmSettings):
     group: str = "arm"
     """Planning group of the arm."""
     tool_link: str = "gripper_base_link"
-    """Link that the poses describe."""
+    """Link to which the poses apply."""
     approach_m: float = 0.06
     """Height above the pick pose and the bins from which the tool moves down in a straight line, in m."""
     speed: float = 0.5

@@ -1,6 +1,10 @@
-"""Poses, times and names of the pick-and-place node. The defaults describe the course's robot cell. No ROS imports."""
+"""Poses, times and names of the pick-and-place node. The defaults describe the course's robot cell.
+
+The module imports no ROS package.
+"""
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -8,9 +12,10 @@ from hal.plausible import range_mistake
 
 Pose = tuple[float, ...]
 
+NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
            "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
-"""Names of the settings in seconds."""
+"""Names of the settings that are in seconds."""
 
 
 def _bins() -> dict[str, Pose]:
@@ -29,6 +34,10 @@ class ArmSettings:
     ready_rad: Pose = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
     hand_open_m: float = 0.0
     hand_closed_m: float = 0.05
+    arm_controller: str = "arm_controller"
+    """Name of the trajectory controller that moves the arm."""
+    hand_controller: str = "hand_controller"
+    """Name of the controller that moves the fingers."""
     move_time_s: float = 2.0
     """Duration of each arm motion to joint positions, in seconds."""
     server_timeout_s: float = 2.0
@@ -40,7 +49,7 @@ class ArmSettings:
     cancel_timeout_s: float = 2.0
     """Maximum wait for the confirmation that the arm has stopped, in seconds."""
     vision_max_age_s: float = 1.0
-    """Age from which a vision message is ignored, in seconds."""
+    """Age above which a vision message is ignored, in seconds."""
 
     def __post_init__(self) -> None:
         """Raise ValueError with all mistakes."""
@@ -52,6 +61,9 @@ class ArmSettings:
         if not self.joints:
             yield "joints is empty: list the joints of the arm"
         yield from pose_mistakes("poses.ready", self.ready_rad, len(self.joints))
+        for name in ("arm_controller", "hand_controller"):
+            if not NODE_NAME.fullmatch(getattr(self, name)):
+                yield f"{name} is {getattr(self, name)!r}: write the name of a controller, such as {name}"
         for name in SECONDS:
             yield from seconds_mistakes(name, getattr(self, name))
         for name in ("hand_open_m", "hand_closed_m"):
@@ -99,7 +111,7 @@ def seconds_mistakes(name: str, value_s: float) -> Iterator[str]:
 
 
 def pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[str]:
-    """Yield a message for each mistake in a pose, which needs one plausible position per joint."""
+    """Yield a message for each mistake in a pose. A pose needs one plausible position per joint."""
     if len(pose) != joints:
         yield f"{name} has {len(pose)} numbers for {joints} joints"
     elif not all(map(math.isfinite, pose)):

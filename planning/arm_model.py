@@ -153,7 +153,7 @@ class ArmModel:
     def outside(self, positions: FloatArray) -> str:
         """Describe the first joint whose position is not finite or outside its limits.
 
-        The text is empty if there is none.
+        Return "" if there is no such joint.
         """
         for name, position, limit in zip(self.joints, positions, self.limits, strict=True):
             if not math.isfinite(position):

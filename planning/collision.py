@@ -31,7 +31,9 @@ class Clearance(NamedTuple):
     """Smallest distance at a pose."""
 
     distance_m: float
-    """Distance in m; infinite if nothing can touch. In contact it is 0 or negative, and does not measure the depth."""
+    """Distance in m; infinite if nothing can touch. In contact, the value is 0 or negative, but not the depth of the
+    contact.
+    """
     pair: tuple[str, str]
     """Names of the two links or objects, the link first."""
 
@@ -64,7 +66,7 @@ class Margins:
             )
 
     def within(self, clearance_m: float) -> "Margins":
-        """Return margins for a pose with this clearance. Its edges keep at least half of the clearance."""
+        """Return margins for a pose with this clearance. Edges from the pose keep at least half of the clearance."""
         padding_m = min(self.padding_m, clearance_m)
         return self if padding_m == self.padding_m else Margins(padding_m, min(self.tolerance_m, padding_m / 2.0))
 
@@ -72,7 +74,7 @@ class Margins:
         """Return margins that every part of an accepted edge has.
 
         Between its checked poses, an accepted edge may be closer to something than the padding. A second check of a
-        part with the same margins could therefore refuse it.
+        part with the same margins could therefore reject the part.
         """
         padding_m = max(self.padding_m - self.tolerance_m - ROUNDING_M, ROUNDING_M)
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
@@ -136,10 +138,7 @@ class Collisions:
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
     def room_m(self, positions: FloatArray, padding_m: float) -> float:
-        """Return the largest padding that positions (n,) satisfy, at most ``padding_m``, in m.
-
-        It is negative in contact.
-        """
+        """Return the largest padding that positions (n,) satisfy, at most ``padding_m``, in m; negative in contact."""
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
@@ -165,10 +164,7 @@ class Collisions:
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
     def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None.
-
-        Its ``part`` includes the previous edges.
-        """
+        """Return the first contact of the edges between points (m, n), or None. ``part`` also counts previous edges."""
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
                 return Contact(index + contact.part, contact.pair)

@@ -43,7 +43,7 @@ class PathConstraints:
 
     joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest positions by joint, in rad or m. If both ends of an edge are within these ranges, the whole
-    edge is.
+    edge is within them.
     """
     regions: Sequence[LinkRegion] = ()
     """Regions of links, checked at steps of ``STEP_RAD``."""
@@ -70,7 +70,7 @@ class PathConstraints:
         return narrowed
 
     def broken_range(self, state: Mapping[str, float]) -> str:
-        """Describe the first joint of a state that is outside its range. The text is empty if there is none."""
+        """Describe the first joint of a state that is outside its range, or return an empty text."""
         for joint, (lower, upper) in self.joints.items():
             if joint in state and not lower - STEP_RAD <= state[joint] <= upper + STEP_RAD:
                 return f"{joint} is at {state[joint]:.4f}, outside its path constraint {lower:.4f} to {upper:.4f}"
@@ -92,7 +92,10 @@ class Region:
         return -1 if inside.all() else int(np.argmin(inside))
 
     def text(self, positions: FloatArray) -> str:
-        """Describe how far the link is outside the region at positions (n,). The text is empty if it is inside."""
+        """Describe how far the link is outside the region at positions (n,).
+
+        The text is empty if the link is inside.
+        """
         if self.broken(positions[None]) < 0:
             return ""
         distance_m, angle_rad = self.goal.distances(self.chain.transforms(positions[None, self.own]))[0].tolist()
@@ -122,5 +125,5 @@ class ConstrainedCollisions(Collisions):
         return super().edge_contact(start, end, margins)
 
     def broken_region(self, positions: FloatArray) -> str:
-        """Describe the first link outside its region at positions (n,). The text is empty if there is none."""
+        """Describe the first link outside its region at positions (n,), or return an empty text."""
         return next((text for region in self._regions if (text := region.text(positions))), "")

@@ -23,7 +23,7 @@ Code = Literal[
 
 
 class PlanningError(Exception):
-    """There is no plan. The message names the joint, link or object, and what to do."""
+    """There is no plan. The message names the joint, link or object, and tells the user what to do."""
 
     def __init__(self, code: Code, message: str) -> None:
         super().__init__(message)

@@ -127,7 +127,7 @@ class GroupGoals:
     def _within(self, target: FloatArray, below: FloatArray, above: FloatArray) -> list[FloatArray]:
         """Return the goal and random positions within wide tolerances.
 
-        A goal outside the limits moves to them if it may.
+        A goal outside the limits moves to the limits if its tolerances allow this.
         """
         lowest, highest = np.maximum(target - below, self._lower), np.minimum(target + above, self._upper)
         possible = lowest <= highest

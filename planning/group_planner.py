@@ -38,7 +38,7 @@ THINNING_M: Final = 2e-4
 ROUNDING_M: Final = 1e-6
 """Largest motion of any geometry between a point and a straight edge at which the point counts as on it, in m."""
 SLOWER: Final = 1.5
-"""Largest factor by which a spline may be slower than blends. It follows the line of a straight motion better.
+"""Largest factor by which a spline may be slower than blends, because it follows the line of a straight motion better.
 """
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances at which a motion under way counts as in contact."""
@@ -147,7 +147,7 @@ class GroupPlanner:
         return with_positions(state, self.joints, found[0])
 
     def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
-        """Describe the first path constraint that a state violates. The text is empty if there is none.
+        """Describe the first path constraint that a state violates, or return an empty text.
 
         Raises:
             PlanningError: The link of a region does not exist.
@@ -263,7 +263,7 @@ class GroupPlanner:
 
 
 def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
-    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if there are none."""
+    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if no goal does."""
     if not isinstance(collisions, ConstrainedCollisions):
         return list(goals)
     texts = [collisions.broken_region(goal) for goal in goals]

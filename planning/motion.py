@@ -127,7 +127,7 @@ class Touch:
     one: str
     other: str
     distance_m: float
-    """Distance in m. In contact it is 0 or negative, and does not measure the depth."""
+    """Distance in m. In contact, the value is 0 or negative, but not the depth of the contact."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """Parse MoveIt's ``.scene`` files, which RViz's panel saves.
 
-A file begins with the name of the scene. Each object has a line with ``*`` and its name, its pose, the number of its
-shapes, the shapes with their poses and colors, and the number of its subframes with their poses. The older format has
-no poses of objects and no subframes.
+A file begins with the name of the scene. Each object begins with a line with ``*`` and its name. Its pose, its shapes
+with their number, poses and colors, and its subframes with their number and poses follow. The older format has no poses
+of objects and no subframes.
 """
 
 import math

@@ -1,6 +1,6 @@
 """The planning scene: world objects, objects attached to links, and pairs that may touch.
 
-A scene never changes. Its methods return changed copies, so that a plan keeps the scene with which it began. A mesh is
+A scene never changes. All methods return changed copies, so that a plan keeps the scene with which it began. A mesh is
 replaced with its convex hull.
 """
 
@@ -48,11 +48,11 @@ class Pose:
         return cls(position, matrices(np.array([x, y, z, w]) / length))
 
     def __matmul__(self, other: "Pose") -> "Pose":
-        """Return the pose of a frame whose pose relative to this one is ``other``."""
+        """Return the pose of a frame from its pose relative to this frame (``other``)."""
         return Pose(self.matrix @ other.position_m + self.position_m, self.matrix @ other.matrix)
 
     def inverse(self) -> "Pose":
-        """Return the pose of the parent frame relative to this one."""
+        """Return the pose of the parent frame relative to this frame."""
         return Pose(-self.matrix.T @ self.position_m, self.matrix.T)
 
 
@@ -202,7 +202,7 @@ class Scene:
 
 
 def check_object(item: SceneObject) -> None:
-    """Check an object. Raises PlanningError if it has no shape, or a size that is not positive and finite."""
+    """Check an object. Raise PlanningError if the object has no shape, or a size that is not positive and finite."""
     if not item.shapes:
         raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: give it at least one')
     for shape, pose in item.shapes:

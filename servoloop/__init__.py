@@ -1,7 +1,7 @@
 """Control robot arms on serial bus servos: the Python interface, the command line and the control stack.
 
-``from servoloop import Arm`` is the Python interface. Its parts are loaded at first use, because the command line does
-not need them.
+``from servoloop import Arm`` is the Python interface. The interface is loaded on first use, because the command line
+does not need it.
 """
 
 from importlib import import_module
@@ -60,7 +60,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name of the Python interface at its first use."""
+    """Load a name of the Python interface on its first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"servoloop.api.{_MODULES.get(name, 'errors')}"), name)

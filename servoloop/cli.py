@@ -93,7 +93,7 @@ app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")
 
 
 SERVO_MODELS: Final = Path("servo_models.yaml")
-"""File of servo models in the present folder. Its loader is imported only if it exists, so that commands start fast."""
+"""File of servo models in the current folder. Its loader is imported only if it exists, so that commands start fast."""
 
 
 def _version(wanted: bool) -> None:
@@ -108,7 +108,7 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Handle the options of the program itself, and add the servo models of the present folder."""
+    """Handle the options of the program itself, and add the servo models of the current folder."""
     if SERVO_MODELS.exists():
         from hal.robot_file.servo_models import load_servo_models
 

@@ -22,7 +22,7 @@ LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "xacro": {"xacro": "xacro"},
     "ray": {"ray": "ray"},
 }
-"""Modules of each extra, with the names under which pip knows them. nodes/ros_environment.py checks the extra ros."""
+"""Modules of each extra, with their package names in pip. nodes/ros_environment.py checks the extra ros."""
 
 
 class ExtraError(DriverError):
@@ -33,7 +33,7 @@ def require_extras(purpose: str, *extras: str) -> None:
     """Check that the libraries of extras are installed.
 
     Args:
-        purpose: What needs the extras, such as "the view".
+        purpose: Part that needs the extras, such as "the view".
         extras: Names of the extras.
 
     Raises:

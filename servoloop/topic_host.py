@@ -1,4 +1,4 @@
-"""Implementation of ``servoloop topic-host``: put an arm under the controller manager of another program."""
+"""Implementation of ``servoloop topic-host``: run an arm under the controller manager of another program."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -27,13 +27,13 @@ NAME: Final = "host_controller"
 
 @dataclass(slots=True)
 class ForeignControllers:
-    """The controllers of another controller manager, connected by two topics."""
+    """Controllers of another controller manager, which is connected by two topics."""
 
     topics: HostTopics
     record: Path | None = None
     """File of the recording, if any."""
     controllers: list[HostController] = field(default_factory=list)
-    """The controller that follows the commands, once it is loaded."""
+    """Controller that follows the commands, or None before it is loaded."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load the controller that follows the commands. Raises DriverError if the arm has no position commands."""
@@ -69,7 +69,7 @@ def topic_host(
         kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos.
         files: Files of the arm. The controllers of its controllers file are not used.
-        ready: Called with the name and the rate of the stack when it accepts commands.
+        ready: Function called with the name and the rate of the stack when the stack accepts commands.
         program: The other controller manager.
 
     Returns:

@@ -37,7 +37,7 @@ WORKS: Final = "It has no topics, services or actions; its controllers, recordin
 
 
 class Program(Protocol):
-    """What commands the joints of a stack: its controllers and its ROS interface."""
+    """Source of the commands of a stack: its controllers and its ROS interface."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load the controllers. Raises an error if a controller cannot be built."""
@@ -49,7 +49,7 @@ class Program(Protocol):
 
 
 class OwnControllers:
-    """The controllers of the controllers file, with ros2_control's interfaces."""
+    """Controllers of the controllers file, with ros2_control's ROS interfaces."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load all controllers in the controllers file."""
@@ -79,9 +79,9 @@ def up(
         kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos.
         files: Files of the robot.
-        ready: Called with the name and the rate of the stack when clients can use it.
+        ready: Function called with the name and the rate of the stack when clients can use the stack.
         options: Other options.
-        program: What commands the joints.
+        program: Source of the commands for the joints.
 
     Returns:
         Exit status.
@@ -145,7 +145,7 @@ class _Up:
         return 1 if thread.failed else 0
 
     def _has_ros(self) -> bool:
-        """Return whether to serve clients over ROS. Log once if the stack runs without it.
+        """Return whether to serve clients over ROS. Log once if the stack runs without ROS.
 
         Raises:
             RosError: ROS is installed, but cannot be used.
@@ -164,7 +164,7 @@ class _Up:
         return False
 
     def _planning(self) -> AbstractContextManager[None]:
-        """Return the context in which the planning server runs, if it is wanted."""
+        """Return the context in which the planning server runs, if the options request it."""
         if not self._options.plan:
             return nullcontext()
         return planning_server(self._stack.files, sim_time=self._simulated is not None)
@@ -184,6 +184,7 @@ class _Up:
             stack.releases,
             self._options.publish_transforms,
             self._simulated.pace if self._simulated else None,
+            files.namespace,
         )
 
     def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:

@@ -1,4 +1,7 @@
-"""The virtual camera as a camera source: it draws the world of an emulator in the process that reads it."""
+"""Virtual camera as a camera source.
+
+The camera draws the world of an emulator in the process that reads the pictures.
+"""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -18,22 +21,27 @@ from sim_backend.scene.world_feed import PERIOD_S, WorldFeedClient, feed_path
 
 RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
-"""Interval at which the camera looks for a new state of the world."""
+"""Interval at which the camera checks for a new state of the world, in seconds."""
 REGION: Final = (1.2, 0.8)
-"""Half sizes of the region around the stand in which apples are searched, along x and y, in diameters of the largest
-apple."""
+"""Half the size, along x and y, of the region around the stand in which apples are searched.
+
+The unit is the diameter of the largest apple.
+"""
 TOLERANCE: Final = 0.15
-"""Deviation from the sizes of the scene that a measured diameter may have."""
+"""Maximum deviation of a measured diameter from the sizes in the scene, as a share."""
 FRESH_S: Final = 0.02
-"""Age up to which a state of the world is drawn at once."""
+"""Maximum age of a state of the world that is drawn immediately, in seconds."""
 NEXT_S: Final = 1.5 * PERIOD_S
-"""Maximum time to wait for the next state if the newest one is older."""
+"""Maximum time to wait for the next state if the newest state is older, in seconds."""
 SMOOTHING: Final = 0.2
 """Weight of the newest interval in the measured rate."""
 
 
 def grading_settings(camera: SceneCamera) -> GradingSettings:
-    """Return settings of the grading for a scene: only apples of its sizes, on its stand, have a grade."""
+    """Return the grading settings for a scene.
+
+    Only apples with the sizes of the scene that lie on its stand have a grade.
+    """
     x, y, _ = camera.stand_m
     low_mm, high_mm = camera.diameters_mm
     along_m, across_m = (0.001 * share * high_mm for share in REGION)
@@ -47,12 +55,12 @@ class VirtualCamera:
     """Camera of an emulator's scene; implementation of ``perception.frames.CameraSource``."""
 
     def __init__(self, link: Path, scene: Path, clock: Clock, light: Light | None = None, seed: int = 0) -> None:
-        """Prepare the camera. It needs no emulator before ``open``.
+        """Prepare the camera. The emulator need not run before ``open``.
 
         Args:
             link: Path of the emulator's bus.
             scene: The MuJoCo file of the emulator, with a camera and apples.
-            clock: Clock of the stamps. The emulator uses the same one.
+            clock: Clock of the stamps. The emulator uses the same clock.
             light: The light; by default daylight in a room.
             seed: Seed of the noise.
 
@@ -119,7 +127,7 @@ class VirtualCamera:
         return Frame(self._camera.picture(), stamp_s, self._number)
 
     def truth(self) -> AppleTruth | None:
-        """Return what the last picture shows of the apple; None if the world has no apples."""
+        """Return the true state of the apple in the last picture, or None if the world has no apples."""
         return self._camera.truth()
 
     def close(self) -> None:
@@ -143,7 +151,7 @@ class VirtualCamera:
         return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return the newest publication that has not been read, and wait for one if there is none."""
+        """Return the newest unread publication. If there is none, wait for a publication."""
         while True:
             if self._client is None:
                 raise CameraLost(f"{self.name} is not open: open it first")

@@ -1,4 +1,4 @@
-"""Commands to a running emulator, over a Unix socket next to the bus. The commands stand for manual actions at a
+"""Commands to a running emulator, over a Unix socket next to the bus. The commands represent manual actions at a
 workbench.
 
 Each command is one line of JSON, and so is each answer. The loop of the emulator polls the socket and never waits.

@@ -1,4 +1,4 @@
-"""Run failing commands in the process of the test, because a separate process would take a second each."""
+"""Run failing commands within the test process, because a separate process would take a second for each command."""
 
 import sys
 
@@ -8,7 +8,7 @@ from servoloop import cli
 
 
 def complaint(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
-    """Run the command line, which must fail, and return its error output."""
+    """Run a command that must fail, and return its error output."""
     monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
     with pytest.raises(SystemExit) as exit_:
         cli.main()

@@ -1,4 +1,4 @@
-"""Use the same random examples in every run, repeat tests that a stall made fail, and use all cores."""
+"""Use the same random examples in every run, repeat tests that failed because of a stall, and use all cores."""
 
 import gc
 import signal
@@ -17,13 +17,13 @@ from tests.pages import require_taken
 from tests.ros_domain import ros_domain
 from tests.tiers import has_long_tests, mark_long, sample
 
-__all__ = ["ros_domain"]  # one fixture for all folders, because a second one would end in the middle of the first
+__all__ = ["ros_domain"]  # one fixture for all folders, because a fixture for each folder would end too early
 
 once_more = pytest.mark.flaky(reruns=1)
-"""Marker of tests in real time, which a short stall of the machine can make fail. The summary lists repeated tests."""
+"""Marker of real-time tests, which may fail if the machine stalls for a moment. The summary lists repeated tests."""
 ONLY = {"slow": ("slow", "workspace", "installed", "share"), "soak": ("soak",)}
-"""Words of which every file with a test of this marker contains at least one. tests/launch/conftest.py marks by
-fixtures."""
+"""Every file with a test that has this marker contains at least one of these words. tests/launch/conftest.py adds
+markers according to fixtures."""
 LONG_FILES = (
     *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
     *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
@@ -36,7 +36,8 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile simulation and planning before the workers start: workers that compile together damage the cache."""
+    """Compile the simulation and the planning code before the workers start, because workers that compile at the same
+    time damage the cache."""
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
         compile_ahead()
@@ -45,7 +46,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Exclude the collected tests from garbage collection. There are twelve thousand, and nearly all of them stay."""
+    """Exclude the collected tests from garbage collection. There are twelve thousand test objects, and nearly all of
+    them exist until the end."""
     gc.disable()
     try:
         return (yield)
@@ -55,7 +57,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def _hear_interrupts() -> None:
-    """Restore the signals that a shell ignores in background programs and nohup, for pytest and the tested programs."""
+    """Restore the signals that a shell ignores for background programs and nohup, for pytest and the tested
+    programs."""
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
@@ -63,14 +66,14 @@ def _hear_interrupts() -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Run tests over ROS and other tests at the same time if files are distributed."""
+    """Run tests over ROS at the same time as other tests if files are distributed to workers."""
     if config.getoption("dist") != "loadfile":
         return None
     return ComputingAside(config, log)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip files without a selected test, because the imports of all files take ten seconds."""
+    """Skip files without a selected test, because importing all files takes ten seconds."""
     if not collection_path.match("test_*.py"):
         return None
     expression = config.option.markexpr
@@ -86,7 +89,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option with which CI runs a part of the slow tests."""
+    """Add the option with which CI runs only a part of the slow tests."""
     parser.addoption("--sample", action="store_true", help="run the first of the selected tests of each folder")
 
 
@@ -95,7 +98,7 @@ def _has_a_word_of(marker: str, path: Path) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run tests in real time first, then files that compute for long, then short files, which balance the load."""
+    """Run real-time tests first, then files with long computations, and then short files, which balance the load."""
     marked = {(mark.name, item.path) for item in items for mark in item.iter_markers() if mark.name in ONLY}
     if passed_over := [str(path) for marker, path in sorted(marked) if not _has_a_word_of(marker, path)]:
         raise pytest.UsageError(f"marked in another file, so make test-slow would skip it: {passed_over}")
@@ -110,7 +113,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(specname="pytest_collection_modifyitems", trylast=True)
 def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests according to ``--sample``, after the selection by markers."""
+    """Deselect tests as ``--sample`` requires, after the selection by markers."""
     if config.getoption("sample"):
         kept = sample(items)
         config.hook.pytest_deselected(items=[item for item in items if item not in set(kept)])
@@ -118,14 +121,14 @@ def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Lower the priority of a worker that computes, in favor of tests in real time."""
+    """Lower the priority of a worker that runs computations, in favor of real-time tests."""
     if hasattr(item.config, "workerinput") and not in_real_time(item.nodeid):
         stand_back()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
-    """Check that a test has read the code blocks of the documentation that its mark names."""
+    """Check that a test has read the documentation's code blocks that are listed in its marker."""
     result = yield
     require_taken(pyfuncitem.iter_markers("runs"))
     return result

@@ -1,4 +1,5 @@
-"""Distribute test files to workers: tests in real time mostly wait and must not be delayed, and other tests compute."""
+"""Distribute test files to workers, so that real-time tests, which mostly wait, are not delayed by tests that
+compute."""
 
 import os
 from collections import OrderedDict
@@ -20,7 +21,7 @@ IN_REAL_TIME = (
     *("tests/commissioning/test_unknown_models", "tests/commissioning/test_answers_no_reads"),
     *("tests/command_socket/test_bad_clients", "tests/command_socket/test_commands", "tests/monitor/test_app"),
     *("tests/handling/test_robot_client", "tests/view/test_mover_without_browser"),
-    "tests/docs/test_every_block_is_run",  # reads the marks of all these files
+    "tests/docs/test_every_block_is_run",  # reads the markers of all these files
     *("tests/commissioning/test_set_up_read_by_others", "tests/servoloop/test_passport_verb", "tests/teleop/test_docs"),
     *("tests/servoloop/test_up_without_ros", "tests/command_socket/test_up_and_clients", "tests/api/test_arm_socket"),
     "tests/perception/test_sources",
@@ -30,20 +31,21 @@ IN_REAL_TIME = (
 
 
 def in_real_time(nodeid: str) -> bool:
-    """Whether a test or file is one of ``IN_REAL_TIME``."""
+    """Return whether a test or file belongs to ``IN_REAL_TIME``."""
     return nodeid.startswith(IN_REAL_TIME)
 
 
 def stand_back() -> None:
-    """Lower the priority of this process until its end, in favor of processes in real time."""
+    """Lower the priority of this process until its end, in favor of real-time tests in other processes."""
     os.setpriority(os.PRIO_PROCESS, 0, max(10, os.getpriority(os.PRIO_PROCESS, 0)))
 
 
 class ComputingAside(LoadFileScheduling):
-    """Distribute files in order, but let one worker compute from the start and leave tests in real time to the others.
+    """Distribute files in order, but let one worker compute from the start and leave real-time tests to the other
+    workers.
 
-    This uses the time in which stacks wait, and there is always one stack fewer than workers. A worker that has begun
-    to compute has a lower priority (tests/conftest.py) and gets no more tests in real time.
+    This uses the time in which stacks wait, and the number of stacks is always one less than the number of workers. A
+    worker that has begun to compute has a lower priority (tests/conftest.py) and gets no more real-time tests.
     """
 
     def __init__(self, config: pytest.Config, log: Any = None) -> None:
@@ -52,10 +54,10 @@ class ComputingAside(LoadFileScheduling):
         self._deadly: set[str] = set()
 
     def schedule(self) -> None:
-        """Assign files, and assign work twice to a worker that starts late.
+        """Assign files, and assign work twice if a worker starts late.
 
-        A worker keeps its last test until it gets another one. xdist would assign only one file, so that a file with a
-        single test would never be completed.
+        A worker keeps its last test until it gets a further test. xdist would assign only one file, so that a file with
+        a single test would never be completed.
         """
         if self.collection is not None:
             super().schedule()

@@ -1,4 +1,4 @@
-"""Find the tests with certain marks.
+"""Find the tests that have certain marks.
 
 If the run has not collected the files in question, pytest collects them in a separate process with this module as its
 plug-in.
@@ -16,21 +16,21 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = {"row": "ros", "runs": ""}
-"""Names of the marks, each with another mark that a test must also have, if any."""
+"""Names of the marks, each with a second mark that a test must also have, if there is one."""
 Marked = dict[str, list[str]]
-"""Tests by each argument of their marks."""
+"""Tests, by each argument of their marks."""
 _FOUND = pytest.StashKey[dict[str, Marked]]()
 _FILES = pytest.StashKey[set[Path]]()
 
 
 def remember(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Store the marks of all collected tests, before some are deselected."""
+    """Store the marks of all collected tests before some of the tests are deselected."""
     config.stash[_FILES] = {item.path for item in items}
     config.stash[_FOUND] = {name: _by_argument(items, name) for name in NAMES}
 
 
 def marked(config: pytest.Config, name: str, files: Sequence[Path]) -> Marked:
-    """Return the tests in these files by each argument of their marks with this name."""
+    """Return the tests in these files that have a mark with this name, by each argument of the mark."""
     if not config.stash[_FILES].issuperset(files):
         return _collected(files)[name]
     within = {str(path.relative_to(ROOT)) for path in files}

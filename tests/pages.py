@@ -1,7 +1,7 @@
 """Commands and code blocks of the documentation, for the tests that run them and for the test of completeness.
 
-The mark ``@pytest.mark.runs`` lists what a test runs: commands in full, and code blocks by name (``"hardware.md python
-1"``). ``tests/docs/test_every_block_is_run.py`` finds commands and blocks without a test.
+The mark ``@pytest.mark.runs`` lists the blocks that a test runs: commands in full, and code blocks by name
+(``"hardware.md python 1"``). ``tests/docs/test_every_block_is_run.py`` finds commands and blocks without a test.
 """
 
 import re
@@ -15,9 +15,9 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 SHELL = "sh"
 OUTPUT = ("", "text")
-"""Languages of blocks with output of programs, which no test runs."""
+"""Languages of blocks that contain the output of programs, which no test runs."""
 _FENCED = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
-_NOT_RUN = re.compile(r"^Not run by a test(?P<which>[^:]*): (?P<why>.+)$", re.MULTILINE)
+_NOT_RUN = re.compile(r"^No test runs this block, because .+$", re.MULTILINE)
 _taken: set[str] = set()
 
 
@@ -30,7 +30,7 @@ class Block:
     number: int
     text: str
     not_run: bool
-    """Whether the page says below the block that no test runs it, and why."""
+    """Whether the page states below the block that no test runs it, with a reason."""
 
     @property
     def name(self) -> str:
@@ -44,7 +44,7 @@ class Block:
 
     @property
     def to_run(self) -> list[str]:
-        """Names that a test must list: each command, or the block."""
+        """Names that a test must list: each command of the block, or the block itself."""
         if self.not_run or self.language in OUTPUT:
             return []
         return self.commands if self.language == SHELL else [self.name]
@@ -94,7 +94,7 @@ def named(page: str, *languages: str) -> list[str]:
 
 
 def require_taken(marks: Iterable[pytest.Mark]) -> None:
-    """Fail if a test has not requested a code block that its mark lists."""
+    """Fail if a test has not requested a code block that is listed in its mark."""
     said = {what for mark in marks for what in mark.args}
     said &= {block.name for page in pages() for block in blocks(page)} if said else set()
     assert said <= _taken, f"listed in a mark, but never requested with tests.pages.code: {said - _taken}"

@@ -1,6 +1,7 @@
-"""Select tests: `make test` runs the quick ones, CI also a part of the slow ones, and `make test-all` all of them.
+"""Select tests: `make test` runs the quick tests, CI also runs a part of the slow tests, and `make test-all` runs all
+tests.
 
-Of a long test (long_tests.txt), `make test` runs the first case.
+`make test` runs only the first case of a long test (long_tests.txt).
 """
 
 from collections.abc import Iterable
@@ -12,7 +13,7 @@ import pytest
 
 LIST = Path(__file__).with_name("long_tests.txt")
 ALWAYS: Final = "tests/ros/test_readme.py"
-"""File with the commands of the README, from which CI always runs a test."""
+"""File with the commands of the README, from which CI always runs one test."""
 
 
 @cache
@@ -40,7 +41,7 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 def sample(items: list[pytest.Item]) -> list[pytest.Item]:
     """Return the first test of each folder, and the first test of ``ALWAYS``.
 
-    The tests of the list are left out: `make test` has a case of each, or they take too long.
+    The tests in the list are omitted: `make test` runs a case of each, or they take too long.
     """
     first: dict[Path, pytest.Item] = {}
     for item in items:

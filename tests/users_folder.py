@@ -1,4 +1,4 @@
-"""An empty user folder with its own environment, in which the commands of a tutorial run as printed."""
+"""An empty user folder with its own environment, in which the commands of a tutorial run as they are printed."""
 
 import os
 import shlex
@@ -12,12 +12,13 @@ from pathlib import Path
 from tests.pages import ROOT
 
 SCRIPT = "#!{python}\nfrom servoloop.cli import main\nmain()\n"
-"""Script that pip creates for the entry point. Unlike ``python -m``, it does not add the current folder to Python's
-path."""
+"""Script that pip creates for the entry point. Unlike ``python -m``, this script does not add the current folder to
+Python's module search path."""
 
 
 class UsersFolder:
-    """An empty folder and an environment with our packages. Packages installed in it stay in it."""
+    """An empty folder, and an environment in which our packages are installed. Packages that are installed in this
+    environment are not visible outside of it."""
 
     def __init__(self, place: Path) -> None:
         self.folder, environment = place / "project", place / "venv"
@@ -32,13 +33,13 @@ class UsersFolder:
         script.chmod(0o755)
 
     def write(self, **texts: str) -> None:
-        """Write files. ``_`` in a keyword stands for the dot of a name, as in ``pyproject_toml``."""
+        """Write files. In keyword names, ``_`` represents the dot in a file name, as in ``pyproject_toml``."""
         for name, text in texts.items():
             stem, _, ending = name.rpartition("_")
             (self.folder / f"{stem}.{ending}").write_text(text)
 
     def run(self, command: str) -> str:
-        """Run a command to its end and return its output. Fail if its exit status is not 0."""
+        """Run a command to its end and return its output. The call fails if the exit status is not 0."""
         with self.start(command) as process:
             printed, _ = process.communicate(timeout=100.0)
         assert process.returncode == 0, printed
@@ -46,7 +47,7 @@ class UsersFolder:
 
     @contextmanager
     def start(self, command: str) -> Iterator[subprocess.Popen[str]]:
-        """Start a command with stdout and stderr in one pipe, and end it at the end of the block."""
+        """Start a command whose stdout and stderr go to one pipe, and end the command at the end of the block."""
         environment = os.environ | {"PATH": f"{self._bin}:{os.environ['PATH']}", "VIRTUAL_ENV": str(self._bin.parent)}
         environment.pop("PYTHONPATH", None)
         process = subprocess.Popen(

@@ -1,4 +1,5 @@
-"""Draw the images of the arms in docs/: an image of a simulated job, or a video of an arm that sorts three cubes.
+"""Draw the images of the arms in docs/: either an image of a simulated job, or a video of an arm that sorts three
+cubes.
 
 Example: `python tools/arm_picture.py koch docs/arms/koch.png`, `python tools/arm_picture.py so101 docs/arm.gif`
 """
@@ -15,7 +16,7 @@ from sim_backend.buses.build import Build
 from sim_backend.scene.picture import FilmRecorder
 
 GRADE = {"koch": "B"}
-"""Grade of the cube by arm, if it is not A."""
+"""Grade of the cube by arm, if the grade is not A."""
 
 PERIOD_S = 0.4
 """Simulated time between two frames of a video, in seconds."""

@@ -1,4 +1,4 @@
-"""Print the pairs of links that MoveIt need not check, as <disable_collisions> elements for the SRDF of an arm.
+"""Print the pairs of links that MoveIt does not have to check, as <disable_collisions> elements for the SRDF of an arm.
 
 python tools/collision_matrix.py                               # the default arm
 python tools/collision_matrix.py so101                         # an arm that `servoloop arms` lists
@@ -22,7 +22,7 @@ def main() -> None:
     try:
         scene = find_arm(arguments.arm).scene
         print("\n".join(lines(reasons(scene, arguments.samples, arguments.seed))))
-    except (ArmFileError, ValueError) as error:  # ValueError: MuJoCo cannot read the scene
+    except (ArmFileError, ValueError) as error:  # ValueError is raised if MuJoCo cannot read the scene
         sys.exit(f"{arguments.arm}: {error}")
 
 

@@ -1,4 +1,4 @@
-"""Run commands with their output in log files, and report what to do if one fails."""
+"""Run commands with their output in log files, and report how to fix the problem if a command fails."""
 
 import contextlib
 import os
@@ -13,19 +13,19 @@ from types import MappingProxyType
 
 from places import LOGS, ROOT, VENV
 
-# Variables of the shell that would mix another installation into this one.
+# Shell variables that would mix another installation into this one.
 FOREIGN = re.compile(r"(AMENT|COLCON|CMAKE|ROS|_ROS|PYTHON|CONDA)_?|LD_LIBRARY_PATH$|PIP_(USER|TARGET|PREFIX)$")
 
 
 COMMAND_S = 3600.0
-"""Maximum duration of one command, in seconds. uv ends stalled connections itself, and the slowest build takes
+"""Maximum duration of one command, in seconds. uv ends stalled connections itself, but the slowest build takes
 minutes."""
 STOP_S = 5.0
-"""Time between the request to end and the kill of a command, in seconds."""
+"""Time between the request to end a command and its kill, in seconds."""
 
 
 class SetUpError(Exception):
-    """The setup cannot continue. The message contains the cause and the remedy."""
+    """Error if the setup cannot continue. The message contains the cause and the remedy."""
 
 
 def environment() -> dict[str, str]:
@@ -37,7 +37,7 @@ def environment() -> dict[str, str]:
 
 
 class Commands:
-    """Runner of commands with their output in log files. It ends all commands if the setup ends early."""
+    """Runs commands with their output in log files. If the setup ends early, all running commands are ended."""
 
     def __init__(self, limit_s: float = COMMAND_S) -> None:
         self._limit_s = limit_s
@@ -74,7 +74,8 @@ class Commands:
             raise SetUpError(explain(log_path, command, status))
 
     def stop(self) -> None:
-        """End all running commands with their child processes. Kill those that do not end in time or after a Ctrl-C."""
+        """End all running commands with their child processes. Kill the commands that do not end in time or after a
+        Ctrl-C."""
         with self._lock:
             self._stopped = True
         running = list(self._running)
@@ -101,7 +102,7 @@ class Commands:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
-                start_new_session=True,  # The compilers of a build then end with it.
+                start_new_session=True,  # The compilers of a build then end with the command.
             )
             self._running.add(process)
             return process

@@ -1,4 +1,4 @@
-"""List the message packages in interfaces/, or only those that a sourced ROS installation does not have.
+"""List the message packages in interfaces/, or only the packages that a sourced ROS installation does not have.
 
 python3 tools/interface_packages.py            # all
 python3 tools/interface_packages.py --missing  # those to build in a ROS workspace
@@ -20,7 +20,7 @@ def definitions(package: str) -> list[Path]:
 
 
 def needed_packages(package: str) -> set[str]:
-    """Return the other packages in interfaces/ that this package contains types of."""
+    """Return the other packages in interfaces/ whose types this package contains."""
     text = (INTERFACES / package / "package.xml").read_text()
     return {name for name in re.findall(r"<depend>(\w+)</depend>", text) if (INTERFACES / name).is_dir()}
 
@@ -28,8 +28,8 @@ def needed_packages(package: str) -> set[str]:
 def packages() -> list[str]:
     """Return the packages in the order of the build.
 
-    Packages that others need come first. Otherwise the largest come first, so that a build on several cores ends
-    sooner.
+    Packages that other packages need come first. After that, the largest packages come first, so that a build on
+    several cores ends sooner.
     """
     names = [path.parent.name for path in INTERFACES.glob("*/package.xml")]
     needed = set().union(*(needed_packages(name) for name in names))

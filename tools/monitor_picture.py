@@ -26,12 +26,13 @@ JOBS = ("A", "B", "C")
 FAULT = parse("silent id=5 at=20s for=0.2s")
 JOINT = "1"
 STILL_S = 1.5 * ALL * JOINTS_S
-"""Time in which every widget is updated at least once, in seconds. A screen that does not change in it has settled."""
+"""Time within which every widget is updated at least once, in seconds. A screen that does not change within this time
+has settled."""
 SETTLE_S = 30.0
 
 
 def main(picture: Path) -> None:
-    """Record the jobs and write the moment of the fastest motion in the last job as SVG."""
+    """Record the jobs, and write the moment of the fastest motion in the last job as an SVG file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "job.mcap"
         simulate(read_files(), JobSettings(), Schedule(job=JOBS, faults=(FAULT,)), path)
@@ -44,7 +45,7 @@ def main(picture: Path) -> None:
 
 
 async def screen(playback: Playback) -> str:
-    """Return the settled screen as SVG, which loads no fonts from other machines.
+    """Return the settled screen as an SVG that loads no fonts from other machines.
 
     Raise TimeoutError if the screen never settles.
     """
@@ -53,7 +54,7 @@ async def screen(playback: Playback) -> str:
         await pilot.press(JOINT)
         async with asyncio.timeout(SETTLE_S):
             former, drawn = "", app.export_screenshot(simplify=True)
-            while drawn != former:  # Strips have the size of the available space when they were drawn.
+            while drawn != former:  # Strips have the size of the space that was available when they were drawn.
                 await pilot.pause(STILL_S)
                 former, drawn = drawn, app.export_screenshot(simplify=True)
     return re.sub(r"@font-face \{.*?\}", "", drawn, flags=re.DOTALL)

@@ -3,7 +3,7 @@
 make mutants                       # all areas below
 make mutants AREAS="gate joint"    # only these areas
 
-docs/testing.md says what to do with a survivor, and which are known.
+docs/testing.md explains what to do with a surviving mutant, and lists the known ones.
 """
 
 import os
@@ -22,17 +22,18 @@ FOLDER = ROOT / "build" / "mutants"
 TREE = FOLDER / "tree"
 """Copy of the tracked files, because the tool writes its mutants beside the code."""
 TOOL = FOLDER / "mutmut"
-"""Folder of the tool, separate from .venv, so that the setup needs neither mutmut nor its eight dependencies."""
+"""Folder of the tool, separate from .venv, so that the setup does not have to install mutmut and its eight
+dependencies."""
 VERSION = "3.8.1"
 MUTMUT = (sys.executable, "-m", "mutmut")
 LOG = FOLDER / "log"
 LIMIT_S = 1800.0
-"""Time limit for one area, in seconds. Mutants that were not tested by then are reported."""
+"""Time limit for one area, in seconds. Mutants that have not been tested within this time are reported."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """Files, and the tests that must detect changes in them. Both may be patterns."""
+    """Files to change, and the tests that must detect the changes. Both may be patterns."""
 
     files: tuple[str, ...]
     tests: tuple[str, ...]
@@ -105,7 +106,7 @@ def install_tool() -> None:
 
 
 def attempt(name: str, area: Area) -> int:
-    """Test all mutants of one area, and return 0 if all were tested, whether detected or not."""
+    """Test all mutants of one area, and return 0 if all of them were tested, whether or not they were detected."""
     copy_tree()
     (TREE / "setup.cfg").write_text(settings(area))
     began_s = time.monotonic()

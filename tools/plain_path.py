@@ -1,4 +1,4 @@
-"""Provide an ASCII path of the checkout, because CMake splits lists of files at other letters."""
+"""Provide an ASCII path of the checkout, because CMake splits lists of files at other characters."""
 
 import tempfile
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Draw the images of docs/planning.md: the virtual SO-101, planned around a wall and to a pose.
+"""Draw the images of docs/planning.md: the virtual SO-101 with planned motions around a wall and to a pose.
 
 Example: `python tools/planning_pictures.py wall docs/planning/wall.png`
 """
@@ -79,13 +79,13 @@ def bench() -> MotionPlanner:
 
 
 def states_of(trajectory: ArmTrajectory) -> list[dict[str, float]]:
-    """Return the positions at each point of a trajectory by joint."""
+    """Return the positions at each point of a trajectory, by joint."""
     rows = zip(*trajectory.positions.values(), strict=True)
     return [dict(zip(trajectory.positions, row, strict=True)) for row in rows]
 
 
 def pixels(still: Still, planner: MotionPlanner, states: list[dict[str, float]]) -> FloatArray:
-    """Return the path of the tool in the picture (k, 2)."""
+    """Return the path of the tool in pixels of the picture (k, 2)."""
     return still.pixels(np.array([planner.pose(state)[0] for state in states]))
 
 

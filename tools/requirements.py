@@ -13,7 +13,7 @@ COMPARISONS = {
 
 
 def requirements(pyproject: str) -> Iterator[str]:
-    """Yield all requirements of a pyproject.toml, except the extra that consists of other extras."""
+    """Yield all requirements of a pyproject.toml, except for the extra that consists of other extras."""
     content = tomllib.loads(pyproject)
     project = content["project"]
     yield from project["dependencies"]
@@ -45,7 +45,7 @@ def _parsed(requirement: str) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _key(version: str) -> list[int]:
-    """Return the numbers of a version without trailing zeros, for comparisons."""
+    """Return the numbers of a version without trailing zeros, so that versions can be compared."""
     numbers = [int(number) for number in re.findall(r"\d+", version)]
     while numbers and not numbers[-1]:
         numbers.pop()

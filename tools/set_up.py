@@ -1,6 +1,6 @@
 """Create .venv with Python packages, this project, and the ROS 2 message packages in interfaces/, for `make setup`.
 
-Each step leaves a stamp in .venv with a hash of its sources. A second run therefore repeats only missing or outdated
+Each step writes a stamp with a hash of its sources into .venv. A second run therefore repeats only missing or outdated
 steps, and an interrupted run continues where it stopped. This module uses only the standard library.
 """
 
@@ -125,12 +125,12 @@ def main() -> int:
     for number in (
         signal.SIGTERM,
         signal.SIGHUP,
-    ):  # Running commands have their own sessions, so they do not get these signals.
+    ):  # Commands that are running have their own sessions, so they do not receive these signals.
         signal.signal(number, signal.default_int_handler)
     try:
         only_one_at_a_time()
         set_up()
-    except (SetUpError, OSError) as error:  # For example, the disk is full or the folder belongs to another user.
+    except (SetUpError, OSError) as error:  # For example, the disk is full, or the folder belongs to another user.
         print(f"\nmake setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -1,6 +1,6 @@
 """Hooks of mkdocs for the documentation site, so that the pages of docs/ also work on git hosts.
 
-- A link from docs/ to another file of the repository leads to a page that shows the file.
+- A link from docs/ to another file in the repository leads to a page that shows this file.
 - reference/cli.md contains the `--help` of all commands. The other pages of reference/ contain the docstrings of the
   names in their tables.
 """
@@ -19,7 +19,7 @@ from typer.cli import get_docs_for_click
 ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = "reference/cli.md"
 SHOWN = "repository"
-"""Folder of the site with pages of other files in the repository."""
+"""Folder of the site with the pages that show other files of the repository."""
 LINK = re.compile(r"(?<=\]\()(\.\./[^)#\s]+)(?=\))")
 NAMED = re.compile(r"^\| `([a-z_]+(?:\.\w+)+)` \|", re.MULTILINE)
 

@@ -40,7 +40,7 @@ def locked_packages() -> dict[str, str]:
 
 
 def venv_key() -> str:
-    # A virtual environment contains absolute paths, its own and that of its base Python.
+    # A virtual environment contains absolute paths: its own path and that of its base Python.
     return digest(str(VENV), sys.version, os.path.realpath(sys.executable))
 
 

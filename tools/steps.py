@@ -55,8 +55,8 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
         if words := re.match(r"\s*(Downloading|Building) (\S+)|(Prepared|Installed) \d+ packages", line):
             detail[0] = words.group(0).strip().lower()
 
-    # pip installs uv and setuptools, with which uv builds the two source packages. The lock file has the hashes of all
-    # packages, so nothing is resolved. Python compiles modules when they are imported.
+    # pip installs uv and setuptools, with which uv builds the two source packages. The lock file contains the hashes of
+    # all packages, so versions do not have to be resolved. Python compiles modules when they are imported.
     first = LOGS / "first.lock"
     first.write_text("".join(re.findall(r"^(?:uv|setuptools)==.*\n(?: .*\n)*", LOCK.read_text(), re.MULTILINE)))
 
@@ -64,13 +64,13 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
         commands.run("packages", *PIP, "--no-compile", "--no-deps", "--require-hashes", "-r", first)
         commands.run("packages", *UV, "--require-hashes", "-r", LOCK, on_line=on_line)
 
-    # If uv is killed while it unpacks, it may leave an incomplete package that it cannot repair. Then .venv is created
-    # again.
+    # If uv is killed while it unpacks, it may leave an incomplete package that it cannot repair. In that case, .venv is
+    # created again.
     stamp("installing", "")
     try:
         step.follow([pool.submit(run)], lambda: detail[0])
     except SetUpError:
-        (STAMPS / "installing").unlink()  # uv itself has failed and cleaned up
+        (STAMPS / "installing").unlink()  # uv itself has failed and removed its incomplete files
         raise
     (STAMPS / "installing").unlink()
     stamp("packages", digest(LOCK))
@@ -107,7 +107,7 @@ def install_ros2_cli(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
 
 
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    """Compile the simulation and the planning, because otherwise their first use would take up to a minute."""
+    """Compile the simulation and the planning code, because otherwise their first use would take up to a minute."""
     parts = {"simulation": "sim_backend.compile_ahead", "planning": "planning.collision"}
     runs = [pool.submit(commands.run, name, PYTHON, "-m", module) for name, module in parts.items()]
     step.follow(runs, lambda: "the simulation and the planning, into machine code")
@@ -115,7 +115,7 @@ def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands)
 
 
 def uninstall_interfaces(package: str) -> None:
-    """Remove the installed interfaces, because files that a package no longer has must not stay importable."""
+    """Remove the installed interfaces, because files that a package no longer contains must not remain importable."""
     manifest = STAMPS / f"{package}.files"
     for line in manifest.read_text().splitlines() if manifest.exists() else []:
         Path(line).unlink(missing_ok=True)
@@ -131,7 +131,7 @@ def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, com
 
 
 def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    """Build the message packages. ``root`` is the checkout under a path that CMake can read."""
+    """Build the message packages. ``root`` is a path of the checkout that CMake can read."""
     state = dict.fromkeys(stale, "")
     venv = root / VENV.relative_to(ROOT)
     prefixes = {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}

@@ -26,7 +26,7 @@ SOFT, FACTORY = 16, 32
 
 
 def main(path: Path) -> None:
-    """Measure with one gain, write the other one, measure again, and draw both curves."""
+    """Measure with one gain, write the other gain, measure again, and draw both curves."""
     files, clock = read_arm_files(find_arm(ARM)), SimulatedClock()
     joints = files.robot.joints
     lines = VirtualLines(files, Build(), [POSE.get(joint.name, 0.0) for joint in joints])

@@ -1,4 +1,5 @@
-"""Exit with 0 if .venv can use this Python; otherwise print the reason in one line. It runs on any Python version."""
+"""Exit with 0 if .venv can use this Python; otherwise print the reason in one line. The script runs on any Python
+version."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""Draw the image of docs/view.md: a simulated job as `servoloop view` shows it. This needs chromium on PATH.
+"""Draw the image of docs/view.md: a simulated job as `servoloop view` shows it. The script needs chromium on PATH.
 
 Example: `python tools/view_picture.py docs/view.png`
 """
@@ -53,7 +53,7 @@ def photograph(url: str, picture: Path) -> None:
         page.wait_for_selector("canvas")
         page.wait_for_timeout(DRAWN_MS)
         if page.get_by_text(NOTICE).count():
-            # A click would wait until the button is at rest, which takes long without a graphics card.
+            # A click would wait until the button is at rest, which takes a long time without a graphics card.
             page.locator(f"[role=alert]:has-text('{NOTICE}') button").dispatch_event("click")
             page.wait_for_timeout(DRAWN_MS / 4)
         page.screenshot(path=picture, timeout=SHOT_MS)

@@ -1,1 +1,1 @@
-"""Drivers under comparison, as clients of a benchmark."""
+"""Drivers to compare, as clients of a benchmark."""

@@ -1,6 +1,7 @@
 """Send the bytes of our driver's cycle without a driver, to measure the time of the kernel, the line and the simulator.
 
-The cost of a driver is its own row minus this row. Other load on the machine also increases this row.
+The cost of a driver is the time in its own row minus the time in this row. Other load on the machine also increases
+this row.
 """
 
 import os
@@ -16,7 +17,7 @@ from drivers.port import Port
 from drivers.port.serial_port import LARGEST_VMIN, SerialPort
 
 Step = bytes | int
-"""Bytes to send, or number of bytes to wait for."""
+"""Bytes to send, or the number of bytes to wait for."""
 
 _TRIES = 10
 _WAIT_MS = 50
@@ -40,7 +41,7 @@ class Recorder(SerialPort):
 
 
 def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Repeat a complete cycle of ``driver``, in which all servos answered, with system calls only."""
+    """Repeat a complete cycle of ``driver``, in which all servos have answered, with system calls only."""
     for _ in range(_TRIES):
         port = Recorder(device, baud)
         cycle, close = driver(port, servo_ids)
@@ -57,9 +58,9 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
 
 
 def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
-    """Return the steps of two equal, complete cycles in a row.
+    """Return the steps of the first two consecutive cycles that are equal and complete.
 
-    They contain neither a timeout nor a repeated request.
+    Such cycles contain neither a timeout nor a repeated request.
     """
     last: list[Step] = []
     for _ in range(_TRIES):

@@ -1,4 +1,4 @@
-"""Dynamixel clients under comparison: each reads the state of every servo and writes a goal to it."""
+"""Dynamixel clients to compare: each client reads the state of every servo and writes a goal to it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +31,7 @@ def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Clie
     if identified:
         for servo_id in servo_ids:
             bus.identify(servo_id, XL430_W250)
-        bus.read_states(servo_ids)  # detects whether the servos answer fast sync reads
+        bus.read_states(servo_ids)  # detects whether the servos support fast sync reads
     return own_client(bus, clock, servo_ids)
 
 
@@ -41,7 +41,7 @@ def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Send the bytes of ``ours`` without decoding the replies."""
+    """Send the same bytes as ``ours``, without decoding the replies."""
     return bare(_ours, device, baud, servo_ids)
 
 
@@ -58,14 +58,14 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The SDK of the servo maker."""
+    """Use the SDK of the servo maker."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
 def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a fast sync read of the servo maker's SDK."""
+    """Use a fast sync read with the SDK of the servo maker."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))

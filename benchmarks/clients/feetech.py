@@ -1,4 +1,4 @@
-"""Feetech clients under comparison: each reads an eight-byte state from every servo and writes a goal to it."""
+"""Feetech clients to compare: each client reads an eight-byte state from every servo and writes a goal to it."""
 
 from collections.abc import Sequence
 
@@ -22,12 +22,12 @@ def _ours(port: Port, servo_ids: Sequence[int]) -> Client:
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Read and decode the states, including the status, then write the goals, as the control loop does."""
+    """Read and decode the states, including the status, and then write the goals, as the control loop does."""
     return _ours(SerialPort(device, baud), servo_ids)
 
 
 def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Send the bytes of ``ours`` without decoding the replies."""
+    """Send the same bytes as ``ours``, without decoding the replies."""
     return bare(_ours, device, baud, servo_ids)
 
 
@@ -39,7 +39,7 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def feetech_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The SDK of the servo maker."""
+    """Use the SDK of the servo maker."""
     import scservo_sdk as sdk
 
     return peers.makers_sdk(sdk, 0, device, baud, servo_ids, WORK)

@@ -1,6 +1,6 @@
 """Drivers of other projects as clients of a benchmark.
 
-In each cycle, they read a block from every servo and write a goal to it.
+In each cycle, each driver reads a block from every servo and writes a goal to it.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,16 +13,16 @@ from drivers.bus.read_plan import state_plan
 from drivers.servos.series import Series, StateBlock
 
 Client = tuple[Callable[[], bool], Callable[[], None]]
-"""Function that runs one cycle and returns whether every servo was read, and function that closes the port."""
+"""Two functions: one runs a cycle and returns whether every servo was read, and the other closes the port."""
 
 
 class Driver(NamedTuple):
-    """A driver under comparison."""
+    """A driver to compare."""
 
     open: Callable[[str, int, Sequence[int]], Client]
-    """Opens a device at a baud rate for the servos with these IDs."""
+    """Function that opens a device at a baud rate for the servos with these IDs."""
     cycle_size: Callable[[int], int]
-    """Returns the number of bytes of a cycle with this number of servos: request, replies and goals."""
+    """Function that returns the number of bytes in a cycle with this number of servos: request, replies and goals."""
 
     def wire_us(self, servos: int, baud: int) -> float:
         """Return the transmission time of a cycle, in microseconds."""
@@ -30,7 +30,8 @@ class Driver(NamedTuple):
 
 
 def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Callable[[int], int]:
-    """Return ``Driver.cycle_size`` of a driver that reads this block, with a fast sync read if ``fast``."""
+    """Return the function ``Driver.cycle_size`` for a driver that reads this block, with a fast sync read if
+    ``fast``."""
     goal_size = len(series.protocol.packets.sync_write(series.goal_address, series.goal_size, b""))
 
     def size(servos: int) -> int:
@@ -44,7 +45,7 @@ def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Call
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Registers that are read from and written to each servo."""
+    """Registers to read from and to write to each servo."""
 
     state_address: int
     state_size: int
@@ -61,7 +62,7 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
     def cycle() -> bool:
         try:
             found: Any = controller.sync_read_raw_data(ids, work.state_address, work.state_size)
-        except RuntimeError:  # a timeout, because the machine is busy
+        except RuntimeError:  # A timeout can occur because the machine is busy.
             return False
         controller.sync_write_raw_data(ids, work.goal_address, goals)
         return len(found) == len(ids)
@@ -72,7 +73,7 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
 def makers_sdk(
     sdk: ModuleType, protocol: float, device: str, baud: int, servo_ids: Sequence[int], work: Work
 ) -> Client:
-    """Return a client with the manufacturer's SDK and its own port."""
+    """Return a client that uses the manufacturer's SDK and its own port."""
     port, packets = sdk.PortHandler(device), sdk.PacketHandler(protocol)
     assert port.openPort() and port.setBaudRate(baud)
     states = sdk.GroupSyncRead(port, packets, work.state_address, work.state_size)

@@ -1,1 +1,1 @@
-"""Facts about real servos, and the figures and curves that show how virtual servos agree with them."""
+"""Facts about real servos, with the figures and curves that show how closely the virtual servos match them."""

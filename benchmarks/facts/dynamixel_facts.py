@@ -1,6 +1,7 @@
-"""Facts about Dynamixels, and the behavior of virtual ones: ranges, errors, modes, positions, profiles and the bus.
+"""Facts about Dynamixels, and the behavior of virtual Dynamixels: ranges, errors, modes, positions, profiles and the
+bus.
 
-Sources: "E" is ROBOTIS's e-manual, and "I" an answer of ROBOTIS in an issue of DynamixelSDK.
+Sources: "E" is ROBOTIS's e-manual, and "I" is an answer of ROBOTIS in an issue of DynamixelSDK.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ TOLERANCE: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One fact, and the behavior of a virtual servo."""
+    """One fact, with the behavior of a virtual servo."""
 
     group: str
     name: str
@@ -35,14 +36,14 @@ class Fact:
 
     @property
     def agrees(self) -> bool:
-        """Whether the virtual servo behaves as the fact states. Floating-point numbers may differ a little."""
+        """Whether the virtual servo behaves as the fact states. Floating-point numbers may differ slightly."""
         if isinstance(self.expected, float) and isinstance(self.measured, float):
             return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)
         return self.measured == self.expected
 
 
 class Bench:
-    """Servos on shafts. Writes go to their tables as packets do."""
+    """Servos on shafts. Writes are applied to the control tables as if they had arrived in packets."""
 
     def __init__(self, *models: x.XModel, firmware: int | None = None) -> None:
         self.clock = SimulatedClock()
@@ -82,7 +83,7 @@ class Bench:
         self.wait(0.3)
 
     def send(self, code: int, parameters: bytes, servo_id: int = BROADCAST) -> list[tuple[int, int]]:
-        """Send an instruction. Return ID and error of each separate reply."""
+        """Send an instruction. Return the ID and the error of each separate reply."""
         replies = self.line.receive(packet(servo_id, code, parameters), self.clock.now())
         self.wait(0.05)
         return [(reply.data[4], reply.data[8]) for reply in replies]
@@ -103,7 +104,7 @@ _RANGES: Final[Sequence[tuple[x.XModel, Register, int]]] = (
 
 
 def errors() -> Iterator[Fact]:
-    """Values outside a range, and goals beyond a limit."""
+    """Yield facts about values outside a range, and goals beyond a limit."""
     for model, register, value in _RANGES:
         yield Fact("errors", f"{model.name}: {register.name} {value}", DATA_RANGE, Bench(model).write(register, value))
     bench = Bench(x.XL430_W250)
@@ -116,7 +117,7 @@ def errors() -> Iterator[Fact]:
 
 
 def modes() -> Iterator[Fact]:
-    """Modes of each model, their motions, and what a change resets."""
+    """Yield facts about the modes of each model, the motions in these modes, and the values that a change resets."""
     for model in x.MODELS.values():
         wanted = [1, 3, 4, 16] if model.current_unit_a is None else [0, 1, 3, 4, 5, 16]
         accepted = [mode for mode in range(20) if Bench(model).write(x.operating_mode, mode) == 0]
@@ -151,7 +152,7 @@ def modes() -> Iterator[Fact]:
 
 
 def positions() -> Iterator[Fact]:
-    """Turns, homing offsets and reverse mode."""
+    """Yield facts about turns, homing offsets and reverse mode."""
     bench = Bench(x.XL430_W250)
     bench.turn(2 * TURN + 300)
     yield Fact("positions", "limp, two turns by hand", 2, bench.read(x.present_position) // TURN)
@@ -175,7 +176,7 @@ def positions() -> Iterator[Fact]:
 
 
 def profiles() -> Iterator[Fact]:
-    """Velocity-based and time-based profiles, and the moving status."""
+    """Yield facts about velocity-based and time-based profiles, and the moving status."""
     bench = Bench(x.XL430_W250)
     bench.write_all({x.velocity_limit: 20, x.profile_velocity: 60, x.torque_enable: 1, x.goal_position: 4000})
     bench.wait(0.4)
@@ -199,7 +200,7 @@ def profiles() -> Iterator[Fact]:
 
 
 def bus() -> Iterator[Fact]:
-    """Group reads, secondary ID, clear, factory reset and bus watchdog."""
+    """Yield facts about group reads, the secondary ID, clear, factory reset and the bus watchdog."""
     group = (x.XL430_W250, x.XM430_W350, x.XL430_W250)
     reads = (
         ("sync read", Code.SYNC_READ, span(132, 4) + bytes((1, 2, 3))),
@@ -215,7 +216,7 @@ def bus() -> Iterator[Fact]:
         servo.memory.put(x.secondary_id, 9)
     heard = [servo_id for servo_id, _ in bench.send(Code.WRITE, b"\x41\0\x01", 9)]
     lit = [servo.memory.get(x.led) for servo in bench.line.servos]
-    yield Fact("bus", "secondary ID: obeyed by all, answered by none", ([1, 1, 1], []), (lit, heard))
+    yield Fact("bus", "secondary ID: all obey, none answers", ([1, 1, 1], []), (lit, heard))
     for firmware, kept in ((42, 5), (41, 0)):
         bench = Bench(x.XL430_W250, firmware=firmware)
         bench.write(x.homing_offset, 5)
@@ -245,5 +246,5 @@ def factory() -> Iterator[Fact]:
 
 
 def facts() -> list[Fact]:
-    """Return all facts with the behavior of the virtual servos."""
+    """Return all facts, with the behavior of the virtual servos."""
     return [fact for part in (errors, modes, positions, profiles, bus, factory) for fact in part()]

@@ -1,4 +1,4 @@
-"""A figure of a virtual servo and its expected value."""
+"""A figure of a virtual servo, and the expected value."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +16,7 @@ class Figure:
     expected: float | None
     source: str = ""
     reason: str = ""
-    """Reason for a difference above the tolerance."""
+    """Reason for a difference that exceeds the tolerance."""
 
     @property
     def ratio(self) -> float | None:
@@ -25,7 +25,7 @@ class Figure:
 
     @property
     def fits(self) -> bool:
-        """Whether the figure is within the tolerance, or has a reason not to be."""
+        """Whether the figure is within the tolerance, or whether a reason is given for the difference."""
         if self.expected is None or self.reason:
             return True
         return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)

@@ -1,1 +1,1 @@
-"""Measurements of the planner."""
+"""Benchmarks of the motion planner."""

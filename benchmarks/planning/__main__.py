@@ -1,11 +1,11 @@
 """Measure the planner: ``python -m benchmarks.planning [DATA] [--problems 30] [--poses 60]``.
 
-DATA is a folder with problems.tar.bz2 (scenes and requests of MotionBenchMaker), ur5_spherized.urdf and ur5.srdf.
-A problem is valid if its start and its goal are not in contact. MuJoCo's own collision detection, with ten poses for
-each 0.05 rad, counts the plans that touch something.
+DATA is a folder with problems.tar.bz2 (scenes and requests of MotionBenchMaker), ur5_spherized.urdf and ur5.srdf. A
+problem is valid if its start and its goal are not in contact. MuJoCo's own collision detection, with ten poses for each
+0.05 rad, counts the plans with contacts.
 
-With ``--roboplan PYTHON``, roboplan plans the same problems. The times leave out the construction of the scene.
-With ``--poses``, arms of the project plan to random poses of their tools instead.
+With ``--roboplan PYTHON``, roboplan plans the same problems. The times do not include the construction of the scene.
+With ``--poses``, arms of this project plan to random tool poses instead.
 """
 
 import argparse
@@ -35,7 +35,12 @@ def main() -> None:
     parser.add_argument("--problems", type=positive, default=30, help="number of problems, evenly from all sets")
     parser.add_argument("--limit", type=float, default=5.0, help="time for each problem, in seconds")
     parser.add_argument("--searches", type=positive, default=SEARCHES, help="searches for each problem")
-    parser.add_argument("--poses", type=positive, default=0, help="number of reachable poses, and 2 for 5 out of reach")
+    parser.add_argument(
+        "--poses",
+        type=positive,
+        default=0,
+        help="number of reachable poses; two poses out of reach are added for every five",
+    )
     parser.add_argument("--roboplan", type=Path, help="Python interpreter with roboplan, for the same problems")
     parser.add_argument("--seed", type=positive, default=1, help="seed of the poses")
     arguments = parser.parse_args()

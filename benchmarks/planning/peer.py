@@ -1,9 +1,10 @@
 """Run roboplan on the same problems, in its own interpreter.
 
-The first line of its input is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links
-that may touch, the links that never move and the time limit in s. Each further line is a problem: the start, the goal
-and the shapes, each as kind, sizes and transform. The answer to a problem is a line with the path, the time of the
-search and the total time in s, or null. Problems alternate with those of servoloop, so that other load slows both down.
+The first line of the input is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links that
+may touch, the links that never move and the time limit in s. Each further line is a problem: the start, the goal and
+the shapes, each of which has a kind, sizes and a transform. The answer to a problem is one line: the path, the search
+time and the total time in s, or null if there is no path. Problems alternate with those of servoloop, so that other
+load slows both planners down.
 """
 
 import json
@@ -23,10 +24,10 @@ SCRIPT = Path(__file__).with_name("roboplan_peer.py")
 
 
 class Peer:
-    """A running process of roboplan.
+    """A running roboplan process.
 
     Args:
-        python: Interpreter that has roboplan.
+        python: Interpreter in which roboplan is installed.
         arm: The arm.
         models: Texts of the URDF and the SRDF.
         allowed: Pairs of links that may touch.
@@ -81,7 +82,7 @@ class Peer:
 
 
 def _allowed(allowed: frozenset[Pair], arm: ArmModel) -> frozenset[Pair]:
-    """Return the pairs that may touch, including links welded to each other, which MuJoCo never checks."""
+    """Return the pairs that may touch, including links that are welded to each other, which MuJoCo never checks."""
     welds = dict(zip(arm.links, (int(arm.model.body_weldid[body]) for body in arm.bodies), strict=True))
     welded = {(one, other) for one in welds for other in welds if one < other and welds[one] == welds[other]}
     known = {pair for pair in allowed if set(pair) <= set(arm.links)}

@@ -1,4 +1,4 @@
-"""Plan to random poses of the tool: reachable ones must be planned, and unreachable ones refused, each within 1 s."""
+"""Plan to random tool poses: reachable poses must be planned and unreachable ones refused, each within 1 s."""
 
 import time
 from collections import Counter
@@ -23,7 +23,7 @@ TOLERANCE_RAD: Final = 0.05
 ENOUGH_S: Final = 1.0
 """Time within which a pose must be planned or refused, in s."""
 TOUCHING: Final = Margins(1e-5, 1e-5)
-"""Distance that counts as a contact of a plan."""
+"""Distance below which a plan counts as touching an object."""
 LIMIT_S: Final = 5.0
 """Time limit of a request, in s."""
 FARTHER: Final = (1.05, 2.0)
@@ -39,7 +39,7 @@ class PoseResults:
     failed: Counter[str] = field(default_factory=Counter)
     refused_s: list[float] = field(default_factory=list)
     wrong: int = 0
-    """Number of plans that end outside the region of the goal, or touch something on the way."""
+    """Number of plans that end outside the goal region, or that touch something on the way."""
     accepted: int = 0
     """Number of unreachable poses that were not refused."""
 
@@ -57,7 +57,7 @@ class PoseResults:
 
 
 def run_poses(arm: str, reachable: int, unreachable: int, seed: int) -> PoseResults:
-    """Plan to random poses of one arm, from its first named state or from its pose in the scene file."""
+    """Plan to random poses of one arm, starting at its first named state or at its pose in the scene file."""
     files = read_arm_files(find_arm(arm))
     robot = planning_robot(files)
     group = robot.group(arm_group(robot, files).name)
@@ -83,7 +83,7 @@ def run_poses(arm: str, reachable: int, unreachable: int, seed: int) -> PoseResu
 def _planned(
     robot: PlanningRobot, group: GroupPlanner, start: State, goal: PoseGoal
 ) -> tuple[Motion | PlanningError, float]:
-    """Return the motion or the error, and the time in s."""
+    """Return the motion or the error, together with the time in s."""
     begun_s = time.perf_counter()
     request = MotionRequest(
         start=start,
@@ -99,7 +99,7 @@ def _planned(
 
 
 def _is_right(robot: PlanningRobot, group: GroupPlanner, start: State, goal: PoseGoal, motion: Motion) -> bool:
-    """Return whether a motion ends in the region, with the pose computed by MuJoCo, and touches nothing."""
+    """Return whether a motion ends in the goal region, with the pose computed by MuJoCo, and touches nothing."""
     if group.group.tip is None:
         return False
     end = robot.link_poses([group.group.tip], motion.end)[group.group.tip]
@@ -112,7 +112,8 @@ def _is_right(robot: PlanningRobot, group: GroupPlanner, start: State, goal: Pos
 def _reachable(
     robot: PlanningRobot, group: GroupPlanner, start: State, random: np.random.Generator, count: int
 ) -> tuple[list[PoseGoal], float]:
-    """Return regions around the poses of random positions without contact, and their largest distance, in m."""
+    """Return regions around the tool poses of random positions without contact, and the largest distance of these
+    poses, in m."""
     chain = group.chain(None, start)
     lower, upper = (np.array([getattr(limit, end) for limit in group.limits.values()]) for end in ("lower", "upper"))
     lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)

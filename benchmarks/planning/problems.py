@@ -1,4 +1,5 @@
-"""Public problems of a UR5: scenes and requests of MotionBenchMaker, and a fine check of plans with MuJoCo."""
+"""Public planning problems for a UR5: scenes and requests of MotionBenchMaker, and a fine check of plans with
+MuJoCo."""
 
 import bz2
 import io
@@ -28,13 +29,13 @@ JOINTS: Final = (
 )
 LIMIT: Final = JointLimits(-3.14159265, 3.14159265, velocity=0.5, acceleration=2.0, jerk=20.0)
 FINE_RAD: Final = 0.005
-"""Distance of the poses of the fine check, in rad: a tenth of the usual step of a planner."""
+"""Distance between the poses of the fine check, in rad: a tenth of the usual step of a planner."""
 SEEN: Final = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>'
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One problem: an arm in a scene, its start and its goal (6,)."""
+    """One problem: an arm in a scene, with its start and its goal (6,)."""
 
     name: str
     scene: Scene
@@ -43,8 +44,8 @@ class Problem:
 
 
 def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterator[Problem]:
-    """Yield about ``most`` problems of an archive, evenly from all sets, in the order of their names."""
-    unpacked = io.BytesIO(bz2.decompress(archive.read_bytes()))  # bz2 cannot seek back without a new start
+    """Yield about ``most`` problems of an archive, taken evenly from all sets, in the order of their names."""
+    unpacked = io.BytesIO(bz2.decompress(archive.read_bytes()))  # bz2 cannot seek backward without starting again
     with tarfile.open(fileobj=unpacked) as files:
         names = sorted(name for name in files.getnames() if re.search(r"request\d+\.yaml$", name))
         for name in names[:: max(1, len(names) // most)]:
@@ -89,7 +90,7 @@ def _shape(primitive: Any) -> Shape:
 
 
 def plain(urdf: str) -> str:
-    """Return a URDF without pictures, whose fixed links stay links of their own."""
+    """Return the URDF without visual shapes, with fixed links kept as separate links."""
     urdf = re.sub(r"<visual>.*?</visual>", "", re.sub(r"<\?xml.*?\?>", "", urdf), flags=re.DOTALL)
     return re.sub(r"(<robot\b[^>]*>)", rf"\1{SEEN}", urdf, count=1)
 
@@ -117,7 +118,7 @@ def touches(urdf: str, scene: Scene, adjacent: frozenset[Pair], path: FloatArray
 
 
 def _counts(model: Any, geoms: Any, allowed: frozenset[Pair]) -> bool:
-    """Return whether a contact is between links that must not touch, one of which moves relative to the other."""
+    """Return whether a contact is between two links that must not touch and that can move relative to each other."""
     bodies = [int(model.geom_bodyid[geom]) for geom in geoms]
     names = [str(model.body(body).name) for body in bodies]
     return int(model.body_weldid[bodies[0]]) != int(model.body_weldid[bodies[1]]) and pair(*names) not in allowed

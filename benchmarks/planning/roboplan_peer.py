@@ -1,6 +1,7 @@
-"""Plan problems with roboplan, in an environment of its own that has roboplan and numpy.
+"""Plan problems with roboplan, in a separate environment with roboplan and numpy.
 
-Reads JSON documents, one in each line, and writes the answers. ``peer.py`` describes them.
+The program reads JSON documents, one per line, and writes the answers. ``peer.py`` describes the documents and the
+answers.
 """
 
 import itertools
@@ -14,19 +15,19 @@ from roboplan import core, rrt  # type: ignore[import-not-found] # another envir
 
 GROUP = "manipulator"
 STEP_RAD = 0.05
-"""Step of the collision checks: roboplan's default."""
+"""Step of the collision checks, which is roboplan's default."""
 COLOR = np.array([0.5, 0.5, 0.5, 1.0])
 
 
 def main() -> None:
-    """Plan one problem for each line."""
+    """Plan one problem for each line of the input."""
     task = json.loads(sys.stdin.readline())
     for line in sys.stdin:
         print(json.dumps(plan(task, json.loads(line))), flush=True)
 
 
 def plan(task: Any, problem: Any) -> Any:
-    """Return the path, the time of the search and the time with shortcuts, both in s; None if there is no path."""
+    """Return the path, the search time and the time including shortcuts, both in s; None if there is no path."""
     scene = scene_of(task, problem)
     positions = np.zeros(len(scene.getJointNames()))
     scene.setJointPositions(positions)
@@ -54,7 +55,7 @@ def plan(task: Any, problem: Any) -> Any:
 
 
 def scene_of(task: Any, problem: Any) -> Any:
-    """Return the arm among the objects of a problem."""
+    """Return the arm, surrounded by the objects of a problem."""
     scene = core.Scene("problem", core.loadUrdfSceneDescriptionFromXml(task["urdf"]))
     scene.importSrdf(task["srdf"])
     for number, (kind, sizes, matrix) in enumerate(problem["shapes"]):

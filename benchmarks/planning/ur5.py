@@ -18,7 +18,7 @@ from planning.paths.smoothing import path_length
 from planning.paths.timing import timed
 
 SHOWN = 2
-"""Number of names of problems in a row."""
+"""Number of problem names that are listed."""
 
 
 @dataclass(slots=True)
@@ -34,7 +34,7 @@ class Results:
     timing_s: list[float] = field(default_factory=list)
     durations_s: list[float] = field(default_factory=list)
     touching: list[str] = field(default_factory=list)
-    """Names of the problems whose plan touches something on the fine check."""
+    """Names of the problems whose plans touch something in the fine check."""
     touching_timed: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
@@ -42,7 +42,7 @@ class Results:
 def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: tuple[float, int]) -> bool:
     """Plan one problem, add its figures and return whether it is valid.
 
-    ``settings`` are the time limit in s and the number of searches.
+    ``settings`` contains the time limit in s and the number of searches.
     """
     limit_s, searches = settings
     collisions = Collisions(arm, problem.scene)
@@ -71,7 +71,7 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
 
 
 def table_of(columns: Mapping[str, Results]) -> Table:
-    """Return a table of the figures of one or more planners by name."""
+    """Return a table with the figures of one or more planners, by name."""
     table = Table("figure", *columns)
     rows = [_rows(results) for results in columns.values()]
     for name in rows[0]:
@@ -105,5 +105,5 @@ def _rows(results: Results) -> dict[str, str]:
 
 
 def _counted(names: Sequence[str]) -> str:
-    """Return a number of problems with the first of their names."""
+    """Return the number of problems and the first names."""
     return f"{len(names)} {', '.join(names[:SHOWN])}{', ...' if len(names) > SHOWN else ''}"

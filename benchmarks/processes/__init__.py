@@ -1,1 +1,1 @@
-"""Processes that a benchmark starts and measures, and the load beside them."""
+"""Processes that a benchmark starts and measures, and processes that create load."""

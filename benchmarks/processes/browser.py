@@ -19,7 +19,7 @@ NICE: Final = 10
 
 @contextmanager
 def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand_back: bool = False) -> Iterator[Page]:
-    """Open an empty page of the browser at this path.
+    """Open an empty page in the browser at this path.
 
     ``viewport`` is the width and height of the page in pixels. With ``stand_back``, the browser has the lowest priority
     on this machine.
@@ -36,10 +36,10 @@ def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand
 def _standing_back(chromium: str, folder: Path) -> str:
     """Return the path of a script that starts the browser with a lower priority than all other programs.
 
-    Without a graphics card, a browser draws all the time on all processors. Whatever its nice value is, Linux gives its
-    session as much processor time as all other sessions together (sched(7), autogroup). If root starts it, it even
-    raises its own priority; the kernel threads that transfer the bytes of serial ports and pseudo-terminals then wait
-    for it.
+    Without a graphics card, a browser draws all the time on all processors. Regardless of its nice value, Linux gives
+    the session of the browser as much processor time as all other sessions together (sched(7), autogroup). If root
+    starts the browser, the browser even raises its own priority; the kernel threads that transfer the bytes of serial
+    ports and pseudo-terminals then have to wait for the browser.
     """
     command = f"nice -n {NICE} "
     if os.geteuid() == 0 and shutil.which("setpriv"):

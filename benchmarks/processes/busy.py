@@ -39,7 +39,7 @@ def without_priority() -> None:
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Run this number of processes that only use the processor."""
+    """Run a given number of processes that only use the processor."""
     with ExitStack() as ending:
         for _ in range(count):
             ending.callback(kill, start("-c", "while True: pass"))
@@ -63,7 +63,7 @@ def demo_beside(count: int, console: Console) -> int:
 
 
 def _demo(folder: str) -> str:
-    """Run the demo and return its output. It writes its results to the folder, unless it fails before."""
+    """Run the demo and return its output. The demo writes its results to the folder, unless it fails before."""
     command = [sys.executable, "-m", "servoloop", "demo", "--out", folder]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True, preexec_fn=without_priority) as p:

@@ -1,4 +1,5 @@
-"""Child processes of a benchmark. They end with the benchmark, and the benchmark ends if one is not ready in time."""
+"""Child processes of a benchmark. The processes end with the benchmark, and the benchmark ends if a process is not
+ready in time."""
 
 import select
 import subprocess
@@ -15,9 +16,9 @@ START_S: Final = 60.0
 
 @contextmanager
 def child(*command: str, says: str = "ready") -> Iterator["subprocess.Popen[str]"]:
-    """Start ``python command`` and kill it after the block.
+    """Start ``python command`` and kill the process after the block.
 
-    ``says`` is the first line that it prints when it is ready.
+    ``says`` is the first line that the process prints when it is ready.
     """
     process = start(*command)
     try:
@@ -30,7 +31,7 @@ def child(*command: str, says: str = "ready") -> Iterator["subprocess.Popen[str]
 
 
 def start(*command: str) -> "subprocess.Popen[str]":
-    """Start ``python command``, which gets SIGTERM when the benchmark ends for any reason."""
+    """Start ``python command``. The process gets SIGTERM when the benchmark ends for any reason."""
     return subprocess.Popen(
         [sys.executable, *command],
         stdin=subprocess.PIPE,
@@ -57,7 +58,7 @@ def next_line(process: "subprocess.Popen[str]", patience_s: float = START_S) -> 
     hung = threading.Timer(patience_s, process.kill)
     hung.start()
     try:
-        # Skip a message that the middleware prints when other programs have left shared memory locked.
+        # Skip a message that the middleware prints if other programs have left shared memory locked.
         return next((line.rstrip("\n") for line in process.stdout if "RTPS_TRANSPORT" not in line), "")
     finally:
         hung.cancel()

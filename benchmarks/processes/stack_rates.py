@@ -26,13 +26,13 @@ HAND, HAND_COUNTS = 7, 1100
 """ID of the hand's servo, and its position between the limits of the fingers."""
 START_S: Final = 60.0
 SETTLE_S: Final = 3.0
-"""Time after the start that is not measured, in seconds: first uses and discovery."""
+"""Time after the start that is not measured, in seconds, because of first uses and discovery."""
 MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
-"""Counters of a servo for values that a cycle did not receive."""
+"""Counters of a servo for values that were not received in a cycle."""
 
 
 class StoringServos(Servos):
-    """Motionless servos that keep written values, because the stack reads its settings back."""
+    """Servos that do not move but store written values, because the stack reads its settings back."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         super().__init__(servo_ids)
@@ -62,20 +62,21 @@ class StackFigures:
     cycles: int
     missed: int
     missing: float
-    """Share of the values that the cycles did not receive."""
+    """Share of the values that were not received in the cycles."""
     cpu_share: float
     thread_shares: tuple[float, ...]
-    """Processor time of each thread as a share of one core, the main thread first, then the busiest."""
+    """Processor time of each thread as a share of one core, with the main thread first and then the busiest threads."""
 
 
 @contextmanager
-def stack(device: str, rate_hz: float, folder: Path) -> Iterator[psutil.Process]:
-    """Run ``servoloop up`` at a rate in a ROS domain of its own, ready for clients."""
+def stack(device: str, rate_hz: float, folder: Path, domain: int | None = None) -> Iterator[psutil.Process]:
+    """Run ``servoloop up`` at a given rate in a ROS domain, ready for clients. The default is a random domain."""
     controllers, ready, log = folder / "controllers.yaml", folder / "ready", folder / "log"
     text = CONTROLLERS.read_text()
     controllers.write_text(text.replace("update_rate: 20", f"update_rate: {rate_hz:g}", 1))
     ready.unlink(missing_ok=True)
-    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100))  # also for the subscriber in this process
+    # This also applies to the subscriber in this process.
+    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100) if domain is None else domain)
     command = [sys.executable, "-m", "servoloop", "up", "--port", device, "--controllers", str(controllers)]
     with log.open("wb") as out:
         process = subprocess.Popen(
@@ -94,7 +95,7 @@ def stack(device: str, rate_hz: float, folder: Path) -> Iterator[psutil.Process]
 
 
 def measure(device: str, rate_hz: float, seconds: float, folder: Path) -> StackFigures:
-    """Run the stack at a rate for a time, with a subscriber to its states and diagnostics."""
+    """Run the stack at a given rate for some time, with a subscriber to its states and diagnostics."""
     with stack(device, rate_hz, folder) as process, client_node("benchmark_rates") as (node, executor):
         monitor = StackMonitor(node, executor, "arm_controller")
         _spin(monitor, SETTLE_S)

@@ -1,6 +1,6 @@
 """Calibrate joints that the user moves by hand: sweep, direction and anchor.
 
-Torque is off the whole time, and this module writes nothing to the servos or to disk.
+Torque stays off, and this module writes nothing to the servos or to disk.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,15 +32,15 @@ from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15
-"""Angle that the servo must turn to show a direction, rad."""
+"""Smallest rotation of a servo that shows a direction, rad."""
 TREMBLE_RAD: Final = 0.05
-"""A reversal of the motion by a smaller angle is ignored as trembling of the hand, rad."""
+"""Angle below which a reversal of the motion is ignored as trembling of the hand, rad."""
 TRIES: Final = 5
 """Maximum number of times that the user is asked to do one task."""
 REPEATS: Final = 2
 """Maximum number of times that a joint is measured again because its travel contradicts its direction or pose."""
 SEEN_TWICE: Final = 2
-"""Number of times that another servo must turn instead before the two IDs count as exchanged."""
+"""Number of times that a different servo must turn before the IDs of the two servos count as exchanged."""
 
 
 class CalibrationDialog(Protocol):
@@ -83,9 +83,9 @@ class ByHand:
         self._counting: dict[str, Counting] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Guide the user through all tasks; return the calibration of each joint, by name.
+        """Guide the user through all tasks, and return the calibration of each joint, by name.
 
-        Raises CalibrationError if the arm was not moved as requested.
+        Raise CalibrationError if the arm was not moved as requested.
         """
         require_poses(self._joints, self._plans)
         self._counting = {joint.name: counting_of(self._bus, joint) for joint in self._joints}
@@ -94,7 +94,10 @@ class ByHand:
         return {joint.name: self._measured(joint) for joint in self._joints}
 
     def poses(self) -> dict[str, float]:
-        """Ask the user to move freely turning joints to their marked poses; return the counts there, by joint."""
+        """Ask the user to move freely turning joints to their marked poses.
+
+        Return the counts in these poses, by joint.
+        """
         return {joint.name: self._pose_twice(joint, self._plans[joint.name]) for joint in self._joints}
 
     # The sweep.
@@ -118,11 +121,11 @@ class ByHand:
             text = (
                 f"Not yet from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops ({seen})"
             )
-        # A short travel is reported with the result: the stops of an arm may differ from its URDF.
+        # A short travel is reported with the result, because the stops of an arm may differ from its URDF.
         self._require_seams_outside()
 
     def _tell_fixed_seams(self) -> None:
-        """Warn before any work about servos that must be mounted with their encoder seams outside the travel."""
+        """Warn at the start about servos that must be mounted with their encoder seams outside the travel."""
         for joint in self._joints:
             if self._counting[joint.name].homing_offset is None:
                 self._guide.say(
@@ -156,7 +159,7 @@ class ByHand:
     # One joint.
 
     def _measured(self, joint: Joint) -> JointCalibration:
-        """Measure direction and anchor of one joint; repeat if the travel does not match the URDF's limits."""
+        """Measure direction and anchor of one joint. Repeat this if the travel does not match the URDF's limits."""
         sign = self._direction(joint)
         made = self._calibration(joint, sign, self._anchor(joint, sign))
         if self._plans[joint.name].zero != "pose":
@@ -187,7 +190,7 @@ class ByHand:
     # The direction.
 
     def _direction(self, joint: Joint) -> int:
-        """Ask the user to move the joint in its positive direction; return the sign of the change in counts."""
+        """Ask the user to move the joint in its positive direction. Return the sign of the change in counts."""
         positive = self._plans[joint.name].positive
         text, others = f"{joint.name}: {positive}", list[str]()
         per_rad = joint.model.counts_per_turn / tau
@@ -211,7 +214,7 @@ class ByHand:
     # The pose.
 
     def _pose(self, joint: Joint, plan: JointPlan, before: str = "") -> float:
-        """Ask the user to move the joint to its marked pose; return the counts there."""
+        """Ask the user to move the joint to its marked pose. Return the counts in this pose."""
         hands = Hands(self._sweep)
         text = f"{joint.name}: {before}{plan.pose}, and keep it there"
         self._have_done("pose", text, (joint,), hands.update)
@@ -222,7 +225,7 @@ class ByHand:
     def _pose_twice(self, joint: Joint, plan: JointPlan) -> float:
         """Return the counts at the pose of a joint that turns freely.
 
-        The user shows the pose twice, because no stop can confirm it.
+        The user shows the pose twice, because no stop can confirm the pose.
         """
         turn = joint.model.counts_per_turn
         first = self._pose(joint, plan)
@@ -255,7 +258,7 @@ def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> No
 
 
 def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
-    """Whether the travel would not match the URDF's limits if the joint's direction was reversed."""
+    """Whether reversing the joint's direction would make the travel contradict the URDF's limits."""
     limits = joint.limits
     if plan.zero != "pose" or turns_freely(joint) or position_warning(joint, made):
         return False

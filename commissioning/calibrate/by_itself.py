@@ -1,7 +1,8 @@
 """Calibrate an arm automatically: drive each joint with low torque until it stops moving at its stops.
 
-Only STS servos can do this. Their own position limits are disabled in RAM meanwhile (with the EEPROM lock closed), so
-that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the limits.
+Only STS servos can do this. The position limits of the servos are disabled in RAM during the calibration (with the
+EEPROM lock closed), so that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the
+limits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -75,9 +76,9 @@ class ByItself:
         self._poses: dict[str, float] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Find all stops and directions, then return the arm to its start with torque off.
+        """Find all stops and directions, then return the arm to its start and release the torque.
 
-        Raises CalibrationError, StoppedError.
+        Raise CalibrationError, StoppedError.
         """
         self._require_able()
         with closing(self._open_bus()) as bus:
@@ -93,7 +94,7 @@ class ByItself:
         except BaseException as error:
             try:
                 self._restart()
-            except DriverError as second:  # The first error is more important.
+            except DriverError as second:  # The error that occurred first is more important.
                 error.add_note(
                     "the position limits in the servos are still disabled, because the servos could not be restarted: "
                     f"{second}. Switch their supply off and on to restore the limits"
@@ -125,7 +126,7 @@ class ByItself:
                 bus.write(joint.servo_id, register, 0)
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
-        """Make all measurements that need torque; return the calibration of each joint."""
+        """Make all measurements that need torque. Return the calibration of each joint."""
         auto = self._plan.auto
         counted = [_counted_from(joint, here[joint.name], auto.drive.get(joint.name, DRIVE)) for joint in self._joints]
         named = {joint.name: index for index, joint in enumerate(self._joints)}
@@ -166,7 +167,9 @@ class ByItself:
         travel = Travel(
             *sorted(begun + round(StopSearch(arm, index, joint, way).run() / unit(joint)) for way in (-1, 1))
         )
-        if plan.zero == "pose":  # No user shows the pose here, so the middle of the travel replaces it.
+        if (
+            plan.zero == "pose"
+        ):  # The user does not show the pose in this calibration, so the middle of the travel replaces it.
             plan = plan.model_copy(update={"zero": "middle", "at": None})
         return FoundZero(
             travel,
@@ -177,7 +180,7 @@ class ByItself:
         )
 
     def _wait(self, arm: SlowArm, index: int, found: FoundZero, begun: int) -> None:
-        """Move the joint to the position where it leaves room for the other joints."""
+        """Move the joint to the position in which it leaves room for the other joints."""
         joint = self._joints[index]
         there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position
         arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)

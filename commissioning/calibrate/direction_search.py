@@ -14,7 +14,7 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 WIGGLE_RAD: Final = 0.15
-"""Angle that a joint turns to show its direction, rad of the servo's shaft."""
+"""Angle by which a joint turns to show its direction, rad of the servo's shaft."""
 NEAR_RAD: Final = 0.3
 """Maximum distance to a stop, in the folded pose, at which the stop shows the joint's direction, rad."""
 ARRIVED_RAD: Final = 0.12
@@ -25,7 +25,7 @@ class Watcher(CalibrationDialog, Protocol):
     """A person who watches the automatic calibration and moves joints that turn freely to their marked poses."""
 
     def moved_so(self, joint: str, text: str) -> bool:
-        """Whether the joint first turned in the direction that ``text`` describes, before it came back."""
+        """Ask whether the joint first turned in the direction that ``text`` describes, before it came back."""
         ...
 
 
@@ -33,7 +33,7 @@ class DirectionSearch:
     """Search for the directions of all joints, beginning in the folded pose that the plan describes."""
 
     def __init__(self, arm: SlowArm, joints: Sequence[Joint], plan: ArmPlan, watcher: Watcher) -> None:
-        """Prepare the search; ``joints`` are in the same order as the joints of ``arm``."""
+        """Prepare the search. ``joints`` are in the same order as the joints of ``arm``."""
         self._arm = arm
         self._joints = tuple(joints)
         self._plan = plan
@@ -77,7 +77,7 @@ class DirectionSearch:
         return True
 
     def _seen(self, index: int, first: int) -> int:
-        """Turn the joint a little, the ``first`` way if it can, and return the sign that the user's answer gives."""
+        """Turn the joint a little, the ``first`` way if possible, and return the sign that the user's answer gives."""
         joint = self._joints[index]
         for way in (first, -first):
             if self._wiggled(index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
@@ -88,7 +88,10 @@ class DirectionSearch:
         )
 
     def _shown_by_stop(self, index: int) -> int:
-        """Return the sign of a joint near a stop, from which it turns farther than towards it; 0 for other joints."""
+        """Return the sign of a joint near a stop, which turns farther away from the stop than toward it.
+
+        0 for other joints.
+        """
         joint = self._joints[index]
         start, limits = self._plan.auto.start.get(joint.name), joint.limits
         if start is None:
@@ -103,7 +106,7 @@ class DirectionSearch:
         return away if start - limits.lower < limits.upper - start else -away
 
     def _wiggled(self, index: int, way: int, angle_rad: float) -> float:
-        """Turn a joint a little and back; return the angle that it turned."""
+        """Turn a joint a little and back. Return the angle by which the joint turned."""
         joint = self._joints[index]
         self._watcher.say(f"{joint.name} turns a little and back")
         self._arm.go(index, way * angle_rad * joint.transmission)

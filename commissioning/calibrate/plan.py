@@ -1,6 +1,6 @@
-"""The calibration plan of an arm: the positive direction of each joint and how its zero is found."""
+"""Read the calibration plan of an arm: the positive direction of each joint and the way to find its zero."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
@@ -18,9 +18,13 @@ class JointPlan(BaseModel):
     positive: str
     """Instruction for the user that describes the positive direction of the joint."""
     zero: Zero = "middle"
-    """Place that links the counts to the URDF's positions: the middle of the travel, a stop, or a marked pose."""
+    """Reference position that links counts to positions in the URDF: the middle of the travel, a stop, or a marked
+    pose.
+    """
     at: Position | None = None
-    """Joint position at that place. Without it, the middle and the stops use the URDF's limits."""
+    """Joint position at the reference position. If this value is missing, the middle and the stops follow from the
+    URDF's limits.
+    """
     pose: str = ""
     """Instruction for the user that describes the pose; only for ``zero: pose``."""
 
@@ -31,7 +35,7 @@ class JointPlan(BaseModel):
         return self
 
     def anchor(self, lower: float, upper: float) -> float:
-        """Return the position of a joint with these limits at the place that ``zero`` names."""
+        """Return the position of a joint with these limits at the reference position ``zero``."""
         if self.at is not None:
             return self.at
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
@@ -40,7 +44,7 @@ class JointPlan(BaseModel):
 def _in_order(steps: Any) -> Any:
     """Convert a list of single entries to a mapping in the same order.
 
-    Raises ValueError for a mapping with several entries, because its order is not reliable.
+    Raise ValueError for a mapping with several entries, because the order of a mapping is not reliable.
     """
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())
@@ -70,13 +74,14 @@ class AutoPlan(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: dict[str, Position] = {}
-    """Approximate joint positions at the start. The arm must rest in this pose without torque."""
+    """Approximate joint positions at the start. The arm must be able to rest in this pose without torque."""
     clear: Steps = {}
-    """Positions to which joints move, one by one, before the search for stops. Each needs an entry in ``start``."""
+    """Positions to which joints move, one by one, before the search for stops. Each joint needs an entry in ``start``.
+    """
     stops: Steps = {}
-    """Order of the search for stops, and where each joint waits afterwards. Other joints come last and wait at 0."""
+    """Order of the search for stops, and the position of each joint after it. Other joints come last and wait at 0."""
     drive: dict[str, TorqueLimit] = {}
-    """Torque limit of a joint, as a share of full drive: just enough to lift its load. The default is 0.5."""
+    """Torque limit of a joint, as a share of full drive, just enough to lift the load. The default is 0.5."""
 
     @model_validator(mode="after")
     def _start_is_known(self) -> Self:
@@ -92,3 +97,12 @@ class ArmPlan(BaseModel):
 
     joints: dict[str, JointPlan] = {}
     auto: AutoPlan = AutoPlan()
+
+    def part_of(self, joints: Collection[str]) -> "ArmPlan":
+        """Return the plan of some joints, such as those on one bus."""
+        auto = {name: _of(getattr(self.auto, name), joints) for name in ("start", "clear", "stops", "drive")}
+        return self.model_copy(update={"joints": _of(self.joints, joints), "auto": self.auto.model_copy(update=auto)})
+
+
+def _of(values: Mapping[str, Any], joints: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in joints}

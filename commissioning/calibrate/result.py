@@ -11,13 +11,14 @@ from hal.joint import Joint
 SWEPT_SHARE: Final = 0.8
 """Minimum travel of a joint that was swept from stop to stop, as a share of its range in the URDF."""
 DOUBTFUL_SHARE: Final = 0.03
-"""Maximum difference between travel and URDF range, as a share of the range. More may mean a wrong part."""
+"""Maximum difference between travel and URDF range, as a share of the range. A larger difference may mean a wrong part.
+"""
 PRESSED_RAD: Final = 0.08
-"""Angle by which hands press a joint into its two stops, both together, rad of the servo's shaft."""
+"""Sum of the angles by which a hand presses a joint into its two stops, rad of the servo's shaft."""
 MISSING_RAD: Final = 0.04
 """Maximum angle by which a travel may be shorter than the URDF's range, rad of the servo's shaft.
 
-A zero in the middle of the travel is wrong by half of the missing angle.
+If the zero is in the middle of the travel, it is wrong by half of the missing angle.
 """
 PLACE_RAD: Final = 0.05
 """Maximum distance between the middle of a travel and the middle of the URDF's limits, rad."""
@@ -28,7 +29,7 @@ EYE_RAD: Final = 0.05
 
 
 class CalibrationError(Exception):
-    """The calibration cannot be finished; the message says what to do."""
+    """The calibration cannot be finished. The message tells the user what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class JointCalibration:
     homing_offset: int | None
     """Homing offset of the servo; None if the servo has no usable homing offset."""
     lower_counts: int
-    """Smallest count in the travel. It may belong to the upper stop of the joint."""
+    """Smallest count in the travel. This count may belong to the upper stop of the joint."""
     upper_counts: int
     """Largest count in the travel."""
     extended: bool = False
@@ -48,7 +49,7 @@ class JointCalibration:
 
     @property
     def counting(self) -> Counting:
-        """The settings of the servo that determine its counts."""
+        """Settings of the servo that determine its counts."""
         return Counting(self.homing_offset, self.extended)
 
     def travel(self, joint: Joint) -> float:
@@ -56,7 +57,7 @@ class JointCalibration:
         return (self.upper_counts - self.lower_counts) * unit(joint)
 
     def stops(self, joint: Joint) -> tuple[float, float]:
-        """Return the joint positions at both ends of the travel, the smaller one first, in rad or m."""
+        """Return the joint positions at both ends of the travel, smaller position first, in rad or m."""
         ends = [
             self.sign * (counts - self.zero_counts) * unit(joint) for counts in (self.lower_counts, self.upper_counts)
         ]
@@ -82,18 +83,18 @@ def unit(joint: Joint) -> float:
 
 
 def turns_freely(joint: Joint) -> bool:
-    """Whether the joint's range in the URDF is a whole turn of its servo, so that it has no stops."""
+    """Whether the joint has no stops, because its range in the URDF is a whole turn of its servo."""
     range_counts = (joint.limits.upper - joint.limits.lower) / unit(joint)
     return range_counts > joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
 
 def fills_the_turn(joint: Joint, travel: Travel) -> bool:
-    """Whether the joint was moved through a whole turn of its servo or more, so that it has no stops."""
+    """Whether the joint has no stops, because it was moved through a whole turn of its servo or more."""
     return travel.span > joint.model.counts_per_turn - 2
 
 
 def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
-    """Return the calibration of one joint. Raises CalibrationError if the seam cannot be kept out of its range.
+    """Return the calibration of one joint. Raise CalibrationError if the seam cannot be kept out of the joint's range.
 
     For a joint that turns freely, only the range in the URDF matters: the seam is put opposite the middle of this
     range, and the travel is the whole turn.
@@ -127,7 +128,7 @@ def _both(one: Travel, other: Travel) -> Travel:
 
 
 def _off_the_seam(joint: Joint, needed: Travel, counting: Counting) -> tuple[Travel, Counting]:
-    """Return the range in counts that do not cross the seam, and the servo settings for these counts."""
+    """Return the range in counts that does not cross the seam, and the servo settings for these counts."""
     turn = joint.model.counts_per_turn
     if needed.span > turn:
         raise CalibrationError(
@@ -150,7 +151,7 @@ def cannot_move_seam(joint: Joint) -> str:
 
 
 def travel_warnings(joint: Joint, calibration: JointCalibration) -> str:
-    """Return sentences about a suspicious length or position of the travel; an empty string if both are plausible."""
+    """Return warnings about an implausible length or position of the travel; an empty string if both are plausible."""
     travel, range_ = calibration.travel(joint), joint.limits.upper - joint.limits.lower
     if turns_freely(joint):
         return ""
@@ -168,7 +169,7 @@ def travel_warnings(joint: Joint, calibration: JointCalibration) -> str:
 
 
 def missing_allowed(joint: Joint) -> float:
-    """Return how much shorter than its URDF range the joint's travel may be to be plausible, in rad or m."""
+    """Return the plausible difference between a short travel and the joint's URDF range, in rad or m."""
     return min(DOUBTFUL_SHARE * (joint.limits.upper - joint.limits.lower), MISSING_RAD * joint.transmission)
 
 
@@ -177,17 +178,17 @@ def _longer_allowed(joint: Joint) -> float:
 
 
 def pressed_counts(joint: Joint, travel: Travel) -> float:
-    """Return how far the joint was pressed into each of its stops, in counts.
+    """Return the distance by which the joint was pressed into each of its stops, in counts.
 
-    This is half of the difference between the travel and the URDF's range. It is 0 if the travel is not longer, or so
-    much longer that the stops must be different ones.
+    This is half of the difference between the travel and the URDF's range. The result is 0 if the travel is not longer
+    than the range, or so much longer that the stops must differ from the URDF.
     """
     longer = travel.span * unit(joint) - (joint.limits.upper - joint.limits.lower)
     return 0.5 * longer / unit(joint) if 0.0 < longer <= PRESSED_RAD * joint.transmission else 0.0
 
 
 def position_warning(joint: Joint, calibration: JointCalibration) -> str:
-    """Return a sentence about a travel that does not match the URDF's limits; an empty string if it matches."""
+    """Return a warning about a travel that does not match the URDF's limits; an empty string if it matches."""
     if turns_freely(joint) or abs(off := misplaced(joint, calibration)) <= PLACE_RAD * joint.transmission:
         return ""
     (lower, upper), limits = calibration.stops(joint), joint.limits
@@ -211,10 +212,10 @@ def is_mirrored(joint: Joint, calibration: JointCalibration) -> bool:
 
 
 def uncertainty(joint: Joint, calibration: JointCalibration, zero: str) -> float:
-    """Return the expected error of the stored zero, in rad or m; ``zero`` is the plan's ``JointPlan.zero``."""
+    """Return the expected error of the stored zero, in rad or m. ``zero`` is the value of ``JointPlan.zero``."""
     if turns_freely(joint):
         return EYE_RAD * joint.transmission
     longer = calibration.travel(joint) - (joint.limits.upper - joint.limits.lower)
-    at_stop = zero.endswith("stop") and longer < 0.0  # A longer travel is shared equally by both stops.
+    at_stop = zero.endswith("stop") and longer < 0.0  # The excess of a longer travel is shared equally by both stops.
     by_travel = -longer if at_stop else max(0.5 * abs(longer), abs(misplaced(joint, calibration)))
     return PLAY_RAD * joint.transmission + by_travel

@@ -1,6 +1,6 @@
 """Calibrate an arm on one bus: release torque, measure, show the changes, store them, and test each joint."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,8 @@ from hal.servos.limp_arm import release_question, servo_name, torque_warning
 WAY_RAD: Final = 0.2
 """Angle that each servo turns in the motion test, back and forth, rad."""
 OFF_SHARE: Final = 0.3
-"""Maximum error of a test motion, as a share of its length. It covers friction and the dead band, but not sag,
-because sag is the same at both ends.
+"""Maximum error of a test motion, as a share of its length. This covers friction and the dead band. Sag is the same at
+both ends and cancels out.
 """
 
 
@@ -85,20 +85,20 @@ class Asker(CalibrationDialog, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CalibrationDifference:
-    """One joint before and after the calibration."""
+    """Values of one joint before and after the calibration."""
 
     joint: str
     servo_id: int
     before: Joint
     made: JointCalibration
     doubt: str
-    """Sentences about implausible results; empty if all results are plausible."""
+    """Warnings about implausible results; empty if all results are plausible."""
     uncertainty: float = 0.0
     """Expected error of the stored zero, in rad or m."""
 
     @property
     def zero_moved(self) -> float:
-        """Distance that the zero has moved, in rad or m. It is meaningful only if the sign is unchanged."""
+        """Distance by which the zero has moved, in rad or m. The value is meaningful only if the sign is unchanged."""
         model = self.before.model
         offset = (self.made.counting.seam(model) or 0) - (joint_counting(self.before).seam(model) or 0)
         half = self.before.model.counts_per_turn // 2
@@ -108,7 +108,7 @@ class CalibrationDifference:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationOutcome:
-    """Result of a calibration, whether the user had it stored or not."""
+    """Result of a calibration, stored or not."""
 
     differences: tuple[CalibrationDifference, ...]
     path: Path
@@ -120,7 +120,7 @@ class CalibrationOutcome:
 
 
 def by_hand(asker: Asker) -> Measure:
-    """Return the measurement in which the user moves the arm by hand, as a function for ``calibrate``."""
+    """Return the measurement by hand as a function for ``calibrate``."""
     return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run() if joints else {}
 
 
@@ -129,10 +129,12 @@ class JointsToCalibrate:
     """Joints of a robot file that are on one bus, with the plan of each joint."""
 
     robot: Path
-    """Robot file. The calibration is stored beside it."""
+    """Robot file. The calibration is stored in the same folder."""
     joints: Sequence[Joint]
     plans: Mapping[str, JointPlan]
     """Calibration plan of each joint, by name."""
+    others: Collection[str] = ()
+    """Joints of the robot file on other buses, whose calibration stays."""
 
     def require_plans(self) -> None:
         """Raise CalibrationError if a joint has no plan."""
@@ -152,15 +154,15 @@ def calibrate(
 ) -> CalibrationOutcome:
     """Calibrate joints by hand or with another measurement.
 
-    Nothing is written before the user agrees. Torque is off afterwards, even after an error. Raises CalibrationError,
+    Nothing is written before the user agrees. At the end, torque is off, even after an error. Raises CalibrationError,
     ServoError, PortLost, StoppedError.
 
     Args:
         arm: Joints to calibrate.
         open_bus: Opens the bus of the joints.
-        asker: The person who moves the arm and answers questions.
+        asker: Interface to the person who moves the arm and answers questions.
         clock: Clock for all waiting times.
-        measure: Measurement to use; by hand if None.
+        measure: Measurement to use; None to measure by hand.
         stopped: Checked during the motion test; the test stops when it returns True.
     """
     arm.require_plans()
@@ -182,7 +184,7 @@ def calibrate(
     if not asker.confirm(STORE):
         return CalibrationOutcome(differences, calibration_path(robot))
     with closing(open_bus()) as bus:
-        changes = store(robot, bus, joints, made, clock)
+        changes = store(robot, bus, joints, made, clock, arm.others)
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
@@ -214,7 +216,7 @@ def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], ask
 def to_turn_round(
     joints: Sequence[Joint], plans: Mapping[str, JointPlan], made: Mapping[str, JointCalibration], asker: Asker
 ) -> list[Joint]:
-    """Return the joints whose direction only the user has shown, if the user reports that one of them is wrong."""
+    """If the user reports a wrong direction, return the joints whose direction was shown only by the user."""
     shown = [joint for joint in joints if not place_shows_direction(joint, plans[joint.name], made[joint.name])]
     for joint in shown:
         calibrated_before = joint.homing_offset is not None

@@ -1,7 +1,7 @@
-"""Move the seam of a servo's encoder: the position where the count jumps from the last value to the first.
+"""Move the seam of a servo's encoder, at which the count jumps from the last value to the first.
 
 An STS subtracts its homing offset from the encoder reading. A Dynamixel X adds the offset, and accepts every offset
-only in extended position mode. In this mode it counts across turns, and the bus reduces its counts to one turn
+only in extended position mode. In this mode the servo counts across turns, and the bus reduces its counts to one turn
 (drivers/bus/turns.py).
 """
 
@@ -20,7 +20,7 @@ from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
 
 SEAM_MARGIN_COUNTS: Final = 16
-"""Distance between a travel and the seam, in counts, because gears bend a little at their stops."""
+"""Minimum distance between a travel and the seam, in counts, because gears bend a little at the stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Counting:
     """Whether a Dynamixel X is in extended position mode."""
 
     def seam(self, model: ServoModel) -> int | None:
-        """Return the encoder reading at which the servo reports 0; None if it cannot be changed."""
+        """Return the encoder reading at which the servo reports 0, or None if this reading cannot be changed."""
         if self.homing_offset is None or not can_move_seam(model):
             return None
         if series_of(model) is not X:
@@ -43,7 +43,7 @@ class Counting:
 
 
 def joint_counting(joint: Joint) -> Counting:
-    """Return the settings that the robot file or its calibration gives for the counts of the joint's servo."""
+    """Return the settings for the counts of the joint's servo from the robot file or its calibration."""
     return Counting(joint.homing_offset or 0, joint.extended)
 
 
@@ -83,7 +83,7 @@ def write_counting(bus: Bus, joint: Joint, wanted: Counting) -> tuple[Change, ..
 
 
 def off_the_seam(model: ServoModel, needed: Travel, counting: Counting) -> tuple[Travel, Counting] | None:
-    """Return a range in counts that do not cross the seam, and the servo settings for these counts.
+    """Return a range in counts that does not cross the seam, and the servo settings for these counts.
 
     Args:
         model: Model of the servo.
@@ -123,7 +123,7 @@ def _as_it_is(model: ServoModel, needed: Travel, counting: Counting) -> Travel |
 
 
 def _clear(needed: Travel, added: int, turn: int) -> Travel | None:
-    """Return the range minus ``added``, within one turn; None if it crosses into the next turn."""
+    """Return the range minus ``added``, within one turn, or None if the result crosses into the next turn."""
     lower = (needed.lower - added) % turn
     margin = min(SEAM_MARGIN_COUNTS, max(0, (turn - needed.span) // 4))
     inside = lower >= margin and lower + needed.span < turn - margin

@@ -1,4 +1,4 @@
-"""Find a stop of a joint: drive it with low torque until it stands still although its goal is ahead of it."""
+"""Find a stop of a joint: drive the joint with low torque until it stands still although its goal is ahead."""
 
 from typing import Final
 
@@ -19,7 +19,7 @@ class StopSearch:
     """Motion of one joint to one of its stops."""
 
     def __init__(self, arm: SlowArm, index: int, joint: Joint, way: int) -> None:
-        """Prepare the search; ``way`` is 1 toward larger counts and -1 toward smaller counts."""
+        """Prepare the search. ``way`` is 1 toward larger counts and -1 toward smaller counts."""
         self._arm = arm
         self._index = index
         self._joint = joint

@@ -34,7 +34,7 @@ class Stops:
         self._before: dict[str, _Visit] = {}
 
     def begin(self) -> None:
-        """Begin another task. All motion so far counts as motion before this task."""
+        """Begin a new task. All motion so far counts as motion before this task."""
         self._before = {name: _Visit(one.lower, one.upper) for name, one in self._sweep.swept.items()}
         self._visits = {}
 
@@ -68,7 +68,7 @@ class Stops:
         return abs(visit.lower - before.lower) <= same and abs(visit.upper - before.upper) <= same
 
     def seen(self, joint: Joint) -> str:
-        """Return a phrase that says how far the joint was moved."""
+        """Return a phrase with the distance that the joint was moved."""
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
             return f"{joint.name}: servo {joint.servo_id} did not answer"

@@ -1,6 +1,6 @@
 """Store a calibration: write the file, then the homing offsets of the servos, then restart the servos."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ from drivers.eeprom import Change
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from hal.joint import Joint
-from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
 
 HEADER = "# Written by servoloop calibrate. The previous calibration is in the file of the same name plus .1.\n"
 UNFINISHED = (
@@ -27,31 +27,41 @@ UNFINISHED = (
 )
 
 
-def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_servos: bool = True) -> Path:
-    """Write the calibration of this robot file, keep the previous one, and return the path.
+def save(
+    robot: Path,
+    joints: Mapping[str, tuple[int, JointCalibration]],
+    in_servos: bool = True,
+    kept: Collection[str] = (),
+) -> Path:
+    """Write the calibration of this robot file, keep the previous calibration, and return the path.
 
     The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
-    calibration is not kept, because it would replace the last complete one. Raises CalibrationError, with the content
+    calibration is not kept, because it would replace the last complete calibration. A CalibrationError has the content
     in a note.
 
     Args:
         robot: Robot file of the arm.
         joints: Servo ID and calibration of each joint, by name.
         in_servos: Whether all servos already have this calibration.
+        kept: Other joints, whose previous calibration stays.
     """
     path = calibration_path(robot)
+    former = load_calibration(robot) if kept else None
     content = CalibrationFile(
         joints={
-            name: CalibratedJoint(
-                servo_id=servo_id,
-                sign=1 if made.sign > 0 else -1,
-                zero_counts=made.zero_counts,
-                homing_offset=made.homing_offset,
-                extended=made.extended,
-                lower_counts=made.lower_counts,
-                upper_counts=made.upper_counts,
-            )
-            for name, (servo_id, made) in joints.items()
+            **{name: one for name, one in (former.joints if former else {}).items() if name in kept},
+            **{
+                name: CalibratedJoint(
+                    servo_id=servo_id,
+                    sign=1 if made.sign > 0 else -1,
+                    zero_counts=made.zero_counts,
+                    homing_offset=made.homing_offset,
+                    extended=made.extended,
+                    lower_counts=made.lower_counts,
+                    upper_counts=made.upper_counts,
+                )
+                for name, (servo_id, made) in joints.items()
+            },
         }
     )
     text = yaml.safe_dump(
@@ -68,9 +78,9 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
 
 
 def set_aside(robot: Path) -> str:
-    """Rename a calibration that proved wrong, restore the previous one, and return sentences about both.
+    """Rename a calibration that proved wrong, restore the previous calibration, and return a text about both.
 
-    The servos keep the new homing offsets. The arm refuses to start with a calibration that has other offsets.
+    The servos keep the new homing offsets. The arm refuses to start with a calibration that has different offsets.
     """
     path = calibration_path(robot)
     wrong, former = path.with_name(path.name + ".wrong"), path.with_name(path.name + ".1")
@@ -83,31 +93,37 @@ def set_aside(robot: Path) -> str:
 
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
+"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
 AGAIN_S: Final = 0.1
 """Time after which a silent servo is read again, in seconds."""
 SLACK_COUNTS: Final = 40
-"""Tolerance of the travel in counts, because a stop gives way a little and the torque is off."""
+"""Tolerance of the travel, in counts. A stop gives way a little, and the joint can move without torque."""
 
 
 def store(
-    robot: Path, bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration], clock: Clock
+    robot: Path,
+    bus: Bus,
+    joints: Sequence[Joint],
+    made: Mapping[str, JointCalibration],
+    clock: Clock,
+    kept: Collection[str] = (),
 ) -> dict[str, tuple[Change, ...]]:
-    """Write the calibration file and the homing offsets; return the changes in the servos, by joint.
+    """Write the calibration file and the homing offsets.
 
-    Torque must be off. The file is written first: if the servos are then not all written, their offsets differ from
-    the file, and the arm refuses to start. Raises CalibrationError, ServoError, PortLost, with a note that says what
-    is already stored.
+    Return the changes in the servos, by joint. Torque must be off. The previous calibration of the joints ``kept``
+    stays. The file is written first: if the servos are then not all written, their offsets differ from the file, and
+    the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about the values that are
+    already stored.
     """
     content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
-    path = save(robot, content, in_servos=False)
+    path = save(robot, content, in_servos=False, kept=kept)
     changes: dict[str, tuple[Change, ...]] = {}
     try:
         for joint in joints:
             changes[joint.name] = write_counting(bus, joint, made[joint.name].counting)
         restart(bus, joints, clock)
         _check(joints, _readings(bus, joints, clock), made)
-        save(robot, content)
+        save(robot, content, kept=kept)
     except BaseException as error:
         error.add_note(_half_stored(path, list(changes), [j.name for j in joints if j.name not in changes]))
         raise
@@ -122,9 +138,9 @@ def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str
 
 
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
-    """Restart servos whose torque is off, so that they forget the turns counted while the arm was moved.
+    """Restart servos whose torque is off, so that they discard the turns counted while the arm was moved.
 
-    A servo that was turned across its seam would otherwise take its next goal for one that is a whole turn away.
+    Otherwise, a servo that was turned across its seam would move to its next goal by a whole turn.
     """
     turned = [joint for joint in joints if can_move_seam(joint.model)]
     for joint in turned:
@@ -134,7 +150,9 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     for joint in turned:
         retry(lambda servo_id=joint.servo_id: bus.ping(servo_id))  # type: ignore[misc]
         if series_of(joint.model) is X:
-            bus.identify(joint.servo_id, joint.model)  # Tells the bus the operating mode, on which the counts depend.
+            bus.identify(
+                joint.servo_id, joint.model
+            )  # This also tells the bus the operating mode, on which the counts depend.
 
 
 def _readings(bus: Bus, joints: Sequence[Joint], clock: Clock) -> dict[int, Reading]:

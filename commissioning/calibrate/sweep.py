@@ -23,7 +23,7 @@ class Swept:
     upper: int
     readings: int = 1
     recent: tuple[int, ...] = ()
-    """Up to three readings, the newest last. Their median is used, because one of them may be wrong."""
+    """Up to three readings, newest last. Their median is used, because one of the readings may be wrong."""
 
     @property
     def travel(self) -> Travel:
@@ -31,7 +31,7 @@ class Swept:
         return Travel(self.lower, self.upper)
 
     def take(self, reading: int, turn: int) -> None:
-        """Add the next reading; ``turn`` is the number of counts per turn."""
+        """Add the next reading. ``turn`` is the number of counts per turn."""
         recent = self.recent or (self.counts,)
         self.counts = unwrap(sorted(recent)[len(recent) // 2], reading, turn)
         self.recent = (*recent[-2:], self.counts)

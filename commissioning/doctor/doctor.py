@@ -47,7 +47,7 @@ CHECKS: Final[tuple[Callable[[Snapshot], Iterable[Finding]], ...]] = (
 
 
 def judge(snapshot: Snapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
-    """Return all findings in a snapshot, the most likely cause of the others first."""
+    """Return all findings in a snapshot, beginning with the most likely cause of the other findings."""
     return ranked(_all(snapshot, ports), KINDS)
 
 
@@ -65,7 +65,7 @@ class ExaminedArm:
     name: str = "NAME"
     """Name of the arm on the command line, for the commands that the findings recommend."""
     calibration: CalibrationFile | None = None
-    """Calibration of the arm; None if it has none."""
+    """Calibration of the arm; None if it is not calibrated."""
 
 
 def doctor(
@@ -79,9 +79,8 @@ def doctor(
 ) -> DoctorReport:
     """Examine the servos of an arm and return a report.
 
-    The function only pings and reads, and it does not change the torque unless ``move`` moves the joints
-    (commissioning/doctor/motion.py). It never raises an exception for a problem of the arm; every problem is a finding
-    in the report.
+    The function only pings and reads. The torque does not change unless ``move`` moves the joints
+    (commissioning/doctor/motion.py). A problem of the arm never raises an exception, but is a finding in the report.
 
     Args:
         arm: The arm.

@@ -28,7 +28,7 @@ class FindingPlace:
     servo_id: int | None = None
 
     def covers(self, other: "FindingPlace") -> bool:
-        """Whether the other place is the same place or part of it."""
+        """Whether the other place is the same place or a part of this place."""
         return self.bus in (None, other.bus) and self.servo_id in (None, other.servo_id)
 
     def __str__(self) -> str:
@@ -39,7 +39,10 @@ class FindingPlace:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One problem that was found. If no command fixes it, ``command`` is None and ``cause`` says what to do."""
+    """One problem that was found.
+
+    If no command fixes it, ``command`` is None and ``cause`` tells the user what to do.
+    """
 
     id: str
     severity: Severity
@@ -51,7 +54,7 @@ class Finding:
 
 
 def ranked(findings: Iterable[Finding], kinds: dict[str, Kind]) -> tuple[Finding, ...]:
-    """Return the findings with the most likely cause first, without those that a more likely one explains."""
+    """Return the findings, most likely cause first, without findings that a more likely finding explains."""
     ordered = sorted(dict.fromkeys(findings), key=_order)
     return tuple(one for at, one in enumerate(ordered) if not any(_explains(kinds, by, one) for by in ordered[:at]))
 
@@ -65,7 +68,7 @@ def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
 
 
 def _explains(kinds: dict[str, Kind], by: Finding, one: Finding) -> bool:
-    """Whether the more likely finding explains the other one, so that the other need not be reported."""
+    """Whether the more likely finding explains the other finding, which then need not be reported."""
     return by.rank > one.rank and one.id in kinds[by.id].explains and by.place.covers(one.place)
 
 
@@ -158,7 +161,7 @@ KINDS: Final[dict[str, Kind]] = {
     "shakes": _kind("warning", 51),
     "not_moved": _kind("note", 3),
 }
-"""All kinds of findings, by id."""
+"""All kinds of findings, by ID."""
 
 
 def finding(kind: str, place: FindingPlace, symptom: str, cause: str, command: str | None = None) -> Finding:

@@ -1,4 +1,4 @@
-"""Measure the quality of a bus: error counts over a hundred cycles, round-trip times, and how each servo answers."""
+"""Measure the quality of a bus: error counts over a hundred cycles, round-trip times, and the replies of each servo."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -35,7 +35,7 @@ COUNTED: Final = ("replies", "silent", "corrupt", "late", "refused", "reset")
 def line_figures(
     bus: Bus, models: Mapping[int, ServoModel], clock: Clock, delays: Sequence[int], echoes: bool
 ) -> LineFigures:
-    """Measure a bus with servos that all answer. Raises PortLost.
+    """Measure a bus on which all servos answer. Raises PortLost.
 
     Args:
         bus: The bus.
@@ -99,12 +99,14 @@ def hears_itself(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -
 
 
 SAMPLES: Final = 10
-"""Number of states read from each servo, enough to show an unstable supply."""
+"""Number of states that are read from each servo, enough to show an unstable supply."""
 SAMPLE_S: Final = 0.02
 MORE_TRIES: Final = 12
-"""Number of further reads if no state was received. Together they last as long as a reply may be delayed."""
+"""Number of further reads if no state was received. Together these reads last as long as a reply may be delayed."""
 STEADY_SHARE: Final = 0.6
-"""Minimum share of successful reads of a servo that answers well. A bus that loses 9 % each way loses one in six."""
+"""Minimum share of successful reads of a servo that answers well. A bus that loses 9 % of the packets in each direction
+loses one read in six.
+"""
 
 
 @dataclass(slots=True)
@@ -116,7 +118,7 @@ class Hearing:
     late: int = 0
     pings: bool = False
     alone: bool = False
-    """Whether it answers single reads but no group reads."""
+    """Whether the servo answers single reads but not group reads."""
 
     def add(self, reading: Reading) -> None:
         """Add the outcome of one read."""
@@ -128,7 +130,7 @@ class Hearing:
 
     @property
     def heard(self) -> Heard:
-        """How the servo answers.
+        """Quality of the replies.
 
         Two servos with the same ID answer at the same time, so each reply arrives as a mixture of both: "broken".
         """
@@ -145,7 +147,7 @@ class Hearing:
 
 
 def hear(bus: Bus, servo_ids: Sequence[int], clock: Clock) -> Mapping[int, Hearing]:
-    """Read the state of all servos several times. Raises PortLost if the port disappears."""
+    """Read the states of all servos several times. Raises PortLost if the port disappears."""
     found = {i: Hearing() for i in servo_ids}
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     for _ in range(SAMPLES):

@@ -1,4 +1,7 @@
-"""Measure one bus: its servos, their control tables, their states at rest, and its quality. It only pings and reads."""
+"""Measure one bus: its quality, and the control tables and states at rest of its servos.
+
+Only pings and reads are sent.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,7 +33,7 @@ class SearchResult:
 
 
 def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> SearchResult:
-    """Search for missing servos at all baud rates of the make, and for unexpected servos at the port's own baud rate.
+    """Search for missing servos at all baud rates of their make, and for unexpected servos at the port's own baud rate.
 
     Raises PortLost.
     """
@@ -43,7 +46,7 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
 
 LARGEST_BLOCK: Final = 60
 LARGEST_GAP: Final = 8
-"""Maximum number of undocumented bytes that are read as part of a block, because servos return them too."""
+"""Maximum number of undocumented bytes in a block. These bytes are read as well, because servos return them."""
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
@@ -92,7 +95,7 @@ def _one_by_one(bus: Bus, servo_id: int, block: Sequence[Register]) -> Mapping[s
             values[register.name] = retry(partial(bus.read, servo_id, register))
         except ServoError:
             if not values:
-                break  # The first read failed too, so the servo itself does not answer.
+                break  # The first read has also failed, so the servo itself does not answer.
     return values
 
 
@@ -153,7 +156,7 @@ def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock:
 
 
 def _is_unknown(number: int | None, joint: Joint) -> bool:
-    """Whether no control table has this model number, so that all values were read from the wrong addresses."""
+    """Whether no control table has this model number. All values may then come from the wrong addresses."""
     return number is not None and not has_table(number, series_of(joint.model))
 
 

@@ -22,11 +22,11 @@ from hal.servos.limp_arm import servo_name, torque_warning
 Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
 """Function that moves the joints, given the measurements and findings so far.
 
-It returns the motions, and a message if joints were not moved.
+The function returns the motions, and a message if joints were not moved.
 """
 
 WAY_RAD: Final = 0.4
-"""Angle that each servo turns back and forth, twice, rad."""
+"""Angle by which each servo turns back and forth, twice, rad."""
 FASTEST_RAD_S: Final = 1.0
 
 
@@ -37,7 +37,7 @@ def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[Tr
 
 @dataclass(frozen=True, slots=True)
 class SmallMotions:
-    """A ``Move`` that moves all joints, one after the other. It does nothing if faults were found."""
+    """A ``Move`` that moves all joints, one after the other, unless faults were found."""
 
     open_port: OpenPort
     clock: Clock
@@ -45,7 +45,7 @@ class SmallMotions:
     stopped: Callable[[], bool] = field(default=lambda: False)
 
     def __call__(self, snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
-        """Move the joints; return the motions and a message if joints were not moved."""
+        """Move the joints. Return the motions, and a message if joints were not moved."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
             return (), (
@@ -56,8 +56,8 @@ class SmallMotions:
             return (), "The joints were not moved, because there are faults. Fix the faults and run the doctor again"
         if unread := [servo_name(servo.joint) for servo in servos if "torque_enable" not in servo.registers]:
             return (), (
-                "The joints were not moved, because it could not be read whether the torque is on at "
-                f"{', '.join(unread)}. Run the doctor again"
+                f"The joints were not moved, because the torque state of {', '.join(unread)} could not be read. Run "
+                "the doctor again"
             )
         motions: list[TrialMotion] = []
         try:

@@ -1,4 +1,4 @@
-"""The report of the doctor: ranked findings and the measurements behind them, also as Markdown."""
+"""Report of the doctor: ranked findings with the underlying measurements, also as Markdown."""
 
 import platform
 import re
@@ -52,14 +52,14 @@ class DoctorReport:
     """Findings and measurements of an arm."""
 
     findings: tuple[Finding, ...]
-    """Findings, the most likely cause first."""
+    """Findings, most likely cause first."""
     buses: tuple[BusFigures, ...]
     adapters: tuple[str, ...] = ()
     """Serial adapters of the machine, with chip and USB IDs."""
 
     @property
     def healthy(self) -> bool:
-        """Whether there are no faults. There may be warnings and notes."""
+        """Whether there are no faults. There may still be warnings and notes."""
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
@@ -109,7 +109,7 @@ def markdown(report: DoctorReport, user: str, robot: Path | None = None) -> str:
 
     Args:
         report: The report.
-        user: Name of the user, which is removed everywhere, like the host name and home folders.
+        user: Name of the user, which is removed everywhere, as are the host name and home folders.
         robot: Robot file to include.
     """
     return without_names("\n".join(_lines(report, robot)) + "\n", user, platform.node())

@@ -1,4 +1,4 @@
-"""All measurements of an arm, for the checks of the doctor, and the commands that the findings recommend."""
+"""Measurements of an arm for the checks of the doctor, and the commands that findings recommend."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
 
 Heard = Literal["well", "unsteady", "broken", "late", "mute", "silent"]
-"""How a servo answers.
+"""Quality of the replies of a servo.
 
 - well: its states arrive.
 - unsteady: only some of its states arrive.
@@ -41,7 +41,7 @@ class ServoSnapshot:
     elsewhere_baud: int | None = None
     """Baud rate at which a silent servo answers, if it differs from the baud rate of the bus."""
     alone: bool = False
-    """Whether it answers single reads but no group reads."""
+    """Whether the servo answers single reads but not group reads."""
 
     @property
     def answers(self) -> bool:
@@ -86,12 +86,12 @@ class LineFigures:
     echoes: bool = False
     """Whether the adapter echoes every request."""
     cycle_s: float | None = None
-    """Median time of reading the states of all servos. The control loop also sends goals and computes."""
+    """Median time for reading the states of all servos, without the goals and computations of a control cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusSnapshot:
-    """Measurements of one bus. Its name is empty if the robot has only one bus."""
+    """Measurements of one bus. ``name`` is empty if the robot has only one bus."""
 
     name: str
     port: str
@@ -118,12 +118,15 @@ class Snapshot:
 
 
 def counts_turns(registers: Mapping[str, int]) -> bool:
-    """Whether these registers are those of a Dynamixel X in a mode that counts turns and ignores position limits."""
+    """Whether these registers belong to a Dynamixel X in a mode that counts turns and ignores position limits."""
     return "drive_mode" in registers and registers.get("operating_mode") in x.MODES_WITH_TURNS
 
 
 def counts_at_activation(model: ServoModel, registers: Mapping[str, int], counts: int) -> int:
-    """Return the counts from which an activation starts. A limp Dynamixel X then drops the turns it has counted."""
+    """Return the counts from which an activation starts.
+
+    A limp Dynamixel X discards the turns that it has counted when it is activated.
+    """
     if series_of(model) is not X or "homing_offset" not in registers:
         return counts
     if counts_turns(registers):

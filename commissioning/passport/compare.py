@@ -43,7 +43,7 @@ class Comparison:
 
 def read_servo(bus: Bus, servo_id: int, model: ServoModel) -> dict[str, int]:
     """Return the values of all EEPROM registers, by name. Raises ServoError."""
-    # There are about fifty reads. With fewer attempts, one of them would often fail on a bad bus.
+    # There are about fifty reads. With fewer attempts, one of these reads would often fail on a bad bus.
     registers = persistent_registers(model).items()
     return {name: retry(partial(retry, partial(bus.read, servo_id, register))) for name, register in registers}
 
@@ -65,7 +65,7 @@ def take_passport(
         series: Series of the servos if ``models`` is None.
 
     Raises:
-        PassportError: A servo is missing or has another model, or two servos have the same ID.
+        PassportError: A servo is missing or has the wrong model, or two servos have the same ID.
     """
     answers = {answer.servo_id: answer.clear for answer in who_answers(bus)}
     problems = [f"servo {i} does not answer: check its cable and supply" for i in models or () if i not in answers]
@@ -92,7 +92,7 @@ def _passport_of(bus: Bus, servo_id: int, model: ServoModel, joint: str | None) 
 
 
 def model_of(bus: Bus, servo_id: int, series: Series) -> ServoModel:
-    """Return the model of a servo by its model number; if several models share it, the first one."""
+    """Return the first model with the servo's model number, which several models may share."""
     number = retry(partial(bus.read, servo_id, series.model_number))
     for model in series.models:
         if model.number == number:
@@ -104,7 +104,7 @@ def model_of(bus: Bus, servo_id: int, series: Series) -> ServoModel:
 
 
 def require_model(bus: Bus, servo_id: int, model: ServoModel) -> None:
-    """Raise PassportError if the servo reports another model number."""
+    """Raise PassportError if the servo reports a different model number."""
     series = series_of(model)
     number = retry(partial(bus.read, servo_id, series.model_number))
     if number != model.number:
@@ -115,7 +115,7 @@ def require_model(bus: Bus, servo_id: int, model: ServoModel) -> None:
 
 
 def compare(bus: Bus, passport: Passport) -> Comparison:
-    """Compare the servos with a passport. Raises ServoError if a servo stops answering meanwhile."""
+    """Compare the servos with a passport. Raise ServoError if a servo stops answering during the comparison."""
     answers = {answer.servo_id for answer in who_answers(bus)}
     differences: list[Difference] = []
     for servo_id, servo in passport.servos.items():
@@ -129,7 +129,7 @@ def servo_differences(bus: Bus, servo_id: int, servo: ServoPassport) -> list[Dif
     """Return the registers of the servo with ID ``servo_id`` that differ from this passport."""
     number = series_of(servo.servo_model).model_number
     other = retry(partial(bus.read, servo_id, number))
-    if other != servo.registers[number.name]:  # Another model may have another control table.
+    if other != servo.registers[number.name]:  # A different model may have a different control table.
         return [Difference(servo_id, number.name, servo.registers[number.name], other)]
     now = read_servo(bus, servo_id, servo.servo_model)
     return [

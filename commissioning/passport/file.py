@@ -1,4 +1,4 @@
-"""The passport file: a YAML file with every EEPROM register of every servo, by name."""
+"""Read and write passports: YAML files with every EEPROM register of every servo, by name."""
 
 from pathlib import Path
 from typing import Final, Self
@@ -20,11 +20,11 @@ HEADER: Final = """\
 # units; docs/servos.md explains them. The previous file has the same name plus .1.
 """
 END: Final = "...\n"
-"""End marker of a YAML document. A file without it is truncated."""
+"""End marker of a YAML document. A file without this marker is truncated."""
 
 
 class PassportError(CommissioningError):
-    """A passport cannot be read or cannot be written to a servo; the message says what to do."""
+    """A passport cannot be read or cannot be written to a servo. The message tells the user what to do."""
 
 
 OPTIONAL: Final = {"startup_configuration"}
@@ -81,7 +81,7 @@ class Passport(_Strict):
     def _has_its_ids(self) -> Self:
         wrong = [key for key, servo in self.servos.items() if servo.registers["id"] != key]
         if wrong:
-            raise ValueError("; ".join(f"servo {key}: the register id has another value" for key in wrong))
+            raise ValueError("; ".join(f"servo {key}: the register id has a different value" for key in wrong))
         return self
 
 

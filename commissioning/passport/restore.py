@@ -32,7 +32,7 @@ class Restoration:
 
 
 def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> list[Restoration]:
-    """Return the values to write to all servos of the passport, or to one of them. Nothing is written yet.
+    """Return the values to write to all servos of the passport, or to one servo, without writing them.
 
     Raises PassportError.
     """
@@ -53,7 +53,8 @@ def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> l
 def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration:
     """Return the values that make a new servo a replacement for ``servo_id`` in the passport. Raises PassportError.
 
-    The new servo must be the only one on the bus, with any ID, or the only one with an ID that is not in the passport.
+    The new servo may have any ID if it is alone on the bus. Otherwise, the new servo must be the only servo whose ID is
+    not in the passport.
     """
     _asked_for(passport, servo_id)
     answers = {answer.servo_id: answer for answer in who_answers(bus)}
@@ -67,7 +68,7 @@ def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration
 
 
 def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
-    """Write the values to one servo, restart it and check the values; return the changes.
+    """Write the values to one servo, restart it and check the values. Return the changes.
 
     Raises ServoError, PortLost.
     """
@@ -75,9 +76,10 @@ def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
 
 
 def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[int, tuple[Change, ...]]:
-    """Restore several servos, one after the other; return the changes, by ID.
+    """Restore several servos, one after the other.
 
-    The notes of an exception list the servos that were already written and those that were not.
+    Return the changes, by ID. The notes of an exception list the servos that were already written and the remaining
+    servos.
     """
     changes: dict[int, tuple[Change, ...]] = {}
     for index, plan in enumerate(plans):
@@ -114,7 +116,7 @@ def _newcomer(bus: Bus, present: Sequence[int], passport: Passport, servo_id: in
     if len(strangers) != 1:
         present_ids = ", ".join(map(str, present))
         raise PassportError(
-            f"servos {present_ids} answer, so it is unclear which of them is the new one. Connect only the new servo"
+            f"servos {present_ids} answer, so it is unclear which is the new servo. Connect only the new servo"
         )
     return strangers[0]
 
@@ -129,7 +131,7 @@ def _require_clear(answers: Mapping[int, Answer], servo_id: int) -> None:
 
 
 def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Restoration:
-    """Return the values that make the servo ``now_id`` the servo ``servo_id`` of the passport."""
+    """Return the values that turn the servo ``now_id`` into the servo ``servo_id`` of the passport."""
     servo = passport.servos[servo_id]
     require_model(bus, now_id, servo.servo_model)
     if drives(bus, now_id, servo.servo_model):
@@ -142,8 +144,8 @@ def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Re
             continue
         if ANSWERS_NO_READ.get(register.name) == difference.saved:
             raise PassportError(
-                f"servo {servo_id}: with {register.name} {difference.saved} it would no longer answer. Change this "
-                "value in the passport"
+                f"servo {servo_id} would no longer answer with {register.name} {difference.saved}. Change this value "
+                f"in the passport"
             )
         values[register], now[register.name] = difference.saved, difference.now
     return Restoration(now_id, servo.servo_model, values, now)

@@ -54,7 +54,7 @@ class Complaint:
     kind: Kind
     text: str
     command: str | None = None
-    """Command that fixes the problem; None if no command does."""
+    """Command that fixes the problem; None if there is no such command."""
 
     def __str__(self) -> str:
         return f"{self.text}: run '{self.command}'" if self.command else self.text
@@ -90,7 +90,7 @@ def machine_complaints(machine: Machine, rules: Rules) -> tuple[Complaint, ...]:
 
 
 def alike(adapters: Sequence["Adapter"]) -> tuple[Complaint, ...]:
-    """Return a problem for each group of adapters that differ only in their USB socket."""
+    """Return a problem for each group of adapters that can be distinguished only by their USB socket."""
     by_kind: dict[tuple[int | None, int | None], list[str]] = {}
     for one in adapters:
         if one.vid is not None and not one.serial_number:
@@ -182,7 +182,7 @@ def _text(numbers: tuple[int, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """One serial port. ``vid`` and ``pid`` are None if it is not a USB adapter."""
+    """One serial port. ``vid`` and ``pid`` are None if the port does not belong to a USB adapter."""
 
     device: str
     vid: int | None
@@ -220,7 +220,7 @@ def ports(machine: Machine | None = None) -> PortsReport:
 
 
 def only_port(machine: Machine | None = None) -> str:
-    """Return the device of the only USB adapter. Raises CommissioningError if there is none, or more than one."""
+    """Return the device of the only USB adapter. Raise CommissioningError if there is no adapter, or more than one."""
     report = ports(machine)
     devices = [one.device for one in report.adapters if one.vid is not None]
     if len(devices) == 1:

@@ -62,13 +62,13 @@ class Machine:
         return self.root / "sys/class/tty"
 
     def by_id(self, device: str) -> str | None:
-        """Return the link in /dev/serial/by-id, whose name does not change when the device number does."""
+        """Return the link in /dev/serial/by-id, whose name stays the same when the number of the device changes."""
         path = self.path(device).resolve()
         links = sorted((self.root / "dev/serial/by-id").glob("*"))
         return next((f"/dev/serial/by-id/{link.name}" for link in links if link.resolve() == path), None)
 
     def holders(self, device: str) -> tuple[Holder, ...]:
-        """Return the other programs that have the device open, as far as this user can see them."""
+        """Return the other programs that have the device open and that are visible to this user."""
         mine, names = os.getpid(), {device, str(self.path(device).resolve())}
         return tuple(
             Holder(pid, name)
@@ -121,7 +121,7 @@ def _statements(file: Path) -> str:
 
 
 USUAL_GROUP: Final = "dialout"
-"""Group of serial devices on Debian and its derivatives. It is recommended instead of root, which permits far more."""
+"""Group of serial devices on Debian and its derivatives, recommended instead of root, which permits far more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class PortPermission:
     group: str
     may_open: bool
     joined: bool
-    """Whether the user is a member of the group, but has not logged in again since joining it."""
+    """Whether the user has joined the group, but has not logged in again since then."""
 
     def advice(self, user: str) -> str | None:
         """Return the command that gives the user permission; None if the user already has it."""

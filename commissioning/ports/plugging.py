@@ -1,4 +1,4 @@
-"""Wait until an adapter is plugged in or unplugged, and report which one."""
+"""Wait until an adapter is plugged in or unplugged, and report this adapter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Plugged:
     """An adapter that was plugged in or unplugged."""
 
     happened: Literal["plugged", "pulled", "vanished"]
-    """Event. ``vanished`` means that the port of a new adapter disappeared at once."""
+    """Kind of event. ``vanished`` means that the port of a new adapter disappeared at once."""
     adapter: Adapter
     why: str = ""
     """Reason why the port disappeared."""
@@ -39,8 +39,8 @@ def wait_for_plugging(timeout_s: float, machine: Machine | None = None, clock: C
         if devices - before.keys() and (new := _new(machine, before)):
             return _settled(machine, clock, new)
     raise CommissioningError(
-        f"no adapter was plugged in or unplugged within {timeout_s:g} s. If you plugged one in, try another cable "
-        "(some cables only charge) and another USB socket"
+        f"no adapter was plugged in or unplugged within {timeout_s:g} s. If you plugged in an adapter, try a "
+        f"different cable (some cables only charge) and a different USB socket"
     )
 
 

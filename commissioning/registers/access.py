@@ -27,7 +27,8 @@ from drivers.servos.register import Access, Register
 def enable_torque_in_place(servo: FoundServo) -> None:
     """Set the servo's goal to its measured position, then enable its torque, so that the servo does not move.
 
-    Raises CommissioningError if the servo cannot hold this position: in another mode, or outside its own limits.
+    Raise CommissioningError if the servo cannot hold this position, because it is in another mode or outside its
+    limits.
     """
     servo_id, series, bus = servo.servo_id, servo.series, servo.bus
     if wrong := series.config_error(servo.model, servo.read):
@@ -39,7 +40,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
         raise CommissioningError(f"{state.text}: its torque stays off")
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
         raise CommissioningError(
-            f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it drops when its "
+            f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it discards when its "
             f"torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
         )
     limits = bus.position_limits(servo_id)
@@ -57,7 +58,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
 
 
 def release(servo: FoundServo) -> None:
-    """Switch the torque off. A load that the servo holds falls."""
+    """Switch the torque off. If the servo holds a load, the load falls."""
     servo.bus.torque_off([servo.servo_id])
     if servo.holds_torque():
         raise CommissioningError(f"servo {servo.servo_id}: its torque could not be switched off. Switch its supply off")
@@ -69,9 +70,9 @@ ELSEWHERE: Final = {
     "protocol_type": "with another protocol the servo would no longer answer on this bus",
     "lock": "the tools open and close the lock themselves",
 }
-"""Registers that cannot be written here, with the reason or the command to use instead."""
+"""Registers that ``write_register`` does not write, with the reason or the command to use instead."""
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
-"""Registers that make the servo move. Writing them even switches on the torque of an STS servo."""
+"""Registers that make the servo move. A write to such a register even switches on the torque of an STS servo."""
 CORRECTS_S: Final = 0.005
 """Time to wait before reading back. An STS servo accepts any value, but corrects an invalid one a millisecond later."""
 
@@ -105,7 +106,8 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
     """Write one register and read it back.
 
     A register in EEPROM is unlocked for the write, and written only if its value differs. Goals cannot be written.
-    While the torque is on, only ``torque_enable`` can be written: 1 makes the servo hold its position, 0 releases it.
+    While the torque is on, only ``torque_enable`` can be written: 1 makes the servo hold its position, and 0 releases
+    it.
 
     Args:
         servo: The servo.

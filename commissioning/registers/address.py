@@ -40,7 +40,7 @@ class BaudChange:
 
 
 def set_id(servo: FoundServo, new_id: int) -> IdChange:
-    """Give the servo another ID and check that it answers with this ID. Raises an error if the ID is taken.
+    """Give the servo a new ID and check that it answers with this ID. Raise an error if the ID is taken.
 
     The EEPROM is unlocked, written, read back and locked again.
     """
@@ -50,14 +50,14 @@ def set_id(servo: FoundServo, new_id: int) -> IdChange:
     update(servo.bus, servo.servo_id, servo.series.lock, {servo.series.servo_id: new_id})
     if new_id != servo.servo_id and answers(servo.port, servo.clock, servo.packets, servo.servo_id):
         raise CommissioningError(
-            f"servo {servo.servo_id}: one servo now has ID {new_id}, but another one still answers with ID "
-            f"{servo.servo_id}. Two servos had this ID: connect the other one alone and give it its own ID"
+            f"servo {servo.servo_id}: one servo now has ID {new_id}, but another servo still answers with ID "
+            f"{servo.servo_id}. Two servos had this ID: connect the other servo alone and give it its own ID"
         )
     return IdChange(servo.servo_id, new_id, servo.port.baud)
 
 
 def set_baud(servo: FoundServo, baud: int) -> BaudChange:
-    """Give the servo another baud rate and check that it answers at this rate. The port keeps this rate.
+    """Give the servo a new baud rate and check that it answers at this rate. The port keeps the new rate.
 
     Raises CommissioningError if the servo or the adapter does not support the rate, or another servo already has this
     ID and rate.
@@ -103,7 +103,10 @@ def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
 
 
 def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[int, int]) -> int | None:
-    """Set the port to the first of these rates at which the servo answers, and return it; None if it is silent."""
+    """Set the port to the first of these rates at which the servo answers.
+
+    Return the rate, or None if the servo is silent.
+    """
     for rate in rates:
         servo.port.set_baud(rate)
         memory.bus = servo.bus
@@ -117,7 +120,7 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
     if found is None:
         text = (
             f"was changed from {former} to {baud} baud, but the servo no longer answers at either rate. Switch its "
-            "supply off and on, then look for it with 'servoloop scan'"
+            "supply off and on, then search for the servo with 'servoloop scan'"
         )
         raise EepromError(servo.servo_id, register, text)
     if found != baud:
@@ -127,7 +130,7 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
 RESTART_S: Final = 1.0
 """Time a servo gets to restart, in seconds. Feetech and ROBOTIS specify less."""
 DEAF_S: Final = 0.05
-"""Time after which a restart has begun, in seconds."""
+"""Time within which a restart begins, in seconds."""
 PATIENCE_S: Final = 4.0
 """Maximum duration of a restart, in seconds."""
 FACTORY_ID: Final = 1
@@ -154,7 +157,7 @@ class RebootReport:
     took_s: float
     """Time until the servo answered again."""
     let_go: bool
-    """Whether the torque was on before. It is off after a restart."""
+    """Whether the torque was on before the restart. After a restart, the torque is off."""
 
 
 def factory_reset(servo: FoundServo) -> ResetReport:
@@ -183,7 +186,7 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
 
     Args:
         servo: The servo.
-        let_go: Whether to restart a servo whose torque is on, which releases it.
+        let_go: Whether to restart a servo whose torque is on. The restart releases the torque.
 
     Raises:
         CommissioningError: The torque is on and ``let_go`` is False, or the servo does not answer again.

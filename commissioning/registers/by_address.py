@@ -12,7 +12,7 @@ from drivers.servos.catalog import registers_of
 from drivers.servos.register import Register
 
 SIZES: Final = (1, 2, 4)
-"""Sizes that registers have, in bytes."""
+"""Possible sizes of registers, in bytes."""
 _END: Final = {True: 1 << 8, False: 1 << 16}
 """End of the address range of protocol 1.0 (True) and protocol 2.0 (False)."""
 

@@ -1,4 +1,4 @@
-"""Lists of the known servo models and of their control tables, which need no servo."""
+"""List the known servo models and their control tables. No servo is needed."""
 
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -18,7 +18,7 @@ class ListedModel:
     series: str
     registers: int
     source: str
-    """``servoloop``, or the file of the user."""
+    """Origin of the model: ``servoloop``, or the user's file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,7 @@ class ListedRegister:
 def listed_models() -> tuple[ListedModel, ...]:
     """List all models that servoloop knows.
 
-    Returns:
-        The models in the order of their series; those of a user follow the others of their series.
+    Returns: The models in the order of their series. In each series, the user's models come last.
     """
     return tuple(
         ListedModel(

@@ -1,4 +1,4 @@
-"""Let a servo that answers only pings answer reads again, by a write that it does not acknowledge."""
+"""Make a servo that answers only pings answer reads again, with a write that the servo does not acknowledge."""
 
 from functools import partial
 from typing import Final
@@ -26,15 +26,15 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
         port: The port.
         clock: Clock for all times.
         servo_id: ID of the servo.
-        model: Model of the servo, which cannot be read. Another model has another register at this address.
+        model: Model of the servo, which cannot be read. Other models may have a different register at this address.
         bauds: Baud rates to try; all if empty.
 
     Returns:
         The status level that the servo has now.
 
     Raises:
-        CommissioningError: No servo answers, it answers reads before the write or none after it, or it is another
-            model.
+        CommissioningError: No servo answers, the servo answers reads before the write or no reads after it, or it is
+            another model.
     """
     series = series_of(model)
     packets, level = series.protocol.packets, series.status_level
@@ -63,7 +63,7 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
 
 
 def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Raise CommissioningError if the servo answers reads, because its model is then read and not assumed."""
+    """Raise CommissioningError if the servo answers reads, because its model need not be assumed in this case."""
     series = series_of(model)
     try:
         number = retry_often(partial(Bus(port, clock, {servo_id: model}).read, servo_id, series.model_number))

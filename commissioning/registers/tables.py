@@ -24,7 +24,10 @@ MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 
 
 def register_named(model: ServoModel, name: str) -> Register:
-    """Return a register by name. Raises CommissioningError with similar names if the model does not have it."""
+    """Return a register by name.
+
+    If the model does not have this register, raise CommissioningError with similar names.
+    """
     table = {register.name: register for register in registers_of(model)}
     if name in table:
         return table[name]

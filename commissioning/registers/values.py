@@ -20,7 +20,7 @@ class Unit:
 
     symbol: str
     scale: float = 1.0
-    """Quantity for a raw value of 1."""
+    """Quantity that corresponds to a raw value of 1."""
 
 
 COUNTS, COUNTS_S, CELSIUS, PERCENT = Unit("counts"), Unit("counts/s"), Unit("°C"), Unit("%")
@@ -95,7 +95,7 @@ assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == s
 
 
 def unit_of(model: ServoModel, register: Register) -> Unit:
-    """Return the unit of a register, which for some registers depends on the model."""
+    """Return the unit of a register. For some registers, the unit depends on the model."""
     name = register.name
     if isinstance(model, x.XModel) and name in ("present_current", "goal_current", "current_limit"):
         return Unit("A", model.current_unit_a or 1.0)

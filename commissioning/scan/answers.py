@@ -1,4 +1,4 @@
-"""Find all servos that answer on a bus, at its own baud rate or at others, and detect duplicate IDs."""
+"""Find all servos that answer on a bus, at its own baud rate or at other rates, and detect duplicate IDs."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ class Answer:
 
 
 def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
-    """Return all IDs that answer at the bus's baud rate, sorted. It only reads states. Raises PortLost."""
+    """Return all IDs that answer at the bus's baud rate, sorted. The search only reads states. Raises PortLost."""
     found: dict[int, bool] = {}
     for _ in range(looks):
-        # A bus object remembers silent servos and does not ask them every time, so a new one is used.
+        # A bus object remembers silent servos and does not ask them every time, so a new bus object is used.
         with bus.at_baud(bus.baud) as forgetful:
             for first in range(0, LARGEST_ID + 1, TOGETHER):
                 _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
@@ -67,7 +67,7 @@ def _look(bus: Bus, servo_ids: Iterable[int], found: dict[int, bool]) -> None:
 
 
 def _seen_closely(bus: Bus, servo_id: int) -> bool | None:
-    """Whether an ID with corrupted replies sends a valid state when asked alone; None if it was only noise."""
+    """Whether an ID with corrupted replies sends a valid state when it is asked alone. None if there was only noise."""
     readings = [bus.read_states([servo_id])[servo_id] for _ in range(CLOSER_LOOKS)]
     if any(not isinstance(reading, ServoFault) for reading in readings):
         return True

@@ -83,7 +83,7 @@ class ScannedServo:
 
 
 def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
-    """Examine the servo with this ID at the current baud rate of the port. Return None if it does not answer."""
+    """Examine the servo with this ID at the current baud rate of the port. Return None if the servo does not answer."""
     identity: Identity | None = None
     corrupt = False
     try:
@@ -92,7 +92,7 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
         raise
     except ServoError as error:
         corrupt = isinstance(error, ServoCorrupt)
-        clock.sleep_until(clock.now() + HELD_S)  # A late reply must not be taken for the reply to a later request.
+        clock.sleep_until(clock.now() + HELD_S)  # A late reply must not be mistaken for the reply to a later request.
         port.discard_input()
     # All servos of protocol 1.0 answer the single reads that are used for an SCS.
     unknown = (SCS if step.packets is v1 else X).models[0]
@@ -129,7 +129,7 @@ def _single_reads(bus: Bus, servo_id: int, status_level: Register) -> Problem:
 
 
 def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:
-    """Read the state several times; return the last valid one and the number of outcomes of each kind."""
+    """Read the state several times. Return the last valid state and the number of outcomes of each kind."""
     state: ServoState | None = None
     kinds: Counter[FaultKind | None] = Counter()
     while kinds[None] < GOOD and kinds.total() < TRIES:
@@ -150,7 +150,10 @@ def _pings(bus: Bus, servo_id: int) -> bool:
 
 
 def _with_values(found: ScannedServo, bus: Bus, model: ServoModel, state: ServoState) -> ScannedServo:
-    """Return the servo with its state, torque, mode and problems, which are read with the table of its model."""
+    """Return the servo with its state, torque, mode and problems.
+
+    All values are read with the control table of its model.
+    """
     servo_id, series, problems = found.servo_id, series_of(model), list(found.problems)
     torque: int | None = None
     mode: str | None = None

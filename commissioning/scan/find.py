@@ -39,7 +39,10 @@ class FoundServo:
 
     @property
     def series(self) -> Series:
-        """Series of the servo. Raises CommissioningError if the model is unknown, because so is its control table."""
+        """Series of the servo.
+
+        If the model is unknown, its control table is also unknown, and CommissioningError is raised.
+        """
         return series_of(self.model)
 
     @property
@@ -76,7 +79,7 @@ class FoundServo:
 def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = ()) -> Iterator[FoundServo]:
     """Find the servo with this ID, and keep the port at its baud rate until the context ends.
 
-    Raises CommissioningError if no servo answers at any baud rate (or at ``bauds``), or if two servos have this ID.
+    Raise CommissioningError if no servo answers at any baud rate (or at ``bauds``), or if two servos have this ID.
     """
     former = port.baud
     try:
@@ -95,7 +98,7 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
 
 
 def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step]) -> Step | None:
-    """Return the first step in which a servo answers pings, or None. The port is left at its baud rate."""
+    """Return the first step in which a servo answers pings, or None. The port keeps the baud rate of this step."""
     for step in tried:
         try:
             port.set_baud(step.baud)
@@ -109,7 +112,7 @@ def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step
 
 
 def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
-    """Find the servo with this ID like ``find_servo``, but leave the port at its baud rate."""
+    """Find the servo with this ID like ``find_servo``, but leave the port at the servo's baud rate."""
     if step := answering_step(port, clock, servo_id, steps(bauds=bauds)):
         return _sole(port, clock, step, servo_id)
     tried = f"{' or '.join(map(str, bauds))} baud" if bauds else "any baud rate"
@@ -120,7 +123,10 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
 
 
 def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
-    """Return the servo with this ID. Raises CommissioningError if there are two, or if it cannot be read."""
+    """Return the servo with this ID.
+
+    Raise CommissioningError if two servos have this ID, or if the servo cannot be read.
+    """
     seen = examine_servo(port, clock, step, servo_id)
     for problem in seen.problems if seen else ():
         if problem.kind in ("collision", "no_reads", "late"):

@@ -23,7 +23,7 @@ from drivers.servos.series import Series
 HEAD: Final = Register("head of the table", 0, 7, Access.READ)
 """First registers of both makes of protocol 1.0: model number, firmware, ID and baud rate, in a different order."""
 SCS_MAJOR: Final = 5
-"""First byte of the model number of an SCS servo, whose words are big-endian. In the STS series it is 9."""
+"""First byte of the model number of an SCS servo, whose words are big-endian. In the STS series this byte is 9."""
 
 Result = TypeVar("Result")
 
@@ -39,7 +39,7 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """Model with the packets of the servo: its own, or the first one of its series, whose table may differ."""
+        """Model with the packets of the servo: its own model or the first of its series, whose table may differ."""
         return self.model or self.series.models[0]
 
 
@@ -49,7 +49,7 @@ def retry_often(question: Callable[[], Result]) -> Result:
 
 
 def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Identity:
-    """Read the identity of a servo. Raises ServoError if it does not send valid replies."""
+    """Read the identity of a servo. Raise ServoError if the servo does not send valid replies."""
     if packets is v1:
         bus = Bus(port, clock)
         head = retry_often(partial(bus.read, servo_id, HEAD))
@@ -88,6 +88,6 @@ def _dynamixel(head: bytes) -> Identity:
 
 
 def _model(series: Series, number: int) -> ServoModel | None:
-    """Return the first model with this number. Variants of a servo with other gears share one number."""
+    """Return the first model with this number. Variants of a servo with different gears share one number."""
     assert series in SERIES
     return next((model for model in series.models if model.number == number), None)

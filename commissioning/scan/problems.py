@@ -1,4 +1,4 @@
-"""Problems of a servo that answers, each with a message that says what to do."""
+"""Find the problems of a servo that answers. Each problem has a message that tells the user what to do."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Kind = Literal[
     "absent",
 ]
 BAD_SHARE: Final = 0.5
-"""Share of failed reads from which the bus counts as bad."""
+"""Smallest share of failed reads at which the bus counts as bad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def line_trouble(
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
         return collision(servo_id, port)
-    # The first reply after a silence also counts as late, because it may be.
+    # The first reply after a silence also counts as late, because it may be a late reply.
     never_in_time = kinds[None] == kinds["corrupt"] == 0 and kinds["late"] > 0
     if never_in_time or kinds["late"] > 1 + kinds[None]:
         return Problem("late", f"its replies arrive too late: {latency_advice(port) or HELD_BACK}")
@@ -78,12 +78,13 @@ def _no_state_text(identity: Identity) -> str:
     block = identity.series.blocks[0]
     return (
         f"it answers reads of its model number ({identity.number}), but not of its state (registers {block.address} to "
-        f"{block.address + block.size - 1}): its control table differs from that of the series {identity.series.name}"
+        f"{block.address + block.size - 1}): its control table differs from the table of the series "
+        f"{identity.series.name}"
     )
 
 
 def no_group_reads(level: int | None, register: Register) -> Problem:
-    """Return the problem of a servo that answers single reads only.
+    """Return the problem of a servo that answers only single reads.
 
     Args:
         level: Value of its status return level; None if it could not be read.
@@ -92,7 +93,7 @@ def no_group_reads(level: int | None, register: Register) -> Problem:
     held = f" ({register.name}, register {register.address}, is {level})" if level is not None else ""
     return Problem(
         "no_group_reads",
-        f"it answers single reads, but no group reads (sync read). This is not a setting{held}: its firmware lacks "
+        f"it answers single reads, but not group reads (sync read). This is not a setting{held}: its firmware lacks "
         f"the instruction, as in many self-made servos. servoloop reads and writes it with single requests, which "
         "takes longer in each cycle",
     )
@@ -111,7 +112,7 @@ VOLTAGE_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "
 
 
 def own_troubles(model: ServoModel, state: ServoState, read: Read) -> list[Problem]:
-    """Return the problems of the servo itself: its mode and alarms. ``read`` reads one of its registers."""
+    """Return the problems of the servo itself: its mode and alarms. ``read`` reads a register of the servo."""
     series, problems = series_of(model), list[Problem]()
     if wrong := series.config_error(model, read):
         problems.append(Problem("wrong_mode", f"it {wrong}"))
@@ -128,7 +129,8 @@ def unknown_model(identity: Identity) -> Problem:
 def _unknown_text(identity: Identity) -> str:
     if name := unsupported(identity.number, identity.series):
         return (
-            f"{name}: read only; its table is not supported (model number {identity.number}). Read its registers by "
+            f"{name}: read only, because its control table is not supported (model number {identity.number}). Read "
+            "its registers by "
             "address, not by name"
         )
     known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)

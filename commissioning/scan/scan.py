@@ -44,7 +44,7 @@ class ScanReport:
     absent: tuple[int, ...]
     """Requested IDs that do not answer."""
     noise: dict[int, int]
-    """Number of bytes that belong to no reply, by baud rate."""
+    """Number of bytes that do not belong to a reply, by baud rate."""
     refused_bauds: tuple[int, ...]
     """Baud rates that the adapter does not support."""
     skipped: tuple[str, ...]
@@ -74,10 +74,10 @@ def scan(
     models: Mapping[int, ServoModel] | None = None,
     progress: Progress = lambda number, count, text, found: None,
 ) -> ScanReport:
-    """Search a port for servos and examine them. The baud rate of the port is restored afterwards.
+    """Search a port for servos and examine them.
 
-    Without ``makes`` in the scope, the scan ignores the other protocol after the first reply, because servos with
-    different protocols cannot share a bus.
+    The baud rate of the port is restored at the end. If the scope has no ``makes``, the scan ignores the other protocol
+    after the first reply, because servos with different protocols cannot share a bus.
 
     Args:
         port: The port.
@@ -192,7 +192,7 @@ def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedSer
 
 
 def _of_the_arm(servo: ScannedServo, wanted: Mapping[int, ServoModel]) -> ScannedServo:
-    """Add a problem to a servo whose model differs from that in the robot file."""
+    """Add a problem to a servo whose model differs from the model in the robot file."""
     model = wanted.get(servo.servo_id)
     if model is None or servo.model_number in (None, model.number):
         return servo

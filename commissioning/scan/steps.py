@@ -1,4 +1,4 @@
-"""The steps of a scan: combinations of baud rate and protocol, the most likely ones first."""
+"""Steps of a scan: combinations of baud rate and protocol, most likely combinations first."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Step:
 
 
 def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step, ...]:
-    """Return all steps for these makes and baud rates. Empty arguments stand for all makes and all their baud rates."""
+    """Return all steps for these makes and baud rates. Empty arguments mean all makes and all of their baud rates."""
     wanted = tuple(bauds)
     found = {
         Step(packets, baud)

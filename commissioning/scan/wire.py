@@ -22,7 +22,7 @@ V1_REPLY, V2_REPLY = 6, 14
 V1_SLOT: Final = 9
 """Length of a time slot in which an STS answers a broadcast ping, in byte times. Each ID has its own slot."""
 V2_TURN_S: Final = 0.003
-"""Time that each Dynamixel of protocol 2.0 waits for the previous one, according to the ROBOTIS SDK."""
+"""Time that each Dynamixel with protocol 2.0 waits for the previous servo, according to the ROBOTIS SDK."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,7 @@ class Audit:
     from_baud: int | None
     """Baud rate before the set-up; None if it was not changed."""
     gear: GearResult | None = None
-    """Result of the gear test; None if the servo was not turned in this run."""
+    """Result of the gear test; None if the gear was not tested in this run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,10 @@ class _Made:
 
 
 class SetUp:
-    """Set-up of all servos on one bus. Afterwards, even after an error, the EEPROM is locked and torque unchanged."""
+    """Set-up of all servos on one bus.
+
+    At the end, even after an error, the EEPROM is locked and the torque is unchanged.
+    """
 
     def __init__(
         self,
@@ -102,7 +105,7 @@ class SetUp:
             bus: Bus of the servos.
             clock: Clock for all waiting times.
             places: Servos of the arm.
-            guide: The person who connects the servos.
+            guide: Interface to the person who connects the servos.
             turn: Whether servos turn their horns to show their gears, if several models share their model number.
                 Otherwise torque is never switched on.
             stopped: Checked while a horn turns. When it returns True, StoppedError is raised.
@@ -121,7 +124,7 @@ class SetUp:
         return tuple(self._made)
 
     def run(self) -> list[Audit]:
-        """Guide the user through all servos, then check the whole chain; return the result for each servo.
+        """Guide the user through all servos, then check the whole chain. Return the result for each servo.
 
         Raises SetUpError, ServoError, PortLost.
         """
@@ -190,7 +193,7 @@ class SetUp:
         return self.turn and bool(rivals(place.model))
 
     def _gear(self, place: ServoPlace, servo_id: int) -> GearResult:
-        """Turn the horn of the servo to test its gear. Raises NotYet if the servo has another gear."""
+        """Turn the horn of the servo to test its gear. Raise NotYet if the servo has the wrong gear."""
         self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
         gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
         if gear.verdict == "other":
@@ -201,7 +204,7 @@ class SetUp:
             )
             raise NotYet(
                 f"servo {servo_id} has the wrong gear for {place.joint}: {gear.text}. Connect the right servo. "
-                + (advice if anew else "You can still use this one for another joint")
+                + (advice if anew else "You can still use this servo for another joint")
             )
         verdict = "its gear is right" if gear.verdict == "fits" else "its gear could not be determined"
         self._guide.say(f"{place.joint}: {verdict} ({gear.text})")

@@ -27,12 +27,12 @@ from drivers.servos.voltage import voltage_fault
 from hal.robot_file.robot_file import RobotFile
 
 FACTORY_ID: Final = 1
-"""ID of every new servo of all makes."""
+"""Factory ID of every new servo, of all makes."""
 POSITION_MODES: Final[dict[str, int]] = {STS.name: 0, X.name: x.POSITION_MODE}
 
 
 class SetUpError(CommissioningError):
-    """The set-up cannot continue; the message says what to do. Servos that are already set up stay set up."""
+    """The set-up cannot continue. The message tells the user what to do. Servos that are already set up stay set up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class ServoPlace:
         return series_of(self.model)
 
     def basics(self) -> dict[Register, int]:
-        """Return the EEPROM values that are the same for all joints: no return delay, all replies, position mode."""
+        """Return the EEPROM values that all joints share: no return delay, replies to all requests, position mode."""
         series = self.series
         values = {"return_delay": 0, series.status_level.name: series.answers_all}
         if series.name in POSITION_MODES:
@@ -82,9 +82,9 @@ def places_of(robot: RobotFile, bus: str = "") -> list[ServoPlace]:
 
 
 def in_order(places: Sequence[ServoPlace]) -> list[ServoPlace]:
-    """Return the servos in the order in which they are set up: from the gripper to the base.
+    """Return the servos in the order of the set-up, from the gripper to the base.
 
-    The servo that keeps the factory ID comes last. Until then, every servo with the factory ID is a new one.
+    The servo that keeps the factory ID comes last. Until then, every servo with the factory ID is a new servo.
     """
     backwards = list(reversed(places))
     return sorted(backwards, key=lambda place: place.servo_id == FACTORY_ID)
@@ -96,7 +96,7 @@ LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_volt
 
 
 class NotYet(SetUpError):
-    """The user can solve the problem by connecting another servo, and is asked again."""
+    """The user can solve the problem by connecting a different servo. The request is then repeated."""
 
 
 def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
@@ -124,8 +124,8 @@ def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
 def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[ServoPlace]) -> float:
     """Check that a servo may be used for a joint, and return its supply voltage. The bus is at the servo's baud rate.
 
-    Raises NotYet if the servo belongs to another joint, has another model, or holds torque; SetUpError if the voltage
-    is wrong.
+    Raise NotYet if the servo belongs to another joint, has the wrong model, or holds torque. Raise SetUpError if the
+    voltage is wrong.
     """
     owner = next((one.joint for one in places if one.servo_id == servo_id), None)
     if servo_id not in (FACTORY_ID, place.servo_id) and owner is not None:
@@ -149,7 +149,7 @@ def voltage(bus: Bus, servo_id: int) -> float:
 
 
 def state_of(bus: Bus, servo_id: int) -> ServoState:
-    """Return the servo's state, confirmed by two equal position readings in a row. Raises NotYet."""
+    """Return the servo's state, confirmed by two consecutive equal position readings. Raises NotYet."""
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if isinstance(state, ServoState):
         return state
@@ -195,9 +195,10 @@ def _limits(bus: Bus, servo_id: int, place: ServoPlace) -> tuple[float, float]:
 
 
 def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate: int) -> None:
-    """Change the baud rate of the only servo on the bus from ``rate`` to that of the bus. Its torque must be off.
+    """Change the baud rate of the only servo on the bus from ``rate`` to that of the bus.
 
-    The EEPROM is locked afterwards, even after an error. Raises SetUpError, ServoError, PortLost.
+    The torque of the servo must be off. At the end, the EEPROM is locked, even after an error. Raises SetUpError,
+    ServoError, PortLost.
     """
     series = series_of(model)
     values = {baud: value for value, baud in rates_of(model).items()}

@@ -1,4 +1,4 @@
-"""Turn the horn of a loose servo a little, back and forth, to identify its gear. The torque is off afterwards."""
+"""Turn the horn of a loose servo a little, back and forth, to identify its gear. At the end, the torque is off."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,14 +22,16 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 GEARS: Final = {sts.STS3215: 345, sts.STS3215_C001: 345, sts.STS3215_C044: 191, sts.STS3215_C046: 147}
-"""Gear ratios (motor turns per shaft turn) of models with the same model number, from the manufacturers' data sheets.
+"""Gear ratios (motor turns per shaft turn) of models with the same model number, from the manufacturers' datasheets.
 """
 FITS: Final = 0.22
-"""Maximum of |ln(measured / expected)| for a model. Motors of one model differ by up to 10 %, cold ones by more."""
+"""Maximum of |ln(measured / expected)| for a model. Motors of one model differ by up to 10 %, cold motors by more."""
 CLEARLY: Final = 0.06
-"""Minimum difference of |ln(measured / expected)| between the best model and the next one."""
+"""Minimum difference of |ln(measured / expected)| between the best model and the second best model."""
 PULLS: Final = 0.1
-"""Maximum constant drive of a free horn, as a share of full drive. With more, something pulls at the horn."""
+"""Maximum constant drive of a free horn, as a share of full drive. A larger drive shows that something pulls at the
+horn.
+"""
 Verdict = Literal["fits", "other", "not sure"]
 
 
@@ -50,7 +52,7 @@ def rivals(model: ServoModel) -> tuple[ServoModel, ...]:
 
 
 def v_s_rad(model: ServoModel) -> float:
-    """Return the voltage per rad/s of the model's shaft, from its data sheet."""
+    """Return the voltage per rad/s of the model's shaft, from its datasheet."""
     return model.rated_voltage_v / model.no_load_speed_rad_s
 
 
@@ -61,7 +63,7 @@ def called(model: ServoModel) -> str:
 
 
 def judge_gear(motion: TrialMotion | None) -> GearResult:
-    """Compare the drive of a servo that turned its free horn with the models that it may be.
+    """Compare the drive of a servo that turned its free horn with the possible models.
 
     ``motion`` is None if the servo had no room to turn.
     """
@@ -88,7 +90,7 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
 
 
 WAY_RAD: Final = 0.8
-"""Angle that the horn turns, back and forth."""
+"""Angle by which the horn turns back and forth."""
 FASTEST_RAD_S: Final = 0.8
 """Speed of the goal. The horn itself turns up to 50 % faster, which is a quarter of the slowest model's no-load speed.
 At lower speeds, two gears cannot be distinguished reliably.
@@ -96,24 +98,26 @@ At lower speeds, two gears cannot be distinguished reliably.
 PERIOD_S: Final = 0.04
 PACE: Final = TrialPace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
-"""Torque limit, as a share of full drive. Half of it is for the speed; the rest covers friction and weak models."""
+"""Torque limit, as a share of full drive. Half of this drive is for the speed, and the rest covers friction and weak
+models.
+"""
 MARGIN_COUNTS: Final = 32
 """Distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""
 LEAST_ROOM_RAD: Final = 0.4
 """Minimum angle that the horn must be able to turn."""
 ACCELERATION_RAD_S2: Final = 10.0
 JERK_RAD_S3: Final = 100.0
-"""A joint must have these limits, but they are not used here."""
+"""Limits that every joint must have, but that are not used here."""
 
 
 def turn_loose(
     bus: Bus, clock: Clock, servo_id: int, place: ServoPlace, stopped: Callable[[], bool]
 ) -> TrialMotion | None:
-    """Turn the horn of the only servo on the bus; return its motion, or None if it has no room to turn.
+    """Turn the horn of the only servo on the bus.
 
-    The servo must be in position mode with its torque off. Afterwards, even after an error, its torque is off and its
-    torque limit is restored. If the servo cannot be reached for this, a note of the exception says so. Raises
-    StoppedError, NotYet, ServoError, PortLost.
+    Return the motion, or None if there is no room to turn. The servo must be in position mode with its torque off. At
+    the end, even after an error, its torque is off and its torque limit is restored. If this is impossible because the
+    servo cannot be reached, the exception has a note. Raises StoppedError, NotYet, ServoError, PortLost.
     """
     joint = _loose_joint(bus, servo_id, place)
     if joint is None:
@@ -133,7 +137,7 @@ def turn_loose(
 
 
 def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
-    """Return the horn as a joint at position 0 that can move to the side with more room; None if there is no room."""
+    """Return the horn as a joint at position 0 that can turn to the side with more room; None if there is no room."""
     here = state_of(bus, servo_id).position_counts
     lowest, highest = bus.position_limits(servo_id) or (0, place.model.last_count)
     below = here - max(lowest, 0) - MARGIN_COUNTS
@@ -150,7 +154,7 @@ def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
 
 @contextmanager
 def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
-    """Release the torque and restore the torque limit when the context ends; report it if this fails."""
+    """Release the torque and restore the torque limit when the context ends. Report a failure."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
     may_hold = f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
@@ -165,7 +169,7 @@ def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
 
 
 def _release(bus: Bus, servo_id: int, place: ServoPlace, before: Mapping[Register, int]) -> bool:
-    """Switch the torque off, then restore these registers; return whether the servo acknowledged all writes."""
+    """Switch the torque off, then restore these registers. Return whether the servo acknowledged all writes."""
     try:
         for register, value in {place.series.torque_enable: 0, **before}.items():
             retry(partial(bus.write, servo_id, register, value))

@@ -1,4 +1,4 @@
-"""Compute the figures of a joint, such as overshoot and delay, from its measured steps and sine.
+"""Compute the performance figures of a joint, such as overshoot and delay, from its measured steps and sine.
 
 All functions are pure. Positions are in rad or m, times in seconds.
 """
@@ -13,13 +13,13 @@ import numpy as np
 from hal.types import FloatArray
 
 SETTLED_S: Final = 0.6
-"""Last part of a rest, in which a joint is at rest or swings, in seconds."""
+"""Last part of the time at rest, in which a joint is at rest or swings, in seconds."""
 BAND_SHARE: Final = 0.02
 """Maximum distance of a settled joint from its position at rest, as a share of the step."""
 BAND_COUNTS: Final = 2.0
 """Maximum distance of a settled joint from its position at rest, in counts. The larger of the two limits applies."""
 SHAKES_COUNTS: Final = 4.0
-"""Maximum swing at rest, in counts. The encoder steps and a dead zone of one count cause less."""
+"""Maximum swing at rest, in counts. Encoder steps and a dead zone of one count cause a smaller swing."""
 ARRIVED: Final = 1e-9
 
 
@@ -60,7 +60,7 @@ class Response:
 
 
 def response(trace: TuneTrace, count: float) -> Response:
-    """Return the response to one step; ``count`` is the size of an encoder count, in rad or m."""
+    """Return the response to one step. ``count`` is the size of an encoder count, in rad or m."""
     target, way = trace.command[-1], np.sign(trace.command[-1] - trace.command[0])
     stands = int(np.argmax(np.abs(trace.command - target) < ARRIVED))
     time_s, position = trace.time_s[stands:] - trace.time_s[stands], trace.position[stands:]
@@ -87,7 +87,7 @@ def _crossings_hz(time_s: FloatArray, error: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """Accuracy with which the joint followed a sine."""
+    """Accuracy with which a joint followed a sine."""
 
     delay_s: float
     """Delay of the measured position after the command."""
@@ -100,7 +100,7 @@ class Following:
 
 
 def following(trace: TuneTrace, hz: float) -> Following:
-    """Return the figures of a sine of this frequency, from a least-squares fit over whole periods."""
+    """Return the accuracy for a sine of this frequency, from a least-squares fit over whole periods."""
     error = trace.command - trace.position
     (wanted, phase), (done, later) = (_wave(trace.time_s, curve, hz) for curve in (trace.command, trace.position))
     turn = 2.0 * np.pi
@@ -123,7 +123,7 @@ def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, floa
 
 @dataclass(frozen=True, slots=True)
 class JointFigures:
-    """Figures of one joint with one set of gains. Positions in rad or m, times in seconds."""
+    """Performance figures of one joint with one set of gains. Positions in rad or m, times in seconds."""
 
     overshoot: float
     """Mean overshoot of all steps."""
@@ -132,7 +132,7 @@ class JointFigures:
     sag: float
     """Error at rest caused by load: the mean of the errors at one position, approached from both sides."""
     stick: float
-    """Error at rest caused by friction and dead zone: half the difference of these two errors."""
+    """Error at rest caused by friction and dead zone: half the difference of the errors from the two sides."""
     rest_error: float
     """Largest error at rest."""
     delay_s: float
@@ -147,7 +147,7 @@ class JointFigures:
 def figures(
     steps: Sequence[TuneTrace], sine: TuneTrace, hz: float, count: float, half_way: tuple[float, float]
 ) -> JointFigures:
-    """Return the figures of a joint.
+    """Return the performance figures of a joint.
 
     Args:
         steps: Steps in both directions.

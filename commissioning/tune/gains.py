@@ -28,12 +28,12 @@ LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 OTHERS: Final = ("cw_dead_zone", "ccw_dead_zone", "minimum_startup_force")
 BOTH: Final[Mapping[str, tuple[str, ...]]] = {"dead_zone": ("cw_dead_zone", "ccw_dead_zone")}
-"""Names that stand for several registers."""
+"""Gain names that set several registers."""
 _PAIR: Final = re.compile(r"(\w+)=(\d+)")
 
 
 def gains_of(model: ServoModel) -> dict[str, Register]:
-    """Return the gain registers of a servo model, by name; empty if it has none."""
+    """Return the gain registers of a servo model, by name. The result is empty if the model has none."""
     table = {register.name: register for register in registers_of(model) if register.access is Access.READ_WRITE}
     found = {letter: table[name] for letter, names in LETTERS.items() for name in names if name in table}
     return found | {name: table[name] for name in OTHERS if name in table}
@@ -116,7 +116,7 @@ class Written:
 def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
     """Write these gains to the joint's servo and return the changes.
 
-    Raises ServoError if the servo holds torque or does not accept a gain, PortLost if the port disappears.
+    Raise ServoError if the servo holds torque or does not accept a gain, and PortLost if the port disappears.
     """
     known = gains_of(joint.model)
     names = {known[name]: name for name in values}

@@ -1,10 +1,10 @@
-"""Predict how a measured joint would follow with other gains, from a model of the servo's position loop.
+"""Predict the performance of a measured joint with different gains, from a model of the servo's position loop.
 
 At rest, the error beyond the dead zone produces the drive that balances load and friction, so this error is
 proportional to 1/P. At constant speed, the error produces the drive that balances the motor's back-EMF, so this part
-of the delay is also proportional to 1/P. D only acts on changes of the error, so it affects neither. The overshoot is
-simulated in steps of a millisecond, with the loop of an STS and one inertia. The inertia is chosen so that the
-simulation with the present gains overshoots as much as was measured.
+of the delay is also proportional to 1/P. D acts only on changes of the error, so it affects neither the error nor the
+delay. The overshoot is simulated in steps of a millisecond, with the loop of an STS and one inertia. The inertia is
+chosen so that the simulation with the present gains overshoots as much as was measured.
 """
 
 from collections.abc import Mapping
@@ -32,20 +32,24 @@ LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
 """Range of inertias, in shares of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
-"""Minimum overshoot from which the inertia can be determined. Encoder steps may cause a smaller overshoot."""
+"""Minimum overshoot for determining the inertia. Encoder steps may cause a smaller overshoot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """Predicted figures, as far as they can be computed. Positions in rad or m, times in seconds."""
+    """Predicted performance figures.
+
+    Figures that cannot be computed are None. Positions in rad or m, times in seconds.
+    """
 
     sag: float | None
     rest_error: float | None
     delay_s: float | None
     overshoot: float | None
-    """Predicted overshoot; None if the loop is not that of an STS, or uses I."""
+    """Predicted overshoot; None if the servo is not an STS or uses I."""
     overshoot_at_most: bool = False
-    """Whether the overshoot is an upper limit, because the measured one was too small to determine the inertia."""
+    """Whether the overshoot is an upper limit, because the measured overshoot was too small to determine the inertia.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +105,7 @@ class Law:
     """Prediction model of one joint that was measured with its present gains."""
 
     def __init__(self, joint: Joint, plan: TrialPlan, measured: JointFigures) -> None:
-        """Fit the model; ``joint`` must have the settings of its servo, as from ``as_held``."""
+        """Fit the model. ``joint`` must have the settings of its servo, as returned by ``as_held``."""
         self._joint, self._measured = joint, measured
         self._count = abs(joint.units_per_count)
         self._way, self._speed = abs(plan.step) / self._count, plan.speed / self._count
@@ -119,7 +123,7 @@ class Law:
         return self._measured.overshoot > CLEAR_COUNTS * self._count
 
     def predict(self, values: Mapping[str, int]) -> Predicted:
-        """Predict the figures with these gains. Other gains keep their values."""
+        """Predict the performance figures with these gains. Other gains keep their values."""
         now, then = self._joint, with_gains(self._joint, values)
         before, after = now.compliance, then.compliance
         if before is None or after is None:
@@ -155,7 +159,7 @@ class Law:
 
 
 def _dead(joint: Joint) -> float:
-    """Return the dead zone in the joint's units. It is subtracted from the error."""
+    """Return the dead zone, which is subtracted from the error, in the joint's units."""
     held = dict(joint.settings)
     return max(held.get("cw_dead_zone", 0), held.get("ccw_dead_zone", 0)) * abs(joint.units_per_count)
 

@@ -1,4 +1,4 @@
-"""Propose better gains with reasons. Changes are small, because only a measurement shows whether a joint shakes."""
+"""Propose better gains, with reasons. Changes are small, because only a measurement can show whether a joint shakes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,23 +16,25 @@ CALMER: Final = 0.75
 LEAST_P: Final = 8
 DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
 WIDE: Final = 3
-"""Dead zone with which the minimum drive no longer moves a joint through its backlash, in counts."""
+"""Dead zone that stops the minimum drive from moving a joint through its backlash, in counts."""
 FACTORY_P: Final = STS_SETTINGS["position_p"]
-"""Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack compensates sag anyway."""
+"""Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack already compensates sag."""
 STIFFER: Final = 1.5
 """Maximum increase of P in one step, as a factor."""
 ALLOWED_REST_COUNTS: Final = 8.0
-"""Error at rest that needs no larger P, in counts (0.7 degrees)."""
+"""Largest acceptable error at rest, in counts (0.7 degrees). A larger error needs a larger P."""
 ALLOWED_OVERSHOOT: Final = 0.05
 """Acceptable overshoot, as a share of the step."""
 WORTH_COUNTS: Final = 2.0
-"""Minimum reduction of the overshoot for which another D is proposed, in counts."""
+"""Minimum reduction of the overshoot for which a new D is proposed, in counts."""
 D_STEP: Final = 4
 MOST_D_TO_P: Final = 2.0
-"""Maximum ratio of D to P. With more D, a servo chatters, because it computes changes of its error only every 20 ms."""
+"""Maximum ratio of D to P. With a larger D, a servo chatters, because it computes changes of its error only every 20
+ms.
+"""
 UNKNOWN: Final = (
-    "no gains can be proposed, because the manufacturer does not publish how the gains work. Try some with --write and "
-    "compare the results"
+    "no gains can be proposed, because the manufacturer does not publish how the gains work. Try different gains with "
+    "--write and compare the results"
 )
 
 
@@ -44,13 +46,13 @@ class Proposal:
     """Proposed gains, by name; empty if no better gains are known."""
     reasons: tuple[str, ...] = ()
     predicted: Predicted | None = None
-    """Predicted figures with the proposed gains; None if there are none."""
+    """Predicted performance figures with the proposed gains; None without a prediction."""
 
 
 def propose(joint: Joint, held: Mapping[str, int], plan: TrialPlan, measured: JointFigures) -> Proposal:
     """Return a proposal for a joint that was measured with the gains ``held``.
 
-    ``joint`` must have the settings of its servo, as from ``as_held``.
+    ``joint`` must have the settings of its servo, as returned by ``as_held``.
     """
     law = Law(joint, plan, measured)
     if not law.known:
@@ -112,7 +114,7 @@ def _calmer(held: Mapping[str, int], measured: JointFigures, count: float) -> It
 def _stiffer(
     joint: Joint, held: Mapping[str, int], measured: JointFigures, law: Law, values: Mapping[str, int]
 ) -> tuple[int, str] | None:
-    """Return a larger P and the reason if the error at rest is too large; at most the factory value of an STS."""
+    """Return a larger P and the reason if the error at rest is too large. P is at most the factory value of an STS."""
     count, now = abs(joint.units_per_count), held["P"]
     most = min(round(STIFFER * now), FACTORY_P) if joint.model in sts.MODELS.values() else round(STIFFER * now)
     allowed = ALLOWED_REST_COUNTS * count
@@ -134,7 +136,7 @@ def _stiffer(
 def _damped(
     held: Mapping[str, int], plan: TrialPlan, measured: JointFigures, law: Law, values: Mapping[str, int], count: float
 ) -> Iterator[tuple[str, int, str]]:
-    """Yield the smallest D with an acceptable overshoot, or the D with the least overshoot."""
+    """Yield the smallest D with an acceptable overshoot, or else the D with the smallest overshoot."""
     allowed, position_p = ALLOWED_OVERSHOOT * abs(plan.step), values.get("P", held["P"])
     now = law.predict(values).overshoot
     if now is None or now <= allowed or not law.weighed:

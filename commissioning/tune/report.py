@@ -1,4 +1,4 @@
-"""Tune one joint, and report both measurements, the proposed and written gains, and the lines for the robot file."""
+"""Tune one joint, and report the measurements, the proposed and written gains, and the lines for the robot file."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -22,7 +22,7 @@ class TuneReport:
     before: Measurement
     proposal: Proposal
     predicted: Predicted | None
-    """Predicted figures with the written gains, or with the proposed ones if none were written."""
+    """Predicted performance figures with the written gains, or with the proposed gains if none were written."""
     named: Mapping[str, int]
     """Settings of this joint in the robot file."""
     written: tuple[Written, ...] = ()
@@ -30,7 +30,7 @@ class TuneReport:
     """Measurement with the written gains; None if none were written."""
 
     def completed(self, written: tuple[Written, ...], after: Measurement) -> "TuneReport":
-        """Return the report with the written gains and the measurement after it."""
+        """Return the report with the written gains and the new measurement."""
         return replace(self, written=written, after=after)
 
     @property
@@ -50,12 +50,15 @@ class TuneReport:
 
     @property
     def to_keep(self) -> dict[str, Any]:
-        """Entries for the joint in the robot file that make the stack keep the written gains."""
+        """Entries for the joint in the robot file with which the stack keeps the written gains."""
         return kept(self.joint.model, {one.gain: one.new for one in self.written}, self.named)
 
     @property
     def overruled(self) -> dict[str, int]:
-        """Settings in the robot file that differ from the servo. ``servoloop up`` will write them to the servo."""
+        """Settings in the robot file that differ from the servo.
+
+        ``servoloop up`` will write these settings to the servo.
+        """
         known = gains_of(self.joint.model)
         now = {known[name].name: value for name, value in self.held.items()}
         return {name: value for name, value in self.named.items() if now.get(name, value) != value}

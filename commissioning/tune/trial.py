@@ -11,7 +11,7 @@ from commissioning.tune.gains import TuneError
 from hal.joint import Joint
 
 LIFT_RAD: Final = 0.35
-"""Distance by which a joint moves away from its start and any support there. It is larger than the sag of a servo."""
+"""Distance by which a joint moves away from its start and from any support. This is more than the sag of a servo."""
 STEP_RAD: Final = 0.15
 """Size of a step (98 counts of an STS)."""
 LEAST_RAD: Final = 0.03
@@ -74,14 +74,14 @@ def plan_for(joint: Joint, start: float, at: float | None = None) -> TrialPlan:
 
 
 def _sine_hz(joint: Joint, step: float, speed: float) -> float:
-    """Return the frequency at which the sine, with half the step as amplitude, keeps to speed and acceleration."""
+    """Return the frequency of a sine, with half the step as amplitude, within the limits of speed and acceleration."""
     by_speed = SPEED_MARGIN * speed / (pi * step)
     by_acceleration = sqrt(SPEED_MARGIN * joint.limits.acceleration / (0.5 * step)) / (2.0 * pi)
     return min(SINE_HZ, by_speed, by_acceleration)
 
 
 def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str) -> str:
-    """Return the plan as a question to the user; ``end`` says how the arm is left."""
+    """Return the plan as a question to the user. ``end`` is a sentence about the state of the arm at the end."""
     unit, counts = joint.unit, abs(plan.step / joint.units_per_count)
     held = f" {', '.join(others)} will hold their positions." if others else ""
     return (
@@ -97,7 +97,7 @@ REST_S: Final = 1.5
 """Time at rest after each step, in seconds."""
 SHORT_REST_S: Final = 0.8
 PERIODS: Final = 3
-"""Number of periods of the sine. The first one is not evaluated."""
+"""Number of periods of the sine. The first period is not evaluated."""
 BEHIND_RAD: Final = 0.35
 """Maximum following error, rad of the servo's shaft. At this error, half of the factory P gives almost full drive."""
 HEARD_SHARE: Final = 0.8
@@ -107,7 +107,7 @@ MOVED_SHARE: Final = 0.5
 
 
 class TuneTrial:
-    """The motions of one joint. They stop if the joint does not follow or its servo reports an alarm."""
+    """Motions of one joint, which stop if the joint does not follow or its servo reports an alarm."""
 
     def __init__(self, arm: SlowArm, index: int, plan: TrialPlan) -> None:
         self._arm, self._index, self._plan = arm, index, plan
@@ -116,7 +116,8 @@ class TuneTrial:
     def look_for_room(self) -> tuple[float, float]:
         """Move the joint slowly back and forth once, so that it meets any obstacle gently.
 
-        It also rests in the middle, approached from each side. Return command minus position there, first from near.
+        The joint also stops in the middle, from each side. Return command minus position in the middle, first when
+        coming from near.
         """
         near, far = self._plan.near, self._plan.far
         half_way = 0.5 * (near + far)
@@ -142,7 +143,7 @@ class TuneTrial:
         return rest_error(self._for(SHORT_REST_S, lambda time_s: target))
 
     def step(self, target: float) -> TuneTrace:
-        """Command a step, which the safety gate turns into a ramp at the plan's speed, and wait until it rests."""
+        """Command a step, which the safety gate turns into a ramp at the plan's speed, and wait at the target."""
         ramp_s = abs(target - float(self._arm.command[self._index])) / self._plan.speed
         return self._for(ramp_s + REST_S, lambda time_s: target)
 
@@ -155,13 +156,13 @@ class TuneTrial:
         return TuneTrace(whole.time_s[later], whole.command[later], whole.position[later])
 
     def _for(self, seconds: float, position: Callable[[float], float]) -> TuneTrace:
-        """Run cycles for some seconds; ``position`` returns the goal for the expected end of each cycle."""
+        """Run cycles for some seconds. ``position`` returns the goal for the expected end of each cycle."""
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
             self._arm.cycle(self._index, position(elapsed_s + self._arm.period_s))
             self._check()
             cycles += 1
-            if self._joint.name not in self._arm.state.faults:  # Otherwise the position is an old one.
+            if self._joint.name not in self._arm.state.faults:  # Otherwise the position is old.
                 rows.append(self._row())
         if len(rows) < HEARD_SHARE * cycles:
             raise TuneError(

@@ -1,4 +1,4 @@
-"""Measure one joint while the arm holds all others, and write gains to its servo while the torque is off."""
+"""Measure one joint while the arm holds all other joints, and write gains to its servo while the torque is off."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -28,7 +28,7 @@ TIMES: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How the arm is left after a measurement."""
+    """State of the arm after a measurement."""
 
     relax: bool
     """Whether the torque is released. Otherwise the arm holds its position."""
@@ -48,7 +48,7 @@ class Measurement:
 
 
 class Tuner:
-    """Tuner of one joint. It opens the buses itself, and holds all joints of the arm while it measures."""
+    """Tuner of one joint. The tuner opens the buses itself, and holds all joints of the arm during a measurement."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class Tuner:
             name: Name of the joint to tune.
             open_buses: Opens the buses of joints.
             clock: Clock of the cycles.
-            ending: How the arm is left.
+            ending: State of the arm after a measurement.
             signals: Returns the number of signals. After the first signal, the measurement ends and the arm is left as
                 ``ending`` describes. After the second signal, the rest of the way to the park pose is skipped.
         """
@@ -104,7 +104,7 @@ class Tuner:
             yield buses
 
     def releases(self, writes: bool) -> str:
-        """Return a warning about servos that hold torque and will be released; empty if none will be released.
+        """Return a warning about servos that hold torque and will be released, or an empty text.
 
         Args:
             writes: Whether gains are written, for which the torque must be off.
@@ -159,7 +159,10 @@ class Tuner:
         return done
 
     def _end(self, arm: SlowArm) -> None:
-        """Move the joint back, or the arm to its park pose if its torque is released. ``hurry`` skips this motion."""
+        """Move the joint back, or move the arm to its park pose if its torque is released.
+
+        ``hurry`` skips this motion.
+        """
         arm.stopped = lambda: self._signals() > 1
         target = arm.command.copy()
         if self._begun is not None:

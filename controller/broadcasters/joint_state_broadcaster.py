@@ -95,7 +95,7 @@ class BroadcasterParameters(Parameters):
 
 
 class JointStateBroadcaster:
-    """Broadcaster of joint states. It claims no joint, and computes mimic joints from the joints that they mimic."""
+    """Broadcaster of joint states, which claims no joint. Mimic joints are computed from the joints that they mimic."""
 
     kind: ClassVar[str] = "joint_state_broadcaster/JointStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = BroadcasterParameters

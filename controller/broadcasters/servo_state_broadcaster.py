@@ -27,7 +27,7 @@ class ServoStateParameters(Parameters):
 
 
 class ServoStateBroadcaster:
-    """Broadcaster of servo states. It claims no joint, and computes values only when a node calls ``values``."""
+    """Broadcaster of servo states, which claims no joint. Values are computed only when a node calls ``values``."""
 
     kind: ClassVar[str] = "servoloop/ServoStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = ServoStateParameters

@@ -15,7 +15,7 @@ class Approach:
     """Commands of n joints. A command never passes its goal, unless the goal comes closer than the joint can brake.
 
     A goal that a joint at rest can reach in one period is commanded at once. A command follows a moving goal at a
-    distance in which the joint can brake, because each goal may be the last one.
+    distance in which the joint can brake, because each goal may be the last goal.
     """
 
     def __init__(self, limits: Sequence[JointLimits]) -> None:

@@ -92,7 +92,7 @@ class GripperActionController:
         self._cancels.append(handle)
 
     def reconfigure(self, parameters: GripperParameters) -> None:
-        """Set the parameters that can be changed at run time. They take effect at once."""
+        """Set the parameters that can be changed at run time. The new values take effect at once."""
         self.parameters = parameters
 
     # Only the thread of the loop may call the following methods.

@@ -23,7 +23,9 @@ Flags = NDArray[np.bool_]
 MAX_SILENCE_S: Final = 0.2
 """Maximum time without a command while a joint is on its way, and maximum time without a measurement, in seconds."""
 NEAR: Final = 0.02
-"""Distance at which a first command counts as near the joint, as a share of the joint's range. This covers sag."""
+"""Distance at which a first command counts as near the joint, as a share of the joint's range. This distance covers
+sag.
+"""
 SLOW: Final = 0.1
 """Share of the velocity limit with which a joint approaches a first command that is not near."""
 JOINED: Final = 0.002
@@ -45,10 +47,10 @@ class HostController:
     The commands approach the newest message within the velocity and acceleration limits. At the start or after a
     silence, a joint approaches its first command slowly if the command is not near the measured position. The joints
     brake and hold if the messages end while a joint is on its way, if the sender leaves, or if a joint is not measured.
-    They follow again from the next message on.
+    The joints follow again from the next message on.
 
-    NaN in a message means that no controller of the sender commands the joint. A message without a joint means the
-    same.
+    NaN in a message means that no controller of the sender commands the joint. A joint that is missing in a message is
+    treated in the same way.
     """
 
     kind: ClassVar[str] = "servoloop/HostController"
@@ -102,11 +104,14 @@ class HostController:
         self._unmeasured_s = np.zeros(len(joints))
 
     def submit(self, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Pass on a message from any thread. Raises RefusedCommandError if it is not a command for these joints."""
+        """Pass on a message from any thread.
+
+        Raise RefusedCommandError if the message is not a command for these joints.
+        """
         self._inbox.append(self._messages.sorted(names, positions))
 
     def lose(self, reason: str) -> None:
-        """Brake and hold in the next cycle, because the sender has left. Any thread may call this."""
+        """Brake and hold in the next cycle, because the sender has left. Any thread may call this method."""
         self._losses.append(reason)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -138,7 +143,7 @@ class HostController:
 
     @property
     def phase(self) -> HostPhase:
-        """Current activity. Any thread may read this."""
+        """Current activity. Any thread may read this property."""
         if self._followed.any():
             return HostPhase.APPROACHING if self._slow.any() else HostPhase.FOLLOWING
         return HostPhase.HOLDING if self.reason else HostPhase.WAITING
@@ -179,7 +184,10 @@ class HostController:
             self._hold(silent, f"no command for {MAX_SILENCE_S:g} s while {short}", period_s)
 
     def _hold(self, which: Flags, reason: str, period_s: float) -> None:
-        """Brake some joints and hold them where they come to rest. Their next command counts as their first."""
+        """Brake some joints and hold them where they come to rest.
+
+        The next command of these joints counts as their first.
+        """
         if which.any():
             LOG.warning("%s: the arm brakes and holds until the next command", reason)
             self.reason = reason

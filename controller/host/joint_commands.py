@@ -19,7 +19,10 @@ class JointCommands:
     """
 
     def __init__(self, joints: Sequence[str], others: Collection[str] = ()) -> None:
-        """``others`` are joints of the robot that cannot be commanded, such as mimic joints. Messages may name them."""
+        """``others`` are joints of the robot that cannot be commanded, such as mimic joints.
+
+        Messages may name these joints.
+        """
         self.joints = tuple(joints)
         self._others = frozenset(others)
 

@@ -2,23 +2,23 @@
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
-from controller.manager.node_parameters import Content, files_in, merged, names, parameters_in, parameters_of
-from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_parameter_file
+from controller.manager.node_parameters import files_in, merged, parameters_in
+from controller.manager.parameter_file import MOST_NODES, PARAMETERS
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
+from controller.manager.sections import Sections, SectionsWithDefaults
 from controller.manager.settings import SETTINGS, ManagerSettings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
-from hal.types import Interface
 from hal.yaml_file import YamlPlaces, mistakes
-from hal.yaml_nodes import YamlFile
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -40,42 +40,32 @@ class ControllersFileError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ControllersFile:
-    """A checked controllers file. ``content`` also holds the parameters of nodes that are not controllers."""
+    """A checked controllers file. ``sections`` also holds the parameters of nodes that are not controllers."""
 
-    yaml: YamlFile
+    sections: Sections
     update_rate_hz: int
     controllers: tuple[ControllerSpec, ...]
-    content: Content = field(default_factory=dict)
     defaults: Defaults = field(default_factory=dict)
+    namespace: str = ""
+    """Namespace of the nodes; empty for the root namespace."""
 
     @property
     def path(self) -> Path:
         """Path of the file."""
-        return self.yaml.path
+        return self.sections.file.path
 
     @property
     def manager(self) -> Mapping[str, Any]:
         """Parameters of the manager itself."""
-        return parameters_of(self.content, MANAGER)
+        return self.parameters(MANAGER)
 
-
-@dataclass(frozen=True, slots=True)
-class _FileWithDefaults:
-    """Locations of parameters in the controllers file, or in the robot file for default values."""
-
-    file: YamlFile
-    content: Content
-    defaults: YamlPlaces
-
-    def place(self, location: Sequence[int | str]) -> str:
-        node, _, *keys = location
-        if keys and str(keys[0]) not in parameters_of(self.content, str(node)):
-            return self.defaults.place((DEFAULTS, node, *keys))
-        return self.file.place(location)
+    def parameters(self, node: str) -> dict[str, Any]:
+        """Return the parameters of a node of the stack."""
+        return self.sections.of(node)
 
 
 def load_controllers_file(
-    path: Path, defaults: Defaults, component: HardwareInfo, origin: YamlPlaces | None = None
+    path: Path, defaults: Defaults, component: HardwareInfo, origin: YamlPlaces | None = None, namespace: str = ""
 ) -> ControllersFile:
     """Read and check a controllers file.
 
@@ -84,23 +74,35 @@ def load_controllers_file(
         defaults: Default parameter values, by controller name.
         component: The joints and interfaces of the robot.
         origin: Robot file that provides the defaults.
+        namespace: Namespace of the nodes; empty for the root namespace.
 
     Raises:
         ControllersFileError: The file has mistakes. The message lists all mistakes.
     """
-    file, content = read_parameter_file(path, ControllersFileError)
-    if not names(content, MANAGER):
-        raise ControllersFileError(f"{path}:1: the file has no {MANAGER} section: add one that lists the controllers")
-    places = file if origin is None else _FileWithDefaults(file, content, origin)
-    reader = _Reader(file, content, component, [], places)
-    controllers = reader.controllers(defaults)
-    manager = reader.checked(MANAGER, ManagerParameters, parameters_of(content, MANAGER))
+    sections = _sections(path, namespace)
+    places = sections if origin is None else SectionsWithDefaults(sections, origin, DEFAULTS)
+    reader = _Reader(sections, component, [], places)
+    controllers = reader.controllers(defaults, namespace)
+    manager = reader.checked(MANAGER, ManagerParameters, sections.of(MANAGER))
     if reader.problems or not isinstance(manager, ManagerParameters):
         raise ControllersFileError("\n".join(reader.problems))
     reader.name_unused(manager)
     if not controllers:
         LOG.warning("%s: %s lists no controllers: load them with a spawner", path, MANAGER)
-    return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
+    return ControllersFile(sections, manager.update_rate, tuple(controllers), defaults, namespace)
+
+
+def _sections(path: Path, namespace: str) -> Sections:
+    """Read the sections of the nodes in a namespace, or in the root namespace if the file names no other.
+
+    Raises ControllersFileError.
+    """
+    sections = Sections.read(path, namespace, ControllersFileError)
+    for found in (sections, replace(sections, namespace="")):
+        if found.has(MANAGER):
+            return found
+    name = f"{namespace}/{MANAGER}" if namespace else MANAGER
+    raise ControllersFileError(f"{path}:1: the file has no {name} section: add one that lists the controllers")
 
 
 def load_controller(
@@ -118,10 +120,10 @@ def load_controller(
         ControllersFileError: The parameters have mistakes. The message lists all mistakes.
         ValueError: An argument of the node is not valid YAML.
     """
-    source = _Source(file.yaml, file.content, file.defaults, file.manager)
+    source = _Source(file.sections, file.defaults, file.namespace)
     settings = settings.over(ManagerSettings.of(source.entry(name)))
-    last, content, parameters = source.parameters(name, settings)
-    reader = _Reader(last, content, component, [], last, complete=False)
+    last, parameters = source.parameters(name, settings)
+    reader = _Reader(last, component, [], last, complete=False)
     found = list(reader.controller(name, settings, parameters))
     if reader.problems:
         raise ControllersFileError("\n".join(reader.problems))
@@ -132,52 +134,51 @@ def load_controller(
 class _Source:
     """The controllers file and the robot file's defaults, before a controller's parameter files are merged in."""
 
-    file: YamlFile
-    content: Content
+    sections: Sections
     defaults: Defaults
-    manager: Mapping[str, Any]
-    """Parameters of the manager itself, from ``content``."""
+    namespace: str
+    """Namespace of the nodes; ``sections`` may be those of the root namespace."""
 
     def entry(self, name: str) -> dict[str, Any]:
         """Return the settings of a controller. The manager's section overrides the controller's own section."""
         found: dict[str, Any] = {}
-        for _, _, settings in self.sections(name):
+        for _, _, settings in self.settings(name):
             found |= settings
         return found
 
-    def sections(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    def settings(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Yield the settings from the controller's own section, then from the manager's section.
 
         Each item holds the node of the section, the prefix of the keys, and the settings.
         """
-        own, entry = parameters_of(self.content, name), self.manager.get(name)
+        own, entry = self.sections.of(name), self.sections.of(MANAGER).get(name)
         yield name, "", {key: own[key] for key in SETTINGS if key in own}
         yield MANAGER, f"{name}.", dict(entry) if isinstance(entry, Mapping) else {}
 
     def controllers(self) -> list[str]:
         """Return the names of controllers listed by the manager, and of sections with a controller type."""
-        named = [n for n, entry in self.manager.items() if isinstance(entry, Mapping)]
-        own = [n.removeprefix("/") for n in self.content if n.removeprefix("/").isidentifier()]
+        named = [n for n, entry in self.sections.of(MANAGER).items() if isinstance(entry, Mapping)]
         known = {*controller_types(), *SUCCESSORS}
-        typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
+        typed = [n for n in self.sections.nodes() if n not in named and self.sections.of(n).get("type") in known]
         return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
 
-    def parameters(self, name: str, settings: ManagerSettings) -> tuple[YamlFile, Content, dict[str, Any]]:
-        """Return the file with the highest priority, its content, and the merged parameters of a controller.
+    def parameters(self, name: str, settings: ManagerSettings) -> tuple[Sections, dict[str, Any]]:
+        """Return the sections with the highest priority, and the merged parameters of a controller.
 
         Raise ControllersFileError or ValueError.
         """
-        given, paths = parameters_in(settings.node_arguments, name), settings.files
+        node = f"{self.namespace}/{name}" if self.namespace else name
+        given, paths = parameters_in(settings.node_arguments, node), settings.files
         for path in files_in(settings.node_arguments):
             check_existing(path, ControllersFileError)
-        contents = [read_parameter_file(path, ControllersFileError) for path in paths]
-        if paths and not any(names(content, name) or ALL in content for _, content in contents):
+        files = [Sections.read(path, self.namespace, ControllersFileError) for path in paths]
+        if paths and not any(file.concerns(name) for file in files):
             listed = ", ".join(map(str, paths))
-            raise ControllersFileError(f"{listed} has no section for {name}: add '{name}: ros__parameters: …'")
-        found = merged(self.defaults.get(name, {}), parameters_of(self.content, name))
-        for parameters in (*(parameters_of(content, name) for _, content in contents), given):
+            raise ControllersFileError(f"{listed} has no section for {node}: add '{node}: ros__parameters: …'")
+        found = merged(self.defaults.get(name, {}), self.sections.of(name))
+        for parameters in (*(file.of(name) for file in files), given):
             found = merged(found, parameters)
-        return (*(contents[-1] if contents else (self.file, self.content)), found)
+        return files[-1] if files else self.sections, found
 
 
 def no_type(name: str) -> str:
@@ -190,10 +191,9 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one controllers file. It collects the mistakes."""
+    """Reader of the sections of one file, with the mistakes found so far."""
 
-    file: YamlFile
-    content: Content
+    sections: Sections
     component: HardwareInfo
     problems: list[str]
     places: YamlPlaces
@@ -204,17 +204,20 @@ class _Reader:
         """Record a mistake with its file and line."""
         self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
-    def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
+    def controllers(self, defaults: Defaults, namespace: str) -> list[ControllerSpec]:
         """Return the specs of all controllers whose parameters are valid."""
-        source = _Source(self.file, self.content, defaults, parameters_of(self.content, MANAGER))
+        source = _Source(self.sections, defaults, namespace)
         known = source.controllers()
         if len(known) > MOST_NODES:
-            place = self.file.place((MANAGER, PARAMETERS, known[MOST_NODES]))
+            place = self.sections.place((MANAGER, PARAMETERS, known[MOST_NODES]))
             raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: remove some")
         found: list[ControllerSpec] = []
         for name in known:
+            if self.sections.elsewhere(name):
+                self._report_elsewhere(name)
+                continue
             entry = source.entry(name)
-            waits = parameters_of(self.content, name).get("wait_for")
+            waits = self.sections.of(name).get("wait_for")
             for other in self._not_in_file(name, waits, known):
                 self.report(name, "wait_for", f"names {other}, which is not another controller in this file")
             if self._settings_wrong(source, name):
@@ -226,19 +229,26 @@ class _Reader:
                     MANAGER, key, f"names {other}, which is not another controller in this file: correct the name"
                 )
             try:
-                last, content, parameters = source.parameters(name, settings)
+                last, parameters = source.parameters(name, settings)
             except (ControllersFileError, ValueError) as error:
                 self.report(MANAGER, name, f"cannot be loaded: {error}")
                 continue
-            places = self.places if last is self.file else last
-            reader = _Reader(last, content, self.component, self.problems, places)
+            places = self.places if last is self.sections else last
+            reader = _Reader(last, self.component, self.problems, places)
             found += reader.controller(name, settings, parameters)
         return found
+
+    def _report_elsewhere(self, name: str) -> None:
+        namespace = self.sections.namespace
+        self.problems.append(
+            f"{self.places.place((name,))}: this section is for /{name}, but the controller is {namespace}/{name}: "
+            f"name the section {namespace}/{name} or /**/{name}"
+        )
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
         """Record the mistakes in the settings of a controller. Return whether there are mistakes."""
         known = len(self.problems)
-        for node, prefix, settings in source.sections(name):
+        for node, prefix, settings in source.settings(name):
             for key, text in setting_mistakes(settings):
                 self.report(node, f"{prefix}{key}", text)
         return len(self.problems) > known
@@ -248,15 +258,15 @@ class _Reader:
         extra = manager.model_extra or {}
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
         if unused := [key for key in unused if key not in HONORED]:
-            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, MANAGER, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, MANAGER, ", ".join(unused))
         if not manager.enforce_command_limits:
             LOG.warning(
                 "%s: %s: enforce_command_limits: false has no effect: the limits of the robot description always apply",
-                *(self.file.path, MANAGER),
+                *(self.sections.file.path, MANAGER),
             )
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
-        """Return the parameters as a ``model``. If they are invalid, record each mistake and return None."""
+        """Return the parameters as a ``model``. If the parameters are invalid, record each mistake and return None."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
@@ -269,7 +279,7 @@ class _Reader:
         """Yield the spec of a controller, unless it has mistakes."""
         kind = settings.kind
         if kind in SUCCESSORS and self.complete:
-            LOG.error("%s: %s is not loaded: %s", self.file.path, name, outdated(kind))
+            LOG.error("%s: %s is not loaded: %s", self.sections.file.path, name, outdated(kind))
             return
         if not kind and not self.complete:
             self.problems.append(no_type(name))
@@ -308,30 +318,10 @@ class _Reader:
         for key, text in claim_mistakes(parameters, self.component):
             self.report(name, key, text)
         if unused := parameters.unused():
-            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, name, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, name, ", ".join(unused))
 
     @staticmethod
     def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:
         """Return the entries of a list that name the controller itself or a controller that is not in the file."""
         listed = others if isinstance(others, list | tuple) else ()
         return [other for other in listed if other == name or other not in known]
-
-
-def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
-    """Check that the URDF has each claimed command interface and that each is claimed once.
-
-    Yields the name of the wrong parameter and a description of the mistake.
-    """
-    joints, claims = component.joints, parameters.claims()
-    key = "joint" if "joint" in type(parameters).model_fields else "joints"
-    block = "the URDF's <ros2_control> block"
-    for claim in dict.fromkeys(claims):
-        joint = Interface.parse(claim).joint
-        if claim in component.outputs:
-            continue
-        if joint not in joints:
-            yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
-        elif claim not in component.commands:
-            yield key, f"needs {claim}, which is not a command_interface in {block}"
-    for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):
-        yield key, f"names {Interface.parse(claim).joint} twice"

@@ -14,7 +14,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """One update of all active controllers, in the order of loading. It runs in the thread of the loop."""
+    """One update of all active controllers, in the order of loading, in the thread of the loop."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[Running, FloatArray], None]
@@ -70,7 +70,10 @@ class ControllerCycle:
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """End the relief of the interfaces at ``index``, because a controller claims them. Their joints stop first."""
+        """End the relief of the interfaces at ``index``, because a controller claims them.
+
+        The joints of these interfaces stop first.
+        """
         for ended in self.leaving.end(index):
             self.stop(ended)
 

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from controller.interface import Controller, ControllerContext
+from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
+from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types
 from controller.manager.settings import ManagerSettings
@@ -34,8 +35,9 @@ class Factory:
         Raise ValueError if the controller does not fit the robot or lacks parameters.
         """
         if missing := spec.parameters.missing():
+            node = f"{self.file.namespace}/{spec.name}"
             them = "them" if len(missing) > 1 else "it"
-            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node /{spec.name}")
+            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node {node}")
         for key, text in claim_mistakes(spec.parameters, self.context.component):
             raise ValueError(f"{spec.name}.{key} {text}")
         return controller_types()[spec.kind].build(spec.name, spec.parameters, self.context)

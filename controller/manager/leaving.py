@@ -21,7 +21,7 @@ class _Leaving:
 
 
 class LeavingControllers:
-    """Deactivated controllers that relieve their joints. The loop starts them after the joints are at rest."""
+    """Deactivated controllers that relieve their joints. The loop starts their relief after the joints are at rest."""
 
     def __init__(self, stops: DecelerationStops) -> None:
         self.entries: list[_Leaving] = []

@@ -7,26 +7,32 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from controller.manager.parameter_file import ALL, PARAMETERS, parse_value
+from controller.manager.parameter_file import PARAMETERS, parse_value
 
 Content = Mapping[str, Mapping[str, Any]]
 """The nodes (or node patterns) of a file in the order of the file, each with its ``ros__parameters``."""
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
-    """Return the parameters of a node without a namespace. As in rclcpp, later entries of a file take priority."""
+    """Return the parameters of a node. As in rclcpp, later entries of a file take priority.
+
+    A name without a slash at its start is in the root namespace, in the file as well as in ``node``.
+    """
     found: dict[str, Any] = {}
     for pattern, section in content.items():
-        if _matches(pattern, node):
+        if matches(pattern, node):
             found = merged(found, section.get(PARAMETERS) or {})
     return found
 
 
 @lru_cache(4096)
-def _matches(pattern: str, node: str) -> bool:
+def matches(pattern: str, node: str) -> bool:
     """Return whether rclcpp matches a pattern with the wildcards ``*`` and ``**`` to this node."""
-    absolute = pattern if pattern.startswith("/") else f"/{pattern}"
-    return re.fullmatch(absolute.replace("/*", r"(/\w+)"), f"/{node}") is not None
+    return re.fullmatch(_absolute(pattern).replace("/*", r"(/\w+)"), _absolute(node)) is not None
+
+
+def _absolute(name: str) -> str:
+    return name if name.startswith("/") else f"/{name}"
 
 
 def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
@@ -38,7 +44,7 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
     for flag, rule in pairwise(arguments):
         name, given, value = rule.partition(":=")
         owner, _, name = name.rpartition(":")
-        if flag in ("-p", "--param") and given and owner in ("", node, f"/{node}", ALL):
+        if flag in ("-p", "--param") and given and (not owner or matches(owner, node)):
             try:
                 found = merged(found, {name: parse_value(value)})
             except ValueError as error:
@@ -64,6 +70,7 @@ def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any
     return found
 
 
-def names(content: Content, node: str) -> bool:
+def named(content: Content, node: str) -> bool:
     """Return whether the file has a section with the name of this node, not only a matching wildcard."""
-    return any(pattern.rpartition("/")[2] == node and _matches(pattern, node) for pattern in content)
+    name = node.rpartition("/")[2]
+    return any(pattern.rpartition("/")[2] == name and matches(pattern, node) for pattern in content)

@@ -34,7 +34,7 @@ class _TooMany(Exception):
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one parameter file. It collects the parameters of each node and the mistakes."""
+    """Reader of one parameter file, which collects the parameters of each node and the mistakes."""
 
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -57,7 +57,7 @@ class _Reader:
                 self.report(key, f"{path}: this value is outside {PARAMETERS}: move it below '{PARAMETERS}:'")
 
     def _node(self, key: yaml.Node, value: yaml.Node, name: str) -> None:
-        """Read the parameters of one node. They are merged with earlier parameters of the same node."""
+        """Read the parameters of one node, and merge them with earlier parameters of the same node."""
         if not _NODE.fullmatch(name):
             self.report(key, f"'{name}' is not a valid node name: put the name of a node above {PARAMETERS}")
         elif not isinstance(value, yaml.MappingNode):

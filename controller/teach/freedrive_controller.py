@@ -41,7 +41,7 @@ class GuidedJoint:
 
 
 def guided_joint(joint: Joint) -> GuidedJoint:
-    """Describe a joint that a hand may move. Its servo pulls with at most ``SLACK`` of its full drive."""
+    """Describe a joint that a hand may move. The servo of the joint pulls with at most ``SLACK`` of its full drive."""
     slack = SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
     return GuidedJoint(joint.name, joint.limits, slack, joint.compliance, joint.transmission)
 
@@ -116,7 +116,7 @@ class FreedriveController:
     def _lead(self, period_s: float) -> FloatArray:
         """Return the distances (n,) that the joints move until their servos act on the new set points.
 
-        Without this lead, the set points would drag on the joints.
+        Without this lead, the set points would hold the joints back.
         """
         velocity = np.clip(self._velocity, -self._led, self._led)
         lag_s, profile_acceleration, _ = self._lags

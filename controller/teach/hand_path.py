@@ -129,8 +129,8 @@ def path_of(times_s: FloatArray, position: FloatArray, limits: Sequence[JointLim
 def kept_inside(path: HandPath, limits: Sequence[JointLimits]) -> HandPath:
     """Clip a path to the limits.
 
-    Next to clipped knots, the velocity is limited so that the cubics do not swing beyond the limits: to three times the
-    smaller slope at a knot (Fritsch and Carlson).
+    Next to clipped knots, the velocity is limited to three times the smaller slope at the knot (Fritsch and Carlson),
+    so that the cubics do not swing beyond the limits.
     """
     position = inside(path.position, limits)
     slopes = np.pad(np.diff(position, axis=0) / np.diff(path.times_s)[:, None], ((1, 1), (0, 0)))
@@ -184,7 +184,7 @@ def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 
 
 def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if none is beyond."""
+    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if all are within."""
     most: FloatArray = excess(position, limits).max(axis=0)
     return most
 
@@ -192,7 +192,7 @@ def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
     """Return the distance (k, n) of each position beyond the limits, in rad or m.
 
-    It is 0 for positions within the limits.
+    The distance is 0 for positions within the limits.
     """
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0)

@@ -36,7 +36,7 @@ class FollowerPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FollowedJoint:
-    """A joint of the follower. Its target is ``offset + gain * leader``, in rad or m."""
+    """A joint of the follower. The target of the joint is ``offset + gain * leader``, in rad or m."""
 
     joint: str
     leader: str

@@ -49,7 +49,10 @@ class Cycle:
 
     @property
     def confirmed(self) -> FloatArray:
-        """Median (n,) of this reading, the previous reading and the reference. It rejects a single false reading."""
+        """Median (n,) of this reading, the previous reading and the reference.
+
+        The median rejects a single false reading.
+        """
         position: FloatArray = np.median([self.measured, self.measured_before, self.reference.position], axis=0)
         return position
 
@@ -67,7 +70,7 @@ class Cycle:
 
 @dataclass(slots=True)
 class ActiveGoal:
-    """The active goal. It waits for other controllers until ``begun`` is True."""
+    """The active goal, which waits for other controllers until ``begun`` is True."""
 
     handle: GoalHandle
     plan: Plan

@@ -49,7 +49,8 @@ class TrajectoryGoal:
     next_cycle_s: float = 0.0
     """Time from now to the cycle in which the goal can start, in seconds."""
     begins_s: float | None = None
-    """Time of the cycle in which the goal can start, on the loop's clock, in seconds. None means that it is never late.
+    """Time of the cycle in which the goal can start, on the loop's clock, in seconds. None means that the goal is never
+    late.
     """
 
     @property

@@ -72,7 +72,7 @@ class JointTrajectoryController:
         """
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
-        """Period of the loop, in seconds. It is 0 before the first cycle."""
+        """Period of the loop, in seconds; 0 before the first cycle."""
         self._last_s = 0.0
         self._standstill = Standstill(self.joints, endless, self._sampler, self._execution)
 

@@ -44,7 +44,7 @@ def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
     """Shift the first points so that they lead from ``here`` (n,) to the remaining points.
 
     Planners start from the measured position, which differs slightly from the commanded position. A step between the
-    two would slow down the whole path, because its sharpest bend determines the smoothing.
+    two positions would slow down the whole path, because its sharpest bend determines the smoothing.
     """
     times_s, position = waypoints.times_s, waypoints.position
     lasts_s = min(BEGINNING_S, float(times_s[-1]))
@@ -70,8 +70,8 @@ def spline_path(task: PathTask) -> tuple[Path, FloatArray]:
 def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
 
-    If there are few points and ruckig's path takes no longer than requested, it is used. Otherwise, the shorter of
-    ruckig's path and a smoothed spline is used. Few points may be far apart, so the spline is slowed down until it
+    If there are few points and ruckig's path takes no longer than requested, this path is used. Otherwise, the shorter
+    of ruckig's path and a smoothed spline is used. Few points may be far apart, so the spline is slowed down until it
     hardly misses any of them.
     """
     exact = _exact(task)

@@ -1,7 +1,7 @@
 """Relieve joints that press against an obstacle after a goal has ended.
 
-The arm first brakes along its path. Then the command of each joint that rests short of its command moves back slowly to
-the measured position. If the joint moves along with its command, the joint is free. The command then stops, so that the
+The arm first brakes along its path. If a joint rests short of its command, the command then moves back slowly to the
+measured position. If the joint moves along with its command, the joint is free. The command then stops, so that the
 relief never becomes a motion.
 """
 
@@ -33,7 +33,8 @@ FOLLOWS_SHARE: Final = 0.5
 """Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 ATTEMPTS: Final = 3
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
-blocked afterwards, so one attempt is not enough."""
+blocked after that, so one attempt is not enough.
+"""
 JERK_SHARE: Final = 0.25
 """Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
 SPEED_SHARE: Final = 0.5
@@ -41,7 +42,7 @@ SPEED_SHARE: Final = 0.5
 
 
 class Relief:
-    """Relief of the joints of one trajectory controller. It runs in the thread of the loop."""
+    """Relief of the joints of one trajectory controller, in the thread of the loop."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler) -> None:
         self.due = False

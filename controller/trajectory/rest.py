@@ -24,7 +24,7 @@ still swing.
 
 
 class Rest:
-    """Detector of joints at rest. It measures how long each joint has stayed in place."""
+    """Detector of joints at rest, which measures the time that each joint has stayed in place."""
 
     def __init__(self, still: FloatArray) -> None:
         """Set the largest change of position that does not count as motion, ``still`` (n,)."""

@@ -55,7 +55,7 @@ NO_LAG: Final = _Lag(0.0, math.inf, 0.0)
 
 
 class TrajectorySampler:
-    """Sampler that follows one path at a time, at the requested speed. It runs in the thread of the loop."""
+    """Sampler that follows one path at a time, at the requested speed, in the thread of the loop."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
         """Create a sampler. ``lags`` come from hal.compensation.servo_compliance; None means no lag."""

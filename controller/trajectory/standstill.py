@@ -17,7 +17,7 @@ from hal.types import FloatArray, JointFault
 LONGEST_LEAD_S: Final = 0.5
 """Time ahead of the reference in which the path point nearest to the last command is searched, in seconds.
 
-It covers the lag of the servos and one period.
+This time covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
 """Number of instants that the search samples. A finer search around the best instant samples the same number."""
@@ -26,7 +26,7 @@ REJOIN_S: Final = 0.3
 
 
 class Standstill(Unmeasured):
-    """Standstill of one trajectory during a stall. It runs in the thread of the loop.
+    """Standstill of one trajectory during a stall, in the thread of the loop.
 
     Call ``step`` in cycles with faults and in the cycles after them, until ``cycles`` is 0.
     """

@@ -24,7 +24,7 @@ class StepPlan:
 class StepPath:
     """Path that holds the start until the time of the first point.
 
-    From the time of each point on, it holds the next point.
+    From the time of each point on, the path holds the next point.
 
     ``positions`` has shape (m, n).
     """

@@ -1,7 +1,7 @@
 """Adapt the reply timeout of single requests to the delay of recent replies.
 
-A group read needs only one timeout, which can be long. If each servo is asked separately, a long timeout costs too
-much time, but a USB adapter with a latency timer of 16 ms needs it for every servo.
+A group read needs only one timeout, which can be long. If each servo is asked separately, a long timeout costs too much
+time. However, a USB adapter with a latency timer of 16 ms needs a long timeout for every servo.
 """
 
 from typing import Final
@@ -43,7 +43,7 @@ class AdaptiveTimeout:
     def slowest_s(self) -> float:
         """Delay of the slowest recent reply, in seconds beyond the transmission time.
 
-        It is 0 before the first reply.
+        The delay is 0 before the first reply.
         """
         return self._slowest_s or 0.0
 

@@ -26,7 +26,7 @@ class Backoff:
         self._queue: list[int] = []
 
     def note(self, outcome: Mapping[int, ReadResult], now_s: float) -> list[int]:
-        """Record which servos answered. Return the servos without a state, with the first one moved to the end.
+        """Record which servos answered. Return the servos without a state, with the first servo moved to the end.
 
         In some group reads each servo waits for the previous servo, so the first silent servo may hide the others.
         """

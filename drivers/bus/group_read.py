@@ -15,8 +15,9 @@ from drivers.protocol.decoder import Reply
 from drivers.servos.series import WireProtocol
 
 GROUP_WAIT_S: Final = 0.002
-"""Timeout of a group's replies beyond the transmission time, in seconds. It is at least one tick of most kernels: a
-wait that ends before the next tick would cost two timer settings for each piece of a reply."""
+"""Timeout of a group's replies beyond the transmission time, in seconds. This timeout is at least one tick of most
+kernels, because a wait that ends before the next tick would cost two timer settings for each piece of a reply.
+"""
 TURNAROUND_S: Final = 0.0005
 """Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""
 DRAIN_S: Final = 0.002
@@ -163,7 +164,7 @@ class GroupRead:
     def _decode_separately(
         self, plan: ReadPlan, responsive: int, data: bytes, wait_s: float, due_s: float, deadline_s: float
     ) -> Mapping[int, ReadResult]:
-        """Decode replies one by one, because some are missing or there is garbage, until no more bytes arrive."""
+        """Decode replies one by one until no more bytes arrive, because replies are missing or there is garbage."""
         size = min(plan.sizes.values())
         others = self._late.sizes().union(plan.sizes.values()) - {size}
         decoder = self._protocol.packets.ReplyDecoder(size, others, self._protocol.refusals)

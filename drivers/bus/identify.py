@@ -47,7 +47,7 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
 
 
 def _acknowledges(single: SingleServo, servo_id: int, series: Series) -> bool:
-    """Whether the servo answers a write that changes nothing. A simulator with an empty table may answer it."""
+    """Whether the servo answers a write that changes nothing, as even a simulator with an empty table may do."""
     if series.harmless is None:
         return False
     held = retry(partial(single.read, servo_id, series.harmless))

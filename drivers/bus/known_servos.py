@@ -34,7 +34,7 @@ class KnownServos:
         self.separate: set[int] = set()
         """Servos that do not support group reads, so each gets a read of its own."""
         self.written_alone: set[int] = set()
-        """Servos that do not support group writes, so each gets a write of its own. They include ``separate``."""
+        """Servos that do not support group writes, so each gets a write of its own. This set includes ``separate``."""
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}

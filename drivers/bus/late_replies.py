@@ -6,9 +6,9 @@ one size is requested again. A reply of this size gives no value, because it may
 requests sent before the first request of its size, because a servo replies in order. The next reply is then
 unambiguous.
 
-A late reply is therefore never mistaken for the reply to a later request, if the replies of a servo keep their order
-and are delayed by ``OPEN_S`` at most. A reply overtaken by a later reply of the same servo is still recognized for
-``HELD_S``, unless all sizes are in use.
+A late reply is therefore never mistaken for the reply to a later request. This holds if the replies of a servo keep
+their order and are delayed by at most ``OPEN_S``. A reply overtaken by a later reply of the same servo is still
+recognized for ``HELD_S``, unless all sizes are in use.
 """
 
 import math
@@ -118,7 +118,7 @@ class LateReplyFilter:
     def place(self, sizes: Mapping[int, Sequence[int]]) -> int:
         """Return the index into ``sizes`` for which the fewest servos have open requests."""
 
-        # Of equally good sizes, the one requested last is best, because its reply closes the most requests.
+        # Of equally good sizes, the last requested size is best, because its reply closes the most requests.
         def open_requests(place: int) -> tuple[int, int, float]:
             found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]

@@ -1,7 +1,7 @@
 """Read and write servos without group instructions one by one, as the last fallback.
 
-Self-made servos with a microcontroller often answer only pings, reads and writes. They are detected outside the control
-cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
+Self-made servos with a microcontroller often answer only pings, reads and writes. These servos are detected outside the
+control cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
 """
 
 import logging
@@ -60,7 +60,7 @@ class SeparateServos:
     def examine(self, servo_id: int) -> bool:
         """Return whether a servo answers single reads but not group reads.
 
-        Such a servo is read separately from then on.
+        Such a servo is then read separately in every cycle.
         """
         if servo_id in self._servos.separate:
             return True

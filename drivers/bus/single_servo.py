@@ -33,7 +33,7 @@ class SingleServo:
         self._sdk = protocol.sdk()
 
     def ping(self, servo_id: int) -> None:
-        """Ping a servo. Raise ServoSilent if it does not answer."""
+        """Ping a servo. Raise ServoSilent if the servo does not answer."""
         # The SDK's ping also reads the model number, but a servo may answer nothing but pings.
         self._request(servo_id, self._packets.PING, b"", None, "a ping")
 
@@ -81,7 +81,7 @@ class SingleServo:
         self._request(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
     def forget_turns(self, servo_id: int) -> None:
-        """Reset the turn count of a Feetech STS servo to zero. This releases its torque."""
+        """Reset the turn count of a Feetech STS servo to zero, which also releases its torque."""
         self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:

@@ -245,7 +245,7 @@ class StateReader:
         # Servos are left out if a late reply, even to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
         asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
-        asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide those after it
+        asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide the servos after it
         found: dict[int, int] = {}
         for together in self.groups(asked):
             separate = not self._servos.separate.isdisjoint(together)

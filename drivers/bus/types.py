@@ -31,7 +31,7 @@ class ServoState(NamedTuple):
     temperature_c: float
     alarms: tuple[str, ...] = ()
     current_a: float | None = None
-    """Motor current, in A, negative when it drives backward. None if it is not read."""
+    """Motor current, in A, negative when it drives backward. None if the current is not read."""
 
 
 class ServoFault(NamedTuple):

@@ -1,4 +1,4 @@
-"""The interface of ports. Serial devices and the virtual bus implement it."""
+"""The interface of ports, which serial devices and the virtual bus implement."""
 
 from typing import Protocol
 
@@ -55,5 +55,5 @@ class Port(Protocol):
         ...
 
     def close(self) -> None:
-        """Close the port. Closing it again has no effect."""
+        """Close the port. A second call has no effect."""
         ...

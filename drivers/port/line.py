@@ -22,7 +22,9 @@ class Line:
         self.clean = False
         """Whether the last replies were read completely, so that no input has to be discarded."""
         self.echoes: bool | None = None
-        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply has shown this."""
+        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply has shown whether
+        it does.
+        """
 
     def send(self, packet: bytes) -> None:
         """Send a packet that has no reply, and read its echo if the adapter echoes."""
@@ -33,7 +35,7 @@ class Line:
             self.port.read(len(packet), self.busy_until_s + on_wire_s + GAP_S)
 
     def send_request(self, request: bytes) -> float:
-        """Send a request. Return the clock time at which its last byte leaves the wire."""
+        """Send a request. Return the clock time at which the last byte of the request leaves the wire."""
         now_s = self.now()
         self.clean = False
         self.port.write(request)

@@ -22,9 +22,9 @@ class Decoder(ABC):
     """Decoder for replies with ``data_size`` bytes of data, as requested.
 
     The decoder skips frames of any other size, so that noise that looks like a long frame cannot hide the replies after
-    it. It also accepts the sizes of earlier requests (``other_sizes``) and replies without data that refuse the request
-    (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the IDs in frames with a wrong checksum.
-    ``garbage`` is the number of unused bytes since the last reply.
+    it. The decoder also accepts the sizes of earlier requests (``other_sizes``) and replies without data that refuse
+    the request (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the IDs in frames with a wrong
+    checksum. ``garbage`` is the number of unused bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]
@@ -86,7 +86,10 @@ class Decoder(ABC):
 
     @abstractmethod
     def _decode(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
-        """Decode the frame whose header is at ``at``. Return the number of bytes consumed; None if more are needed."""
+        """Decode the frame whose header is at ``at``.
+
+        Return the number of bytes consumed, or None if more bytes are needed.
+        """
 
     def _skip(self, size: int = 1) -> int:
         """Count garbage bytes, one byte by default, because a valid frame may begin inside a false frame."""

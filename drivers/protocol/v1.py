@@ -52,7 +52,10 @@ def place(address: int) -> bytes:
 
 
 def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """Encode a bulk read of the address and size in ``spans``, by servo ID. Only Dynamixel MX servos support it."""
+    """Encode a bulk read of the address and size in ``spans``, by servo ID.
+
+    Only Dynamixel MX servos support bulk reads.
+    """
     return packet(BROADCAST_ID, BULK_READ, b"\0" + b"".join(bytes((size, i, at)) for i, (at, size) in spans.items()))
 
 

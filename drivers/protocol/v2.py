@@ -116,7 +116,7 @@ def sync_write(address: int, size: int, entries: bytes) -> bytes:
 
 
 def sdk_request(servo_id: int, instruction: int, parameters: bytes) -> list[int]:
-    """Return a packet for the SDK's ``txRxPacket``. It is stuffed, because the SDK does not send its own stuffing."""
+    """Return a packet with byte stuffing for ``txRxPacket`` of the SDK, which computes stuffed bytes but omits them."""
     body = stuffed(parameters)
     return [0, 0, 0, 0, servo_id, *(len(body) + 3).to_bytes(2, "little"), instruction, *body, 0, 0]
 

@@ -48,8 +48,8 @@ def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
 def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
     """Return the offset with which the servo reports ``wanted`` when its encoder is at ``actual``.
 
-    The offset always fits the register. An offset of exactly half a turn would not fit; the servo then reports
-    ``wanted - 1``.
+    The offset always fits the register. Instead of half a turn, which would not fit, the offset is one count less, and
+    the servo reports ``wanted - 1``.
     """
     half = turn // 2
     return max(shortest(wanted, actual, turn), 1 - half)
@@ -62,7 +62,7 @@ def new_offset(reading: int, offset: int, wanted: int, turn: int = TURN) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Travel:
-    """A range of motion in continuous counts. It may extend beyond a turn boundary."""
+    """A range of motion in continuous counts, which may extend beyond a turn boundary."""
 
     lower: int
     upper: int

@@ -52,7 +52,7 @@ lock = Register("lock", 47, 1, values=SWITCH)  # 1: EEPROM is locked until power
 punch = Register("punch", 48, 2, values=TEN_BITS)
 
 COMMON: Final = by_address(globals().values())
-"""Registers of all models. The positions of a model are those of its sensor (``_positions``)."""
+"""Registers of all models. The position registers of a model depend on its sensor (``_positions``)."""
 
 # The models differ here: an AX has compliance settings, and an MX has gains.
 cw_compliance_margin = Register("cw_compliance_margin", 26, 1)  # counts
@@ -70,7 +70,7 @@ realtime_tick = Register("realtime_tick", 50, 2, READ)  # ms; firmware 40 or lat
 goal_acceleration = Register("goal_acceleration", 73, 1, values=BYTE)  # 8.583 deg/s^2; 0: no ramp
 _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain, realtime_tick, goal_acceleration)
 
-# Only some models have these.
+# Only some models have these registers.
 drive_mode = Register("drive_mode", 10, 1, persistent=True, values=between(0, 3))  # EX-106+, MX-106
 sensed_current = Register("sensed_current", 56, 2, READ)  # EX-106+: 10 mA, 512 is none
 present_current = Register("present_current", 68, 2)  # MX-64, MX-106: 4.5 mA, 2048 is none

@@ -90,7 +90,7 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
     """Return the wire protocol of these servos (STS if there are no servos).
 
-    Raise ValueError if they cannot share a bus.
+    Raise ValueError if the servos cannot share a bus.
     """
     spoken: dict[WireProtocol, list[str]] = {}
     for servo_id, model in models.items():

@@ -3,7 +3,8 @@
 Source: ROBOTIS e-manual, "Fast Sync Read", and the release notes on the models' pages. The version is in register 6.
 - Fast sync read since version 45 or 46, depending on the model.
 - XL330 and XC330 have different indirect registers since version 53 (drivers/servos/indirect.py).
-- Since version 42 a factory reset that is sent to all IDs is ignored. The driver sends it to single IDs only.
+- Since version 42 a factory reset that is sent to all IDs is ignored. The driver sends factory resets only to single
+  IDs.
 """
 
 from typing import Final

@@ -89,7 +89,8 @@ class Series:
     goal_fields: str
     """Layout of the goal block in the notation of ``struct``."""
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
-    """Returns the function that encodes a goal of this model. It raises ValueError if the goal does not fit."""
+    """Returns the function that encodes a goal of this model. The function raises ValueError if the goal does not fit.
+    """
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
     """Returns the unit of speed or current of a model, for series whose models have different units."""
     servo_id: Register
@@ -115,7 +116,7 @@ class Series:
     before_torque: tuple[tuple[Register, int], ...] = ()
     """Registers and the values to write before torque is enabled."""
     torque_by_goal: bool = True
-    """Whether a goal may enable torque. If it may, only the torque limit shows whether the servo was reset."""
+    """Whether a goal may enable torque. In this case, only the torque limit shows whether the servo was reset."""
     position_p: Register | None = None
     """Position P gain, if it is in RAM."""
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None

@@ -42,7 +42,7 @@ def voltage_range(model: ServoModel) -> tuple[float, float]:
 
 
 def usual_range(model: ServoModel) -> tuple[float, float]:
-    """Return the lowest and the highest usual voltage of a model, in V. This range is within the rated range."""
+    """Return the lowest and the highest usual voltage of a model, in V. The usual range is within the rated range."""
     (lowest, highest), rated = voltage_range(model), model.rated_voltage_v
     return max(lowest, LOWEST_SHARE * rated), min(highest, HIGH_SHARE * rated)
 

@@ -106,7 +106,7 @@ goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True, values=between(1, 255))  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True, values=PROFILE)  # MX-28; 214.577 rev/min^2
 
-# An MX and firmware before version 45 (X330: 46) lack these two.
+# An MX, and firmware before version 45 (X330: 46), lack these two registers.
 startup_configuration = Register(
     "startup_configuration", 60, 1, persistent=True, values=between(0, 3)
 )  # bits, see below
@@ -117,7 +117,7 @@ STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
 GOAL_BLOCK: Final = (profile_velocity, goal_position)
 
 BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-"""Baud rates by the value of ``baud_rate``. XL330 and XC330 do not support the last one."""
+"""Baud rates by the value of ``baud_rate``. XL330 and XC330 do not support the last rate."""
 
 POSITION_MODE: Final = 3
 EXTENDED_POSITION_MODE: Final = 4
@@ -275,7 +275,10 @@ PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
 
 
 def needs_extended_position(homing_offset: int) -> bool:
-    """Whether this homing offset takes effect only in the modes that count turns. Position mode ignores it."""
+    """Whether this homing offset takes effect only in the modes that count turns.
+
+    Position mode ignores such an offset.
+    """
     return abs(homing_offset) > LARGEST_OFFSET_OF_POSITION_MODE
 
 

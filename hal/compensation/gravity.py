@@ -20,7 +20,7 @@ class Gravity:
     """Gravity model of an arm. Gravity acts along -z of the root link.
 
     A moving joint that is neither in ``joints`` nor follows one of them is assumed to be at zero. The torques of the
-    joints after it are assumed to be zero, because their inclination is unknown.
+    joints after such a joint are assumed to be zero, because their inclination is unknown.
     """
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:

@@ -1,8 +1,8 @@
 """Gravity compensation: offset the goals from the commands so that compliant servos reach the commands.
 
 A servo without an integral term sags under load. The sag due to the link masses is computed from the URDF. The
-remaining error at rest is measured and corrected slowly, within narrow limits. Its causes are friction, the dead band
-and a load in the hand.
+remaining error at rest is measured and corrected slowly, within narrow limits. This error is caused by friction, the
+dead band and a load in the hand.
 """
 
 import math
@@ -35,7 +35,7 @@ class GravityCompensation:
         """Torques due to gravity, and the command for which they were computed."""
         self._each = [JointOffset(joint, guided) for joint in joints]
         self.enabled = True
-        """Whether offsets are applied. They fade in and out slowly."""
+        """Whether offsets are applied. The offsets fade in and out slowly."""
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:

@@ -19,7 +19,7 @@ FADE_IN_S: Final = 1.0
 LARGEST_LOAD: Final = 0.5
 """Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
-"""Time constant of the slow correction. It is much longer than the servos' lag and the cycle."""
+"""Time constant of the slow correction. This constant is much longer than the servos' lag and the cycle."""
 REST_S: Final = 0.2
 """Time after the last change of the command until the correction begins. The joint is still moving during this time."""
 STILL: Final = 1e-6
@@ -79,7 +79,7 @@ class JointOffset:
         before = command if self._command is None else self._command
         sag = self._sag(torque)
         at_rest, error = abs(command - before) < STILL, command - measured
-        # If gravity turns a joint beyond its dead band, it presses the gear against one side of the backlash.
+        # If gravity turns a joint beyond its dead band, gravity also presses the gear against one side of the backlash.
         self._limit_cycle.update(error, at_rest and abs(sag) < self._dead_band, dt_s)
         self._rested_s = self._rested_s + dt_s if at_rest else 0.0
         self._correct(before, error, dt_s)

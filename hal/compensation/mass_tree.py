@@ -20,16 +20,16 @@ Matrix = tuple[float, ...]
 class MovingJoint:
     """A moving joint and its child link, including all links that are attached to it by fixed joints.
 
-    The orientation of the link in the frame of its parent is ``still + sin(q) * sine + cos(q) * cosine``. Its origin is
-    ``place_m + q * slide``. The position of the joint is ``multiplier`` times the position of the joint with index
-    ``leader``, plus ``offset``.
+    The orientation of the link in the frame of its parent is ``still + sin(q) * sine + cos(q) * cosine``. The origin of
+    the link is ``place_m + q * slide``. The position of the joint is ``multiplier`` times the position of the joint
+    with index ``leader``, plus ``offset``.
     """
 
     name: str
     parent: int
     """Index of the previous moving joint; -1 for the root link."""
     turns: bool
-    """Whether the joint is rotary; otherwise it is prismatic."""
+    """Whether the joint is rotary. Other joints are prismatic."""
     still: Matrix
     sine: Matrix
     cosine: Matrix

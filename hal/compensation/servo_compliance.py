@@ -27,11 +27,13 @@ STS_MOTOR_TIME_S: Final = 0.026
 ENCODER_STEP_COUNTS: Final = 1.0
 """Resolution of the encoder. A servo does not correct errors below its dead zone plus this resolution."""
 STS_FRICTION_SHARE: Final = 0.04
-"""Friction as a share of the stall torque: twice the Coulomb friction identified by BAM (0.052 N m), because load
-increases it."""
+"""Friction as a share of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), because load
+increases friction.
+"""
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
-"""Share of full drive per count of error and unit of P. According to the e-manual it is P / 128 units of PWM."""
+"""Share of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of PWM.
+"""
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
 """Half of ``X_DRIVE_PER_COUNT``, which BAM measured on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
@@ -49,7 +51,7 @@ class Compliance:
     lag_s: float
     """Delay of the joint behind the set-point at constant speed, in seconds."""
     inertia_s2: float
-    """Rotor inertia divided by stiffness. Multiplied by the acceleration, it gives the lag due to inertia."""
+    """Rotor inertia divided by stiffness. This value times the acceleration is the lag due to inertia."""
     profile_acceleration: float
     """Deceleration with which the servo stops at each goal. In a stream of goals, the servo lags by the braking
     distance.

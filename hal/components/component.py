@@ -25,7 +25,7 @@ class Component:
     cycles_per_update: int = 1
     """Number of cycles between two updates of the component."""
     switching: bool = False
-    """Whether a transition is running in the background. The cycle skips the component meanwhile."""
+    """Whether a transition is running in the background. During a transition, the cycle skips the component."""
     error: Exception | None = None
     """Error because of which the component is lost. The component may still be stopped if it can be reached."""
     out_of_reach: bool = False

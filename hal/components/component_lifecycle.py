@@ -88,7 +88,7 @@ def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[st
 
 
 def clean_up_all(components: ComponentSet) -> None:
-    """Clean up all components, even if some of them fail. Then raise the first error."""
+    """Clean up all components, even if some of them fail, and raise the first error at the end."""
     errors: list[Exception] = []
     for component in components.components:
         try:

@@ -35,8 +35,8 @@ class ComponentSet:
         self.failures: list[Component] = []
         """Components that have failed since the list was last cleared."""
         self._requests = {one.name: one.request for one in hardware if isinstance(one, Requesting)}
-        """Functions that send the request of a component, by its name. They are stored because protocol checks are
-        slow.
+        """Functions that send the request of a component, by its name. The functions are stored, because protocol
+        checks are slow.
         """
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._outputs = {name: component for component in self.components for name in outputs_of(component.hardware)}
@@ -195,7 +195,7 @@ class ComponentSet:
             self.failures.append(component)
 
     def rejoin(self, component: Component) -> None:
-        """Return a component to the cycle after a transition. Its old values are discarded."""
+        """Return a component to the cycle after a transition, and discard the old values of the component."""
         component.switching = False
         component.out_of_reach = False
         component.driven = False

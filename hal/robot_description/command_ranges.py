@@ -26,7 +26,7 @@ class CommandRange:
 
 
 def parse_command_range(interface: str, element: Element) -> CommandRange | None:
-    """Parse the range of a <command_interface>. Return None if it has no range. Raises DescriptionError."""
+    """Parse the range of a <command_interface>. Return None if the interface has no range. Raises DescriptionError."""
     texts: dict[str, str] = {}
     for parameter in element.findall("param"):
         name = parameter.get("name", "")

@@ -1,4 +1,4 @@
-"""Meshes of an arm's links, used for display only. They are listed in ``meshes/links.yaml`` in the arm's folder."""
+"""Read the meshes of an arm's links, used only for display. ``meshes/links.yaml`` in the arm's folder lists them."""
 
 from dataclasses import dataclass
 from pathlib import Path

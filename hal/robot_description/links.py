@@ -16,7 +16,7 @@ PRODUCTS: Final = ("ixy", "ixz", "iyz")
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A link. Its mass and inertia are zero if the URDF does not have them."""
+    """A link. Mass and inertia are zero if the URDF does not contain them."""
 
     name: str
     mass_kg: float
@@ -59,7 +59,10 @@ def _not_negative(link: str, element: Element | None, key: str, what: tuple[str,
 
 
 def _number(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
-    """Parse a number of a link; 0 if it is missing. ``what`` is its name in messages and its kind in ``RANGES``."""
+    """Parse a number of a link; 0 if it is missing.
+
+    ``what`` is the name of the number in messages and the kind of number in ``RANGES``.
+    """
     if element is None:
         return 0.0
     (name, kind), text = what, element.get(key, "0")

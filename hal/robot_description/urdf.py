@@ -174,7 +174,7 @@ def attribute(element: Element, key: str, owner: str) -> str:
 
 
 def number(element: Element, key: str, name: str, default: float, kind: str = "") -> float:
-    """Return a number of a joint. Raises DescriptionError if it is not finite or not plausible for its kind.
+    """Return a number of a joint. Raise DescriptionError if the number is not finite or not plausible for its kind.
 
     Args:
         element: The element.

@@ -12,7 +12,7 @@ _PLACE: Final = " place"
 _DYNAMICS: Final = frozenset(
     {"damping", "friction", "k_position", "k_velocity", "soft_lower_limit", "soft_upper_limit"}
 )
-"""Numeric attributes of dynamics and soft limits. Most of them are read only by other programs."""
+"""Numeric attributes of dynamics and soft limits. Most of these attributes are read only by other programs."""
 _SIZES: Final = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},

@@ -1,4 +1,4 @@
-"""The calibration file describes how the servos of one arm are mounted. Its values override those of the robot file."""
+"""Read the calibration file, which describes how the servos of one arm are mounted and overrides the robot file."""
 
 from pathlib import Path
 from typing import Annotated, Literal

@@ -268,7 +268,10 @@ def unprotected(file: RobotFile) -> list[str]:
 
 
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
-    """Return the robot file with the values of the calibration. Raises RobotFileError if they do not fit together."""
+    """Return the robot file with the values of the calibration.
+
+    Raise RobotFileError if the two contradict each other.
+    """
     problems: list[str] = []
     joints, source = dict(file.joints), compose(path, RobotFileError)
     for name, found in calibration.joints.items():

@@ -1,6 +1,6 @@
 """Find the likely cause of a servo's communication fault, after a failed setup and never in a cycle.
 
-The diagnosis only reads states, also at other baud rates. It writes nothing to the servos.
+The diagnosis only reads states, also at other baud rates, and writes nothing to the servos.
 """
 
 from collections.abc import Sequence

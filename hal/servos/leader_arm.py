@@ -1,4 +1,4 @@
-"""Hardware component for a leader arm, which is moved by hand. Its servos have no torque and are only read."""
+"""Hardware component for a leader arm, which is moved by hand. The servos have no torque and are only read."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -20,9 +20,10 @@ def leader_joint(joint: str) -> str:
 
 
 class LeaderArm(LimpArm):
-    """Leader arm. It takes no commands and stays inactive, so its torque cannot be enabled.
+    """Leader arm.
 
-    Its joints are named ``leader/NAME``, because the follower may have joints with the same names.
+    The component takes no commands and stays inactive, so its torque cannot be enabled. Its joints are named
+    ``leader/NAME``, because the follower may have joints with the same names.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ def release_question(servos: Collection[str]) -> str:
 class LimpArm(ServoHardware):
     """Arm whose servos can be released while it is inactive. Only ``release`` disables their torque.
 
-    A servo that holds torque does not accept settings. Its settings are therefore checked by ``release`` and at every
+    A servo that holds torque does not accept settings. The settings are therefore checked by ``release`` and at every
     activation.
     """
 

@@ -34,7 +34,8 @@ QUICK_S: Final = 0.008
 
 On a slower bus all servos are checked at once, because the adapter delays all their answers together."""
 LATE_S: Final = 0.08
-"""Maximum delay of a late cycle: two checks through an adapter that delays answers. It is less than ``RESET_S``."""
+"""Maximum delay of a late cycle: two checks through an adapter that delays answers. It must be less than ``RESET_S``.
+"""
 RELEASING_ALARMS: Final = ("current", "temperature")
 """Alarms with which a servo disables its torque. A goal would enable the torque again, at once or after the servo has
 cooled down.
@@ -51,8 +52,8 @@ _UNASKED: Final = "answers again, but its torque has not been checked yet: it ge
 class ServoFaults:
     """Faults of the servos of one component.
 
-    A silent servo has a fault until it answers again. If the component is active, its torque is checked first, because
-    most servos enable torque when they get a goal. A servo that lost its torque must be activated again.
+    A silent servo has a fault until it answers again. If the component is active, the torque of the servo is checked
+    first, because most servos enable torque when they get a goal. A servo that lost its torque must be activated again.
     """
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
@@ -249,7 +250,7 @@ class ServoFaults:
                 self._refuse(joint, buses, f"{_servo_label(joint, buses)} has lost its torque ({why})")
 
     def _due(self, measured: Mapping[str, int], missed_s: float) -> list[Joint]:
-        """Return the joints to check in this cycle: those that missed their turn, and those whose turn it is."""
+        """Return the joints to check in this cycle: joints that missed their turn, and joints whose turn it is."""
         due = self._unseen(missed_s, measured)
         now_s, each_s = self._clock.now(), WATCH_S / len(self._joints)
         self._next_s = max(self._next_s, now_s - WATCH_S)

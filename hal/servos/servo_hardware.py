@@ -175,7 +175,7 @@ class ServoHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
-        # The goals are stored before they are sent, because a lost bus does not affect the servos on other buses.
+        # The goals are stored before they are sent, because the servos on other buses get them even if one bus is lost.
         measured = self._states.measured if self._measured else {}
         self._measured = False  # a component that has lost a bus is not read in the next cycle
         withheld = self._states.faults.withheld

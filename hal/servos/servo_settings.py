@@ -32,7 +32,7 @@ NOT_SETTINGS: Final = frozenset(
 )
 """Persistent registers that the robot file must not set.
 
-They define the servo's address, direction and operating mode."""
+These registers define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:

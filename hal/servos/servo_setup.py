@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 
 class ServoSetup:
-    """Slow access to servos one by one. It must not be used in a cycle."""
+    """Slow access to servos one by one, which must not be used in a cycle."""
 
     def __init__(self, buses: JointBuses) -> None:
         self._buses = buses
@@ -137,7 +137,7 @@ class ServoSetup:
             log.flush()
 
     def restart_turned(self, joint: Joint, counts: int, clock: Clock) -> bool:
-        """Restart a limp servo that has counted whole turns. Return whether it was restarted."""
+        """Restart a limp servo that has counted whole turns. Return whether the servo was restarted."""
 
         def restarted(bus: Bus) -> bool:
             if not has_turned(joint, counts, bus) or bus.torque_is_on(joint.servo_id):
@@ -303,7 +303,8 @@ def _with_cause(reading: Reading, cause: str | None) -> Reading:
 def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     """Check that the position limits of the servo include those of the joint.
 
-    A servo does not move beyond its own limits and reports no error. Some servos stop there, others discard the goal.
+    A servo does not move beyond its own limits and reports no error. Some servos stop at the limit, and others discard
+    the goal.
 
     Args:
         joint: The joint.

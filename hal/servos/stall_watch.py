@@ -22,8 +22,9 @@ STALL_S: Final = 1.0
 PRESSING: Final = 0.8
 """Drive at which a servo counts as pressing, as a share of the torque limit."""
 HOLDING: Final = 0.36
-"""Reduced drive, as a share of the torque limit. With a limit of 50 % it is 18 %, less than the 20 % of an STS's
-protective torque."""
+"""Reduced drive, as a share of the torque limit. With a limit of 50 %, the reduced drive is 18 %, less than the 20 % of
+an STS's protective torque.
+"""
 SETTLE_S: Final = 0.8
 """Time that a servo needs to react to the closer goal, before its measured drive is used."""
 WEAKEN_S: Final = 0.5
@@ -31,7 +32,7 @@ WEAKEN_S: Final = 0.5
 STRENGTHEN_PER_S: Final = 0.05
 """Speed at which the goal moves away while the drive is too low. The unit is the distance at full drive, per second."""
 STILL_TURNS: Final = 0.005
-"""Motion within which a joint counts as not moving, in turns of the shaft. It covers backlash and soft fingers."""
+"""Motion within which a joint counts as not moving, in turns of the shaft. This covers backlash and soft fingers."""
 FREE_TURNS: Final = 0.02
 """Motion toward the goal after which a joint counts as free again, in turns of the shaft."""
 NEW_COMMAND_TURNS: Final = 0.005
@@ -39,7 +40,9 @@ NEW_COMMAND_TURNS: Final = 0.005
 NEW_MOTION_S: Final = 1.0
 """Time for which a command must be at rest before the next change counts as a new motion."""
 WARN_S: Final = 10.0
-"""Time for which a gripper that has closed on an object causes a warning. After that, holding it is normal."""
+"""Time for which a gripper that has closed on an object causes a warning. After this time, holding the object is
+normal.
+"""
 
 
 @dataclass(slots=True)
@@ -77,7 +80,7 @@ class StallWatch:
         self.stalls: dict[str, Stall] = {}
         """Joints that press without motion, by name."""
         self.log = FaultLog()
-        """Log of the events of a cycle. The caller of ``goal`` flushes it."""
+        """Log of the events of a cycle, which the caller of ``goal`` flushes."""
         self._full_ahead = full_ahead
         self._presses: dict[str, _Press] = {}
 

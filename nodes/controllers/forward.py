@@ -11,7 +11,7 @@ from nodes.publishing import ANY_CLIENT
 
 
 class TakesCommands(Protocol):
-    """A forward command controller, whatever its command interface is."""
+    """A forward command controller with any kind of command interface."""
 
     def submit(self, values: list[float]) -> str | None:
         """Submit a command. Return the reason why the command is dropped, or None if it is accepted."""

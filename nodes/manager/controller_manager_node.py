@@ -59,7 +59,7 @@ class ManagerNode:
         self._pending = pending
         self._published: object = None
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
-        self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
+        self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         parameters = stack.factory.file.manager
         self._declare(parameters)
         self._introspection = self._introspect(stack) if parameters.get("publish_introspection") else None

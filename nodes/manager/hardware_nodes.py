@@ -42,15 +42,18 @@ class HardwareNodes:
         message = DiagnosticArray()
         message.header.stamp = self.nodes[0].get_clock().now().to_msg()
         known = statuses(stack.loop, stack.component.name, stack.servo_ids, self._state)
-        message.status = [diagnostic_message(status) for status in known]
+        message.status = [diagnostic_message(status, stack.namespace) for status in known]
         self._diagnostics.publish(message)
 
 
-def diagnostic_message(status: Status) -> DiagnosticStatus:
-    """Convert a status to its message."""
+def diagnostic_message(status: Status, namespace: str) -> DiagnosticStatus:
+    """Convert a status to its message.
+
+    Its name begins with the namespace of the stack, because all namespaces share /diagnostics.
+    """
     return DiagnosticStatus(
         level=bytes([status.level]),
-        name=status.name,
+        name=f"{namespace}/{status.name}" if namespace else status.name,
         message=status.message,
         hardware_id=status.hardware_id,
         values=[KeyValue(key=key, value=value) for key, value in status.values.items()],

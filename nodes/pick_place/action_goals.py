@@ -32,7 +32,7 @@ class ActionGoals:
         """
         self._settings = settings
         self._waiter = Waiter(node)
-        self._type, self._name = action
+        self._type, self._name = action[0], node.resolve_service_name(action[1])
         self._client = ActionClient(node, self._type, self._name)
         self._reason = reason
         self._stop = Future()

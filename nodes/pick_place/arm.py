@@ -13,8 +13,10 @@ from nodes.pick_place.action_goals import ActionGoals
 from pick_place.job import JobOutcome
 from pick_place.settings import ArmSettings
 
-ARM_ACTION = "/arm_controller/follow_joint_trajectory"
-HAND_TOPIC = "/hand_controller/commands"
+
+def hand_topic(settings: ArmSettings) -> str:
+    """Return the topic of the commands for the hand."""
+    return f"{settings.hand_controller}/commands"
 
 
 class RosArm:
@@ -22,8 +24,9 @@ class RosArm:
 
     def __init__(self, node: Node, settings: ArmSettings) -> None:
         self._settings = settings
-        self._goals = ActionGoals(node, settings, (FollowJointTrajectory, ARM_ACTION), _reason)
-        self._hand = node.create_publisher(Float64MultiArray, HAND_TOPIC, 10)
+        action = f"{settings.arm_controller}/follow_joint_trajectory"
+        self._goals = ActionGoals(node, settings, (FollowJointTrajectory, action), _reason)
+        self._hand = node.create_publisher(Float64MultiArray, hand_topic(settings), 10)
 
     def wait_for_server(self, timeout_s: float) -> bool:
         """Block until the action server of the arm appears, and return whether it appeared in time."""

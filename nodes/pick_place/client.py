@@ -16,7 +16,7 @@ from sorting_arm_interfaces.action import PickPlace
 from nodes.pick_place.pulse import ServerPulse
 from nodes.ros_process import spin_until_done
 
-ACTION: Final = "/sorting/arm/pick_place"
+ACTION: Final = "sorting/arm/pick_place"
 ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
 """Maximum time for the result after a cancel, in seconds. The node takes up to 3 s for the response to its goal and 2 s
@@ -44,10 +44,12 @@ class PickOutcome:
 class PickClient:
     """Client that sends one goal at a time. The caller's thread spins ``executor``, which contains ``node``."""
 
-    def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        self._client = ActionClient(node, PickPlace, ACTION)
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, action: str = ACTION) -> None:
+        self.action = node.resolve_service_name(action)
+        """Name of the action."""
+        self._client = ActionClient(node, PickPlace, action)
         self._executor = executor
-        self._pulse = ServerPulse(node, ACTION)
+        self._pulse = ServerPulse(node, action)
         self._feedback_s = 0.0
 
     def wait(self, timeout_s: float, stop: Callable[[], bool] = lambda: False) -> bool:
@@ -74,7 +76,7 @@ class PickClient:
         answer = self._client.send_goal_async(PickPlace.Goal(grade=grade), feedback_callback=on_feedback)
         if not spin_until_done(self._executor, answer, ANSWER_S):
             return PickOutcome(
-                False, f"no response from {ACTION} within {ANSWER_S:.0f} s: restart the node if it hangs"
+                False, f"no response from {self.action} within {ANSWER_S:.0f} s: restart the node if it hangs"
             )
         handle: ClientGoalHandle = answer.result()
         if not handle.accepted:
@@ -89,11 +91,11 @@ class PickClient:
                 return self._cancel(handle, result)
             if self._pulse.silent_s() > GONE_S:
                 return PickOutcome(
-                    False, f"{ACTION} disappeared: the node has ended; check its log. {_REMAINING_MOTION}"
+                    False, f"{self.action} disappeared: the node has ended; check its log. {_REMAINING_MOTION}"
                 )
             if monotonic() - self._feedback_s > QUIET_S:
                 self._cancel(handle, result)
-                return PickOutcome(False, f"{ACTION} has sent no feedback for {QUIET_S:.0f} s: restart the node")
+                return PickOutcome(False, f"{self.action} has sent no feedback for {QUIET_S:.0f} s: restart the node")
             self._executor.spin_once(timeout_sec=_SPIN_S)
         return _outcome(result)
 
@@ -102,9 +104,9 @@ class PickClient:
         end_s = monotonic() + CANCEL_S
         while not result.done():
             if self._pulse.silent_s() > GONE_CANCELED_S:
-                return PickOutcome(False, f"canceled, but {ACTION} does not respond. {_REMAINING_MOTION}")
+                return PickOutcome(False, f"canceled, but {self.action} does not respond. {_REMAINING_MOTION}")
             if monotonic() > end_s:
-                text = f"canceled, but {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
+                text = f"canceled, but {self.action} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
                 return PickOutcome(False, text)
             self._executor.spin_once(timeout_sec=_SPIN_S)
         return _outcome(result)

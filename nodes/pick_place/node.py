@@ -49,9 +49,9 @@ class PickPlaceNode:
         self._idle = Future()
         self._seq = 0
         self._jobs = 0
-        self._states = node.create_publisher(String, "/sorting/arm/state", 10)
-        node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_vision, 10)
-        node.create_service(SetBool, "/sorting/arm/enable", self._on_enable)
+        self._states = node.create_publisher(String, "sorting/arm/state", 10)
+        node.create_subscription(AppleQualityArray, "sorting/perception/apple_quality", self._on_vision, 10)
+        node.create_service(SetBool, "sorting/arm/enable", self._on_enable)
         if not self._motions.arm.wait_for_server(_DISCOVERY_S):
             self._log.warning(f"{self._motions.missing}, or jobs will fail after a short wait")
         self._server = self._serve(parameters.action_name(node))

@@ -97,6 +97,8 @@ def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
     return {
         "joints": tuple(_fixed(node, "joints", list(default.joints))),
         "ready_rad": _pose(node, "poses.ready", default.ready_rad),
+        "arm_controller": _fixed(node, "arm_controller", default.arm_controller),
+        "hand_controller": _fixed(node, "hand_controller", default.hand_controller),
         "hand_open_m": _fixed(node, "hand_open_m", default.hand_open_m),
         "hand_closed_m": _fixed(node, "hand_closed_m", default.hand_closed_m),
         **{name: _fixed(node, name, getattr(default, name)) for name in SECONDS},
@@ -105,7 +107,7 @@ def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
 
 def action_name(node: Node) -> str:
     """Return the name of the pick-and-place action."""
-    return str(_fixed(node, ACTION_NAME, "/sorting/arm/pick_place"))
+    return str(_fixed(node, ACTION_NAME, "sorting/arm/pick_place"))
 
 
 def _fixed(node: Node, name: str, default: Any) -> Any:

@@ -12,15 +12,15 @@ from std_msgs.msg import Float64MultiArray
 
 from nodes.pick_place import planning_messages as messages
 from nodes.pick_place.action_goals import ActionGoals
-from nodes.pick_place.arm import HAND_TOPIC
+from nodes.pick_place.arm import hand_topic
 from nodes.pick_place.waiter import Waiter
 from nodes.planning_client.goals import error_text
 from nodes.planning_client.scenes import OBJECTS, removal
 from pick_place.job import JobOutcome
 from pick_place.pose_settings import PoseSettings, ToolPose
 
-MOVE_ACTION: Final = "/move_action"
-EXECUTE_ACTION: Final = "/execute_trajectory"
+MOVE_ACTION: Final = "move_action"
+EXECUTE_ACTION: Final = "execute_trajectory"
 COMPLETE: Final = 1.0 - 1e-6
 """Smallest fraction of a straight line that counts as the whole line."""
 
@@ -34,10 +34,10 @@ class PlannedArm:
         self._waiter = Waiter(node)
         self._plans = ActionGoals(node, settings, (MoveGroup, MOVE_ACTION), _reason)
         self._executions = ActionGoals(node, settings, (ExecuteTrajectory, EXECUTE_ACTION), _reason)
-        self._lines = node.create_client(GetCartesianPath, "/compute_cartesian_path")
-        self._scene = node.create_client(GetPlanningScene, "/get_planning_scene")
-        self._changes = node.create_client(ApplyPlanningScene, "/apply_planning_scene")
-        self._hand = node.create_publisher(Float64MultiArray, HAND_TOPIC, 10)
+        self._lines = node.create_client(GetCartesianPath, "compute_cartesian_path")
+        self._scene = node.create_client(GetPlanningScene, "get_planning_scene")
+        self._changes = node.create_client(ApplyPlanningScene, "apply_planning_scene")
+        self._hand = node.create_publisher(Float64MultiArray, hand_topic(settings), 10)
         self._stop = Future()
 
     def wait_for_server(self, timeout_s: float) -> bool:

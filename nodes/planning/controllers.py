@@ -83,7 +83,7 @@ class ActionController:
         self.route = route
         self._action = action
         self._waiter = Waiter(node)
-        self._name = f"/{route.name}/{suffix}"
+        self._name = node.resolve_service_name(f"{route.name}/{suffix}")
         self._client = ActionClient(node, action, self._name, callback_group=ReentrantCallbackGroup())
 
     async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
@@ -141,7 +141,7 @@ class ForwardController:
         self.route = route
         self._joints = joints
         self._waiter = Waiter(node)
-        self._name = f"/{route.name}/commands"
+        self._name = node.resolve_topic_name(f"{route.name}/commands")
         self._commands = node.create_publisher(Float64MultiArray, self._name, 10)
 
     async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:

@@ -30,7 +30,7 @@ class JointMonitor:
         self._seen_s: dict[str, float] = {}
         self.listeners: list[Callable[[], None]] = []
         """Functions to call after each message."""
-        node.create_subscription(JointState, "/joint_states", self._on_states, ANY_CLIENT)
+        node.create_subscription(JointState, "joint_states", self._on_states, ANY_CLIENT)
 
     def state(self) -> dict[str, float]:
         """Return the positions of all driven joints, in rad or m.

@@ -49,7 +49,7 @@ class Planning:
         """Computes the answers."""
         self._store = store
         self._workers = workers
-        self._plans = node.create_publisher(DisplayTrajectory, "/display_planned_path", LATCHED)
+        self._plans = node.create_publisher(DisplayTrajectory, "display_planned_path", LATCHED)
 
     async def plan(self, request: MotionPlanRequest, stop: Stop, diff: PlanningScene | None = None) -> Planned:
         """Plan a motion and publish it for display. Raises RequestError or PlanningError."""
@@ -91,8 +91,8 @@ class MoveActions:
         self._waiter = Waiter(node)
         self._stops: dict[bytes, Stop] = {}
         self._servers = [
-            self._server(node, MoveGroup, "/move_action", self._move),
-            self._server(node, ExecuteTrajectory, "/execute_trajectory", self._execute),
+            self._server(node, MoveGroup, "move_action", self._move),
+            self._server(node, ExecuteTrajectory, "execute_trajectory", self._execute),
         ]
 
     def stop_all(self, code: str, message: str) -> None:

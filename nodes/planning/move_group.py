@@ -47,7 +47,7 @@ class MoveGroupNode:
         planning = Planning(node, Requests(robot), store, self._workers)
         self._queries = QueryServices(node, planning, store, joints, self._workers)
         group = ReentrantCallbackGroup()
-        node.create_subscription(String, "/trajectory_execution_event", self._on_event, 10, callback_group=group)
+        node.create_subscription(String, "trajectory_execution_event", self._on_event, 10, callback_group=group)
         node.create_timer(CHECK_S, self._look_for_others, callback_group=group)
         self._actions = MoveActions(node, planning, execution)  # created last, because clients wait for /move_action
 
@@ -71,7 +71,7 @@ class MoveGroupNode:
         }
         for name, value in values.items():
             self._node.declare_parameter(name, value)
-        self._semantic = self._node.create_publisher(String, "/robot_description_semantic", LATCHED)
+        self._semantic = self._node.create_publisher(String, "robot_description_semantic", LATCHED)
         self._semantic.publish(String(data=semantic))
 
     def _on_event(self, message: String) -> None:

@@ -1,6 +1,7 @@
 """Run the process of the node move_group, until a signal or until another move_group appears."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import monotonic
 from typing import Final
 
@@ -10,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from nodes.namespace import namespace_of
 from nodes.pick_place.signals import on_stop_signal
 from nodes.planning.move_group import NAME, MoveGroupNode, others
 from nodes.planning.routes import Route
@@ -20,20 +22,30 @@ from planning.robot import PlanningRobot
 DISCOVERY_S: Final = 2.0
 """Time to discover other nodes before the start, in seconds."""
 OTHER: Final = (
-    "another node is named /move_group: a MoveIt or another servoloop plan-server is running; "
+    "another node is named {}: a MoveIt or another servoloop plan-server is running; "
     "end it first, because both would move the arm"
 )
-"""Message if another server is in the ROS graph."""
+"""Message if another server with the name in the braces is in the ROS graph."""
 
 
-def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], None], *, sim_time: bool = False) -> int:
+@dataclass(frozen=True, slots=True)
+class ServerSettings:
+    """Settings of the process, other than the robot."""
+
+    namespace: str = ""
+    """Namespace of the node and of the stack; empty for the root namespace."""
+    sim_time: bool = False
+    """Whether the stack runs in simulated time."""
+
+
+def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], None], settings: ServerSettings) -> int:
     """Serve MoveIt's interfaces until SIGINT, SIGTERM or SIGHUP.
 
     Args:
         robot: The robot.
         routes: Controllers of the stack and their joints.
         ready: Function to call when clients can send requests.
-        sim_time: Whether the stack runs in simulated time.
+        settings: Other settings.
 
     Returns:
         The exit status.
@@ -41,11 +53,11 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
     Raises:
         RosError: ROS 2 does not start, or another move_group is running.
     """
-    reach = init_rclpy()
+    reach = init_rclpy(namespace=settings.namespace)
     try:
         _check_alone()
         with rcl_errors():
-            node = Node(NAME, parameter_overrides=[Parameter("use_sim_time", value=sim_time)])
+            node = Node(NAME, parameter_overrides=[Parameter("use_sim_time", value=settings.sim_time)])
         node.get_logger().info(reach)
         return _serve(node, robot, routes, ready)
     finally:
@@ -64,9 +76,9 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
 
     def on_other() -> None:
         if not failures:
-            failures.append(OTHER)
-            node.get_logger().fatal(OTHER)
-            executor.create_task(stop, OTHER)
+            failures.append(OTHER.format(node.get_fully_qualified_name()))
+            node.get_logger().fatal(failures[0])
+            executor.create_task(stop, failures[0])
 
     server = MoveGroupNode(node, robot, routes, on_other)
     on_stop_signal(lambda: executor.create_task(stop, "the planning server ends"))
@@ -91,7 +103,7 @@ def _check_alone() -> None:
         while monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
             if others(probe):
-                raise RosError(OTHER)
+                raise RosError(OTHER.format(f"{namespace_of(probe)}/{NAME}"))
     finally:
         executor.shutdown(timeout_sec=1.0)
         probe.destroy_node()

@@ -60,21 +60,21 @@ class QueryServices:
         self._store = store
         self._joints = joints
         self._workers = workers
-        self._log = node.get_logger()
+        self._node, self._log = node, node.get_logger()
         self._group = ReentrantCallbackGroup()  # A request is answered while others are being computed.
         services: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
-            (GetMotionPlan, "/plan_kinematic_path", self._plan),
-            (GetPositionIK, "/compute_ik", self._inverse),
-            (GetPositionFK, "/compute_fk", self._forward),
-            (GetCartesianPath, "/compute_cartesian_path", self._straight),
-            (GetStateValidity, "/check_state_validity", self._validity),
-            (GetPlanningScene, "/get_planning_scene", self._scene),
-            (ApplyPlanningScene, "/apply_planning_scene", self._apply),
-            (QueryPlannerInterfaces, "/query_planner_interface", self._planners),
-            (GetPlannerParams, "/get_planner_params", self._parameters),
-            (SetPlannerParams, "/set_planner_params", self._set_parameters),
-            (Empty, "/clear_octomap", lambda _, response: response),
-            (GetGroupUrdf, "/get_urdf", self._urdf),
+            (GetMotionPlan, "plan_kinematic_path", self._plan),
+            (GetPositionIK, "compute_ik", self._inverse),
+            (GetPositionFK, "compute_fk", self._forward),
+            (GetCartesianPath, "compute_cartesian_path", self._straight),
+            (GetStateValidity, "check_state_validity", self._validity),
+            (GetPlanningScene, "get_planning_scene", self._scene),
+            (ApplyPlanningScene, "apply_planning_scene", self._apply),
+            (QueryPlannerInterfaces, "query_planner_interface", self._planners),
+            (GetPlannerParams, "get_planner_params", self._parameters),
+            (SetPlannerParams, "set_planner_params", self._set_parameters),
+            (Empty, "clear_octomap", lambda _, response: response),
+            (GetGroupUrdf, "get_urdf", self._urdf),
         )
         for kind, name, answer in services:
             node.create_service(kind, name, answer, qos_profile=EVERY_CALL, callback_group=self._group)
@@ -89,7 +89,7 @@ class QueryServices:
             answer.trajectory = trajectory_message(planned.motion, self._robot.frame)
             answer.planning_time = planned.seconds
 
-        await self._answer(answer, "/plan_kinematic_path", plan())
+        await self._answer(answer, "plan_kinematic_path", plan())
         return response
 
     async def _inverse(self, request: Any, response: Any) -> Any:
@@ -98,7 +98,7 @@ class QueryServices:
             found = await self._workers.compute(partial(self._requests.inverse, request.ik_request, now))
             response.solution = state_message(self._robot, found)
 
-        await self._answer(response, "/compute_ik", compute())
+        await self._answer(response, "compute_ik", compute())
         return response
 
     async def _forward(self, request: Any, response: Any) -> Any:
@@ -107,7 +107,7 @@ class QueryServices:
             response.pose_stamped = await self._workers.compute(partial(self._requests.forward, request, now))
             response.fk_link_names = list(request.fk_link_names)
 
-        await self._answer(response, "/compute_fk", compute())
+        await self._answer(response, "compute_fk", compute())
         return response
 
     async def _straight(self, request: Any, response: Any) -> Any:
@@ -120,7 +120,7 @@ class QueryServices:
             reasons.append(found.reason)
 
         reasons: list[str] = []
-        await self._answer(response, "/compute_cartesian_path", compute())
+        await self._answer(response, "compute_cartesian_path", compute())
         if reasons:
             response.error_code.message = printable_line(reasons[0])
         return response
@@ -130,7 +130,7 @@ class QueryServices:
             now = await self._now(request.robot_state.joint_state.name)
             found, broken, world = await self._workers.compute(partial(self._requests.validity, request, now))
         except REFUSALS as error:
-            self._refused("/check_state_validity", error)
+            self._refused("check_state_validity", error)
             return response
         except Exception as error:  # After an error, the server must remain available to the other clients.
             crash(self._log, error)
@@ -174,7 +174,7 @@ class QueryServices:
             self._robot.group(request.group_name)
             response.urdf_string, response.error_code = self._robot.description.xml, success()
         except REFUSALS as error:
-            response.error_code = self._refused("/get_urdf", error)
+            response.error_code = self._refused("get_urdf", error)
         return response
 
     async def _now(self, names: list[str]) -> Snapshot:
@@ -194,5 +194,5 @@ class QueryServices:
             response.error_code = crash(self._log, error)
 
     def _refused(self, name: str, error: Any) -> Any:
-        self._log.warning(printable_line(f"{name}: {error.code}: {error}"))
+        self._log.warning(printable_line(f"{self._node.resolve_service_name(name)}: {error.code}: {error}"))
         return error_code(error)

@@ -31,7 +31,7 @@ DEFAULT_TIME_S: Final = 5.0
 LONGEST_TIME_S: Final = 60.0
 """Maximum time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
-"""Maximum number of searches of a request, whatever number of attempts it requests."""
+"""Maximum number of searches of a request, regardless of the number of attempts that it requests."""
 SLOWEST: Final = 1e-3
 """Smallest scaling factor."""
 IK_POSITION_M: Final = 1e-4

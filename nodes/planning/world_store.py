@@ -39,11 +39,11 @@ class WorldStore:
         self._log = node.get_logger()
         self._published: State = {}
         group = ReentrantCallbackGroup()
-        self._scenes = node.create_publisher(PlanningScene, "/monitored_planning_scene", CHANGES)
+        self._scenes = node.create_publisher(PlanningScene, "monitored_planning_scene", CHANGES)
         for kind, topic, change in (
-            (PlanningScene, "/planning_scene", self._on_scene),
-            (CollisionObject, "/collision_object", self._on_object),
-            (AttachedCollisionObject, "/attached_collision_object", self._on_attached),
+            (PlanningScene, "planning_scene", self._on_scene),
+            (CollisionObject, "collision_object", self._on_object),
+            (AttachedCollisionObject, "attached_collision_object", self._on_attached),
         ):
             node.create_subscription(kind, topic, change, CHANGES, callback_group=group)
         node.create_timer(STATE_S, self._publish_state, callback_group=group)

@@ -28,6 +28,7 @@ EXECUTION_S: Final = 120.0
 """Maximum time of an execution, in seconds."""
 GONE_S: Final = 2.0
 """Time for which the server must be missing before a wait for its result is given up, in seconds."""
+MOVE_ACTION: Final = "move_action"
 _SPIN_S: Final = 0.05
 _KINDS: Final = {getattr(SolidPrimitive, name): name.lower() for name in ("BOX", "SPHERE", "CYLINDER", "CONE")}
 START: Final = "start `servoloop up --plan`, or `servoloop plan-server` beside a running stack"
@@ -77,12 +78,12 @@ class MoveGroupClient:
         self._node = node
         self._executor = executor
         self._stop = stop
-        self._moves = ActionClient(node, MoveGroup, "/move_action")
+        self._moves = ActionClient(node, MoveGroup, MOVE_ACTION)
 
     def descriptions(self) -> tuple[str, str]:
         """Return the URDF and the SRDF of the robot. Raises PlannerError."""
         request = GetParameters.Request(names=["robot_description", "robot_description_semantic"])
-        values = self._call(GetParameters, "/move_group/get_parameters", request).values
+        values = self._call(GetParameters, "move_group/get_parameters", request).values
         texts = [value.string_value for value in values]
         if len(texts) != 2 or not all(texts):
             raise PlannerError("move_group has no robot_description and robot_description_semantic: restart it")
@@ -90,7 +91,7 @@ class MoveGroupClient:
 
     def objects(self) -> list[FoundObject]:
         """Return all objects of the scene, with the attached objects last. Raises PlannerError."""
-        scene = self._call(GetPlanningScene, "/get_planning_scene", OBJECTS).scene
+        scene = self._call(GetPlanningScene, "get_planning_scene", OBJECTS).scene
         world = [FoundObject(item) for item in scene.world.collision_objects]
         return world + [FoundObject(one.object, one.link_name) for one in scene.robot_state.attached_collision_objects]
 
@@ -108,7 +109,7 @@ class MoveGroupClient:
         self._apply(removal(name, is_attached=bool(found[0].link)))
 
     def _apply(self, scene: PlanningScene) -> None:
-        response = self._call(ApplyPlanningScene, "/apply_planning_scene", ApplyPlanningScene.Request(scene=scene))
+        response = self._call(ApplyPlanningScene, "apply_planning_scene", ApplyPlanningScene.Request(scene=scene))
         if not response.success:
             raise PlannerError("move_group did not change the scene; its log contains the reason")
 
@@ -119,9 +120,10 @@ class MoveGroupClient:
             PlannerError: There is no plan, or the execution failed.
             UserInterruptError: The user ended the command. The motion is canceled.
         """
-        self._wait_for(self._moves.server_is_ready, "/move_action")
+        action = self._node.resolve_service_name(MOVE_ACTION)
+        self._wait_for(self._moves.server_is_ready, action)
         sent = self._moves.send_goal_async(goal)
-        self._wait(sent, RESPONSE_S, "/move_action")
+        self._wait(sent, RESPONSE_S, action)
         handle = sent.result()
         if not handle.accepted:
             raise PlannerError("move_group rejected the goal; its log contains the reason")
@@ -146,6 +148,7 @@ class MoveGroupClient:
                 raise PlannerError(f"the motion has not ended within {timeout_s:.0f} s; it is canceled")
 
     def _call(self, service: Any, name: str, request: Any) -> Any:
+        name = self._node.resolve_service_name(name)
         client = self._node.create_client(service, name)
         try:
             self._wait_for(client.service_is_ready, name)

@@ -16,6 +16,7 @@ from rclpy.time import Duration
 
 from hal.types import FloatArray
 from nodes.discovery import stay_on_this_machine
+from nodes.namespace import namespace_arguments
 from nodes.planning.conversion.poses import pose_of
 from nodes.planning.conversion.shapes import shapes_of
 from nodes.planning.errors import REFUSALS
@@ -62,6 +63,8 @@ class SceneWatch:
     """Watches move_group if it is running. ``newest`` may be read from any thread."""
 
     newest: WatchedScene = field(default_factory=WatchedScene)
+    namespace: str = ""
+    """Namespace of move_group; empty for the root namespace."""
     _is_new: bool = True
     """Whether the scene has changed since the last request."""
     _answer: Future | None = None
@@ -75,11 +78,11 @@ class SceneWatch:
         """Start to watch, in a separate thread and ROS context."""
         stay_on_this_machine(os.environ)
         self._context = rclpy.Context()
-        rclpy.init(context=self._context)
+        rclpy.init(args=namespace_arguments(self.namespace), context=self._context)
         self._node = node = rclpy.create_node("servoloop_view", context=self._context)
-        node.create_subscription(PlanningScene, "/monitored_planning_scene", self._on_scene, 10)
-        node.create_subscription(DisplayTrajectory, "/display_planned_path", self._on_plan, LATCHED)
-        self._client = node.create_client(GetPlanningScene, "/get_planning_scene")
+        node.create_subscription(PlanningScene, "monitored_planning_scene", self._on_scene, 10)
+        node.create_subscription(DisplayTrajectory, "display_planned_path", self._on_plan, LATCHED)
+        self._client = node.create_client(GetPlanningScene, "get_planning_scene")
         node.create_timer(PERIOD_S, self._request)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)

@@ -23,7 +23,7 @@ class TopicHostInterface:
     """ROS 2 interface of a stack that another controller manager drives. The interface has one node and no services."""
 
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics) -> None:
-        self._send_delayed = start_rclpy()
+        self._send_delayed = start_rclpy(stack.namespace)
         self._turn = threading.Lock()
         """Lock that is held by the thread that uses the node: the executor in its callbacks, or the publisher of
         cycles."""

@@ -40,7 +40,9 @@ class HostNode:
 
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics, ros_time: RosTime) -> None:
         self.node = node = ParameterNode(NAME, ros_time)
-        self._stack, self._controller, self._topics = stack, controller, topics
+        self._stack, self._controller = stack, controller
+        self._commands = node.resolve_topic_name(topics.commands)
+        """Name of the topic of the commands."""
         context = stack.factory.context
         self._broadcaster = JointStateBroadcaster.build(NAME, BroadcasterParameters(), context)
         self._message = JointStateMessage(name=list(self._broadcaster.names))
@@ -89,16 +91,15 @@ class HostNode:
         now_s = monotonic()
         if reason != self._refused or now_s >= self._refused_s + REPEAT_S:
             self._refused, self._refused_s = reason, now_s
-            self.node.get_logger().error(printable(f"{self._topics.commands}: {reason}. The message is dropped"))
+            self.node.get_logger().error(printable(f"{self._commands}: {reason}. The message is dropped"))
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
         before, self._senders = self._senders, info.current_count
         if before and not self._senders:
-            self._controller.lose(f"no program publishes on {self._topics.commands} any longer")
+            self._controller.lose(f"no program publishes on {self._commands} any longer")
         elif self._senders > max(before, 1):
             self.node.get_logger().warning(
-                f"{self._senders} programs publish on {self._topics.commands}, and the arm follows them all: "
-                "end all but one"
+                f"{self._senders} programs publish on {self._commands}, and the arm follows them all: end all but one"
             )
 
     def _report(self) -> None:
@@ -106,7 +107,7 @@ class HostNode:
         message = DiagnosticArray()
         message.header.stamp = self.node.get_clock().now().to_msg()
         known = statuses(stack.loop, stack.component.name, stack.servo_ids, self._state)
-        message.status = [diagnostic_message(status) for status in (*known, *self._statuses())]
+        message.status = [diagnostic_message(status, stack.namespace) for status in (*known, *self._statuses())]
         self._diagnostics.publish(message)
 
     def _statuses(self) -> Iterator[Status]:

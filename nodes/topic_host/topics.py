@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-STATES = "/robot_joint_states"
+STATES = "robot_joint_states"
 """Default topic of the states in ros2_control's JointStateTopicSystem."""
-COMMANDS = "/robot_joint_commands"
+COMMANDS = "robot_joint_commands"
 """Default topic of the commands in ros2_control's JointStateTopicSystem."""
 
 

@@ -47,7 +47,7 @@ class ViewCollector:
 
 
 def distance_px(one: BoardView, other: BoardView) -> float:
-    """Return the mean distance between the common corners of two views, in pixels. It is infinite if there are none."""
+    """Return the mean distance between the common corners of two views, in pixels, or infinity without such corners."""
     # The corners of a board have the same positions on the board in all views.
     places = {tuple(place): pixel for place, pixel in zip(one.corners_m.round(5).tolist(), one.pixels, strict=True)}
     pairs = [

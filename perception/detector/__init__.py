@@ -1,1 +1,1 @@
-"""Grade apples with a detector of the user: an ONNX file in the layout of YOLOv8, and a file that maps its classes."""
+"""Grade apples with the user's detector: an ONNX file in the layout of YOLOv8, and a file with grades per class."""

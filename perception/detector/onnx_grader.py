@@ -17,10 +17,7 @@ LARGEST_SIZE: Final = 4096
 
 
 class OnnxGrader:
-    """Grader that finds and grades apples with a model.
-
-    Their size, position and skin are measured as without a model.
-    """
+    """Grader that finds and grades apples with a model. Size, position and skin are measured as without a model."""
 
     def __init__(self, path: Path, classes: DetectorClasses, grader: Grader) -> None:
         """Load a model.

@@ -90,7 +90,7 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
 
 
 def _beside(defect: Flags, area: Flags) -> Flags:
-    """Return which pixels are next to a defect. Their color is a mixture that is neither brown nor sound."""
+    """Return which pixels are next to a defect and have a mixed color that is neither brown nor sound."""
     mask = np.zeros(area.shape, np.uint8)
     mask[area] = defect
     beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0

@@ -105,7 +105,7 @@ class RecordedSource:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a file as an RGB picture (height, width, 3). Raises CameraError if it is not a picture."""
+    """Read a file as an RGB picture (height, width, 3). Raise CameraError if the file is not a picture."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
         bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None

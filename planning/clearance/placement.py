@@ -13,7 +13,7 @@ from planning.clearance.shapes import KIND, MATRIX, POINT, POSITION
 
 
 class Placement(NamedTuple):
-    """Poses of an arm and of all objects around it, in the world frame. ``place`` overwrites them."""
+    """Poses of an arm and of all objects around it, in the world frame. ``place`` overwrites the poses."""
 
     joint: FloatArray
     """Position of each joint (j,)."""

@@ -87,8 +87,8 @@ def farthest(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float)
 def point_distance(geoms: Any, geom: int, x: float, y: float, z: float) -> float:
     """Return the distance of a point from a core.
 
-    The distance is exact for points, segments, boxes, cylinders and planes. For other cores, it is a lower bound. It is
-    0 inside a core, and negative below a plane.
+    The distance is exact for points, segments, boxes, cylinders and planes. For other cores, the result is a lower
+    bound. The distance is 0 inside a core, and negative below a plane.
     """
     kind = geoms[geom, KIND]
     if kind == PLANE:

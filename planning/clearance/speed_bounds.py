@@ -1,12 +1,12 @@
 """Bounds of the speed of links along an edge, in compiled code.
 
 An edge takes one unit of time. The largest speed of a unit has two terms. The first term is a sum over the joints of
-its chain: the speed of the joint times the largest distance of the unit from the joint's axis in this pose. For a
+its chain. Each joint adds its speed times the largest distance of the unit from the joint's axis in this pose. For a
 sphere, only the center counts. The second term bounds the growth of these distances, because other joints of the chain
 move the unit away from the axis. Near pairs have a second bound, and the lower bound is used. A plane separates the two
-convex geoms. They approach each other only with the speed perpendicular to the plane, plus a term for the acceleration.
-A link that slides along an obstacle is therefore checked in few poses. Mimic joints that follow a curve have no such
-bound.
+convex geoms. The geoms approach each other only with the speed perpendicular to the plane, plus a term for the
+acceleration. A link that slides along an obstacle is therefore checked in few poses. Mimic joints that follow a curve
+have no such bound.
 """
 
 from math import sqrt

@@ -24,10 +24,10 @@ AT_LIMIT: Final = 1e-6
 """Distance from a limit within which a joint is at the limit, in rad or m."""
 
 Problem = Callable[[FloatArray], str]
-"""Describes why joint positions (n,) are not valid, such as "link3 touches box". The text is empty if they are valid.
+"""Describes why joint positions (n,) are not valid, such as "link3 touches box". Returns "" for valid positions.
 """
 EdgeProblem = Callable[[FloatArray, FloatArray], str]
-"""Describes why the straight motion between two joint positions (n,) is not valid. The text is empty if it is valid."""
+"""Describes why the straight motion between two joint positions (n,) is not valid. Returns "" for a valid motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,9 @@ class Steps:
     deviation_m: float = 5e-4
     """Largest distance of a point from the line, in m."""
     deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, it is free."""
+    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, the rotation
+    is free.
+    """
 
     def __post_init__(self) -> None:
         """Check the values. Raises GoalError."""
@@ -151,7 +153,7 @@ def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) ->
 
 
 def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
-    """Describe why the tool misses the pose at these joint positions (n,). The text is empty if it does not."""
+    """Describe why the tool misses the pose at these joint positions (n,), or return an empty text."""
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:
         return ""
@@ -169,7 +171,7 @@ def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> 
 
 
 def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> str:
-    """Describe the first joint that jumps between two points (n,). The text is empty if there is none."""
+    """Describe the first joint that jumps between two points (n,), or return an empty text."""
     for name, turns, moved in zip(chain.names, chain.turns.tolist(), np.abs(after - before).tolist(), strict=True):
         limit, unit = (steps.jump_rad, "rad") if turns else (steps.jump_m, "m")
         if limit and moved > limit:

@@ -94,7 +94,7 @@ class Chain:
         return moved
 
     def checked(self, positions: FloatArray) -> FloatArray:
-        """Return joint positions of a client as an array (n,), in rad or m. They may be outside the limits.
+        """Return joint positions of a client as an array (n,), in rad or m. The positions may be outside the limits.
 
         Raises:
             PlanningError: A number is missing or not finite.

@@ -109,7 +109,7 @@ class PositionSphere:
         _check_tolerance(self.radius_m, "position tolerance", " m")
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the vectors from the region to offsets outside it.
+        """Return the vectors from the region to offsets outside the region.
 
         Args:
             offsets: Offsets from the center (k, 3), in m.

@@ -101,7 +101,10 @@ class InverseKinematics:
         raise self._unreachable(goal, nearest)
 
     def _batches(self, goal: PoseGoal, first: FloatArray) -> list[FloatArray]:
-        """Return batches of starts (k, n): the given start, then samples. Half of these are the nearest to the goal."""
+        """Return batches of starts (k, n): the given start, then samples.
+
+        Half of the samples are the nearest to the goal.
+        """
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
         batches = []

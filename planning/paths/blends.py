@@ -44,7 +44,7 @@ class Corner:
         """Return the largest distance (n,) of each joint from a chord of this length on the blend, in rad or m.
 
         The distance between a curve of curvature k and a chord of length s is at most k s²/8. For a cubic spline with
-        the same ends and directions, it is at most 0.15 k s².
+        the same ends and directions, the distance is at most 0.15 k s².
         """
         return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
 

@@ -1,4 +1,4 @@
-"""Margins of a path. They are smaller near a start or a goal that is itself close to something."""
+"""Margins of a path, which are smaller near a start or a goal that is itself close to something."""
 
 import itertools
 from collections.abc import Sequence
@@ -42,9 +42,7 @@ class PathMargins:
         return PathMargins(self.margins.for_parts(), near)
 
     def contact(self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None.
-
-        Its ``part`` includes the previous edges.
+        """Return the first contact of the edges between points (m, n), or None. ``part`` also counts previous edges.
 
         Args:
             collisions: Checks of the arm in the scene.

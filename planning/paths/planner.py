@@ -28,8 +28,8 @@ class Plan(NamedTuple):
     points: FloatArray
     """Points of the path (m, n), in rad or m. Every edge between them is free."""
     margins: PathMargins
-    """Margins that the path keeps. Near a start or a goal that is close to something, they are less than in the
-    request.
+    """Margins that the path keeps. Near a start or a goal that is close to something, the margins are smaller than in
+    the request.
     """
 
 

@@ -1,11 +1,11 @@
 """Search for paths without contact, with OMPL.
 
-OMPL's random generator is global in a process. Every attempt seeds it again with a seed from the request, so
+OMPL's random generator is global in a process. Every attempt seeds the generator again with a seed from the request, so
 consecutive requests do not influence each other. Simultaneous requests in one process would influence each other, so a
 caller with several threads must run one search at a time. At exit, OMPL's Python module prints its objects that are
-still alive. The callbacks here keep no reference to OMPL's objects, so no object of a search stays alive. After
-gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent this with
-gc.unfreeze() at exit.
+still alive. The callbacks in this module keep no reference to OMPL's objects, so no object of a search stays alive.
+After gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent this
+with gc.unfreeze() at exit.
 """
 
 import atexit
@@ -119,7 +119,7 @@ def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
-    """Check of OMPL's edges. It must not refer to OMPL's objects."""
+    """Check of OMPL's edges. The object must not refer to OMPL's objects."""
 
     def __init__(self, space: Any, collisions: Collisions, joints: int, margins: Margins) -> None:
         super().__init__(space)

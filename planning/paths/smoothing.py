@@ -24,7 +24,9 @@ def path_length(path: FloatArray) -> float:
 def shortened(
     path: FloatArray, collisions: Collisions, margins: Margins, seed: int, remaining_s: Remaining
 ) -> FloatArray:
-    """Return a shorter path with the same ends. Its edges are free if the edges of the given path are free.
+    """Return a shorter path with the same ends.
+
+    All edges of the result are free if the edges of the given path are free.
 
     Args:
         path: Points (m, n), in rad or m.

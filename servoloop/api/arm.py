@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
 from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
-from servoloop.api.checks import check_goal, check_joints
+from servoloop.api.checks import check_joints, checked_goal
 from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion
@@ -31,9 +31,9 @@ BACKLASH_DEG = 1.0
 class Arm:
     """An arm whose control loop runs in its own thread of this program.
 
-    The arm is active when the constructor returns: its torque is on and it holds its position. Use it as a context
-    manager or call ``close``: the arm then stops within its limits, and holds or parks as its robot file requires.
-    Signals that end the program have the same effect. All methods may be called from any thread.
+    The arm is active when the constructor returns: its torque is on and it holds its position. Use ``Arm`` as a context
+    manager, or call ``close``. The arm then stops within its limits, and holds or parks as its robot file requires.
+    Signals that end the program shut the arm down in the same way. All methods may be called from any thread.
     """
 
     def __init__(
@@ -105,22 +105,24 @@ class Arm:
         return arm
 
     @classmethod
-    def connect(cls, arm: str | None = None) -> Self:
+    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
-        The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
-        time moves the arm: this one from its first motion until ``close``. All durations are in real time.
+        The arm keeps running after ``close``; motions of this program then end within their limits. Only one program at
+        a time moves the arm. This program moves the arm from its first motion until ``close``. All durations are in
+        real time.
 
         Args:
-            arm: Name, folder or process ID of the running arm. None: the only running arm.
+            arm: Name, folder or process ID of the running arm. None: any arm.
+            namespace: ROS namespace of the running stack, such as ``left``. None: any namespace.
 
         Raises:
-            ArmSetupError: No such arm is running, or several are running.
+            ArmSetupError: No such arm is running, several are running, or the namespace is invalid.
         """
         from servoloop.api.socket_backend import SocketBackend
 
         connected = cls.__new__(cls)
-        backend = SocketBackend.find(arm)
+        backend = SocketBackend.find(arm, namespace)
         connected._use(backend, backend.close, str(backend.description.folder or backend.description.name))
         return connected
 
@@ -185,7 +187,7 @@ class Arm:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Move to a target, and wait until it is reached. A motion under way blends into the new one.
+        """Move to a target, and wait until it is reached. A motion under way blends into the new motion.
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
@@ -205,7 +207,7 @@ class Arm:
             PlanFailedError: No motion to ``pose`` was found. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
             MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
             ArmEndedError: The control loop has ended.
         """
         asked_s, share = duration_of(duration, speed)
@@ -215,8 +217,7 @@ class Arm:
             return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
         assert target is not None
         positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
-        goal = JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),))
-        check_goal(goal, self._arm)
+        goal = checked_goal(JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
         if asked_s is None:
             planned_s = approach_s(positions, self.state.command, self.limits, share)
             goal = JointGoal(goal.joints, (planned_s,), goal.positions)
@@ -263,7 +264,7 @@ class Arm:
         self.scene.attach(name, link, touch_links)
 
     def detach(self, name: str) -> None:
-        """Detach an object and leave it where it is now. Raises PlanFailedError if it is not attached."""
+        """Detach an object and leave it where it is now. Raises PlanFailedError if the object is not attached."""
         self.scene.detach(name)
 
     def follow(
@@ -286,12 +287,11 @@ class Arm:
             PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
             MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
             ArmEndedError: The control loop has ended.
         """
         _, share = duration_of(None, approach)
-        goal = goal_of(trajectory, 0.0)
-        check_goal(goal, self._arm)
+        goal = checked_goal(goal_of(trajectory, 0.0), self._arm)
         if isinstance(trajectory, PlannedTrajectory):
             self._planner.check(trajectory)
         first = dict(zip(goal.joints, goal.positions[0], strict=True))
@@ -353,7 +353,7 @@ class Arm:
         """Release or enable the torque of all servos.
 
         Args:
-            on: Whether to enable the torque. Each servo then holds its present position.
+            on: Whether to enable the torque. Each servo then holds its current position.
             park: Whether to move to the park pose of the robot file before the torque is released, so that the arm does
                 not drop. If False, hold the arm by hand.
 
@@ -398,7 +398,7 @@ class Arm:
     def on_state(self, callback: Observer) -> Callable[[], None]:
         """Call a function with the newest state after each cycle.
 
-        One thread of the arm makes all calls; on simulated time, the waiting thread makes them. A function that is
+        One thread of the arm makes all calls. On simulated time, the waiting thread makes the calls. A function that is
         slower than a cycle misses states.
 
         Args:

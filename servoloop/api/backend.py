@@ -2,9 +2,9 @@
 
 ``ArmBackend`` defines every call that ``servoloop.Arm`` needs. Two classes implement it:
 
-- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. It has no thread: a
-  script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend`` for the
-  clients of its socket. A server translates each message into one call of this class.
+- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. This class has no
+  thread: a script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend``
+  for the clients of its socket. A server translates each message into one call of this class.
 - A client of the socket sends each call as a message and keeps the newest state that it has received.
 
 All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
@@ -110,7 +110,7 @@ class MotionProgress(Protocol):
 
 
 class ArmBackend(Protocol):
-    """Interface of the program that runs the control loop, as ``Arm`` uses it. Any thread may call each method.
+    """Interface through which ``Arm`` uses the program that runs the control loop. Any thread may call each method.
 
     Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call that raises an
     error does not move the arm.
@@ -130,7 +130,7 @@ class ArmBackend(Protocol):
         ...
 
     def start(self, goal: JointGoal) -> MotionProgress:
-        """Start a motion. It takes effect in the next cycle and replaces a running motion of the same joints.
+        """Start a motion. The motion begins in the next cycle and replaces a running motion of the same joints.
 
         Raises:
             ArmInputError: The goal is invalid.
@@ -140,7 +140,10 @@ class ArmBackend(Protocol):
         ...
 
     def cancel(self, progress: MotionProgress) -> None:
-        """Cancel a motion. Its joints slow down within their limits and hold. A finished motion is not affected."""
+        """Cancel a motion. The moving joints slow down within their limits and hold.
+
+        A finished motion is not affected.
+        """
         ...
 
     def stop(self) -> None:
@@ -148,7 +151,7 @@ class ArmBackend(Protocol):
         ...
 
     def begin_stream(self, max_age_s: float) -> None:
-        """Accept targets from now on.
+        """Open a stream, which accepts targets until it ends.
 
         If no target arrives for ``max_age_s`` seconds, the stream ends: the joints slow down within their limits and
         hold, and the next ``send`` raises StreamEndedError. The age of the first target counts from this call.
@@ -165,7 +168,8 @@ class ArmBackend(Protocol):
         """Send targets by joint, in rad or m. The next cycle moves toward them. Other joints hold their last target.
 
         Raises:
-            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The former target stays.
+            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The previous target
+                stays in effect.
             StreamEndedError: No stream is open, or its last target was too old.
         """
         ...
@@ -173,7 +177,7 @@ class ArmBackend(Protocol):
     def end_stream(self) -> None:
         """End the stream. The joints slow down within their limits and hold.
 
-        This has no effect if no stream is open.
+        Without an open stream, nothing happens.
         """
         ...
 
@@ -197,8 +201,8 @@ class ArmBackend(Protocol):
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until a condition holds, for at most ``timeout_s`` seconds of the loop's clock.
 
-        On simulated time this runs the cycles. Otherwise the calling thread sleeps and the condition is checked after
-        each cycle.
+        On simulated time this runs the cycles. In real time, the calling thread sleeps and the condition is checked
+        after each cycle.
 
         Returns:
             Whether the condition holds.

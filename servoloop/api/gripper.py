@@ -29,7 +29,7 @@ class ArmGripper:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Open the gripper. Options, result and errors are those of ``Arm.move_to``."""
+        """Open the gripper. The options, the result and the errors are the same as for ``Arm.move_to``."""
         return self.move(self._arm.hand_open, duration=duration, speed=speed, wait=wait, timeout=timeout)
 
     def close(
@@ -42,7 +42,8 @@ class ArmGripper:
     ) -> ArmMotion:
         """Close the gripper until it is closed or holds an object.
 
-        The torque limit in the robot file limits the force. Options, result and errors are those of ``Arm.move_to``.
+        The torque limit in the robot file limits the force. The options, the result and the errors are the same as for
+        ``Arm.move_to``.
         """
         return self.move(self._arm.hand_closed, duration=duration, speed=speed, wait=wait, timeout=timeout)
 

@@ -24,7 +24,7 @@ CYCLES_AFTER: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class ControllerAccess:
-    """Access to the loop of a controller that has no goals of its own."""
+    """Access to the control loop, for a controller that has no goals."""
 
     period_s: float
     """Period of the loop, in seconds."""
@@ -61,13 +61,13 @@ class PartStart:
 
 @dataclass(slots=True)
 class ForwardPart:
-    """Path of a forward command controller for positions: its command follows the path in each cycle."""
+    """Path of a forward command controller for positions, whose command follows the path in each cycle."""
 
     controller: ForwardCommandController
     times_s: FloatArray
     """Times (k,) of the points since the start, beginning with 0."""
     positions: FloatArray
-    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the present command."""
+    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the current command."""
     access: ControllerAccess
     sent_last: bool = False
     """Whether the last point has been sent."""
@@ -170,7 +170,7 @@ class GripperPart:
         self.start.elapsed_s(now_s)
         if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
             self.handle = self.controller.submit(self.goals[0])
-            del self.goals[0]  # Only after the new handle is set: a finished handle without further goals means done.
+            del self.goals[0]  # Other threads treat a finished handle without further goals as the end.
 
     def cancel(self, replaced: bool = False) -> None:
         if not self.done:
@@ -182,7 +182,7 @@ class GripperPart:
 def start_gripper(controller: GripperActionController, goal: JointGoal, held: FloatArray) -> GripperPart:
     """Start a path of a gripper action controller.
 
-    The arguments and the errors are those of ``start_trajectory``.
+    The arguments and the errors are the same as for ``start_trajectory``.
     """
     column = goal.joints.index(controller.joint)
     points = [(0.0, float(held[0])), *((t, row[column]) for t, row in zip(goal.times_s, goal.positions, strict=True))]

@@ -9,7 +9,7 @@ from servoloop.api.errors import ArmTimeoutError
 
 
 class ArmMotion:
-    """A motion under way. Wait for it with ``wait``, await it in a coroutine, or cancel it."""
+    """A motion under way. Wait for the motion with ``wait``, await it in a coroutine, or cancel it."""
 
     def __init__(self, backend: ArmBackend, progress: MotionProgress) -> None:
         self._backend, self._progress = backend, progress
@@ -21,7 +21,7 @@ class ArmMotion:
 
     @property
     def failure(self) -> Exception | None:
-        """Error of a motion that failed or was canceled. None while it runs and after success."""
+        """Error of a motion that failed or was canceled. None while the motion runs and after success."""
         return self._progress.failure
 
     def wait(self, timeout_s: float = math.inf) -> None:
@@ -33,7 +33,7 @@ class ArmMotion:
         Raises:
             MotionFailedError: The motion ended before its target.
             MotionCanceledError: The motion was canceled, or another motion has replaced it.
-            ArmTimeoutError: The motion takes longer. It continues.
+            ArmTimeoutError: The motion takes longer than ``timeout_s``, and continues.
             ArmEndedError: The control loop has ended.
         """
         self._finish(self._backend.wait(lambda: self.done, timeout_s), timeout_s)

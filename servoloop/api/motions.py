@@ -38,7 +38,7 @@ class MotionPart(Protocol):
 
     @property
     def failure(self) -> MotionFailedError | None:
-        """Why the part has failed, if it has."""
+        """Error of the part if it has failed; otherwise None."""
         ...
 
     @property
@@ -55,7 +55,10 @@ class MotionPart(Protocol):
         ...
 
     def cancel(self, replaced: bool = False) -> None:
-        """End the part. Its joints slow down and hold. ``replaced``: whether another motion follows at once."""
+        """End the part. The moving joints slow down and hold.
+
+        ``replaced``: whether another motion follows immediately.
+        """
         ...
 
 
@@ -73,7 +76,7 @@ class RunningMotion:
 
     @property
     def failure(self) -> Exception | None:
-        """First failure of a part, or ArmEndedError."""
+        """First failure of a part, ArmEndedError if the loop ended before all parts succeeded, or None."""
         ended = self.ended()
         if ended is not None and any(not part.done or part.failure is not None for part in self.parts):
             return ended

@@ -48,7 +48,7 @@ class ArmOptions:
 
 @contextmanager
 def setup_errors() -> Iterator[None]:
-    """Raise ArmSetupError instead of the errors of files, ports and servos."""
+    """Convert the errors of files, ports and servos to ArmSetupError."""
     try:
         yield
     except ArmError:

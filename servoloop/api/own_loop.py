@@ -22,11 +22,11 @@ from servoloop.stack.pick_place import HAND, load_pick_place
 from servoloop.stack.robot_files import Files, InitialStates, initial_states
 
 CLOSED: Final = "the arm has been shut down: create a new Arm to move it again"
-"""Message of calls after ``close``."""
+"""Error message of calls after ``close``."""
 
 
 def ended_by(error: Exception | None) -> str:
-    """Return the message of calls after the loop has ended because of ``error``."""
+    """Return the error message of calls after the loop has ended because of ``error``."""
     why = f": {error}" if error else ""
     return f"the control loop has ended{why}. {LEFT.capitalize()}; create a new Arm"
 
@@ -39,12 +39,12 @@ class OwnLoop(ABC):
         self._initial: InitialStates = initial_states(files)
         self._exit = ExitStack()
         self._why_ended = ""
-        """Message of calls after the end of the loop; empty while it runs."""
+        """Error message of calls after the end of the loop; empty while the loop runs."""
         self._closed = False
         self.backend: StackBackend
 
     def ended(self) -> ArmEndedError | None:
-        """Return why the loop has ended, or None while it runs."""
+        """Return an error with the reason why the loop has ended, or None while the loop runs."""
         return ArmEndedError(self._why_ended) if self._why_ended else None
 
     @abstractmethod
@@ -79,7 +79,10 @@ def describe(stack: ControlStack) -> ArmDescription:
 
 
 def _hand(files: Files, joints: Sequence[str]) -> str:
-    """Return the joint of the gripper: the only joint of the hand controller, or of all joints without a trajectory."""
+    """Return the joint of the gripper.
+
+    The gripper is the only joint of the hand controller, or the only joint without a trajectory controller.
+    """
     by_controller = {spec.name: spec for spec in files.controllers.controllers}
     if HAND in by_controller:
         found = [name for name in joints_of(by_controller[HAND].parameters.claims()) if name in joints]
@@ -93,8 +96,8 @@ def _hand(files: Files, joints: Sequence[str]) -> str:
 def _hand_positions(files: Files, hand: str) -> tuple[float, float]:
     """Return the positions of the open and the closed gripper.
 
-    The positions come from the pick-and-place parameters of the arm. Without these parameters, they are the limits of
-    the joint.
+    The positions come from the pick-and-place parameters of the arm. Without these parameters, the positions are the
+    limits of the joint.
     """
     if not hand:
         return math.nan, math.nan

@@ -21,7 +21,7 @@ Ended = Callable[[], ArmEndedError | None]
 
 
 class LoopPace(Protocol):
-    """Passage of time for a program that waits for cycles of a control loop."""
+    """Interface with which a program waits for cycles of a control loop."""
 
     def cycle_done(self) -> None:
         """Wake waiting threads and call the observers. The thread of the loop calls this after each cycle."""
@@ -32,11 +32,11 @@ class LoopPace(Protocol):
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait as ``ArmBackend.wait`` does."""
+        """Wait for a condition, as ``ArmBackend.wait`` does."""
         ...
 
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait as ``ArmBackend.wait_async`` does."""
+        """Wait for a condition, as ``ArmBackend.wait_async`` does."""
         ...
 
     def close(self) -> None:
@@ -45,7 +45,10 @@ class LoopPace(Protocol):
 
 
 class Observers:
-    """Functions that are called after a cycle. An error of a function is logged once and does not stop the others."""
+    """Functions that are called after a cycle.
+
+    An error of a function is logged once and does not stop the other functions.
+    """
 
     def __init__(self) -> None:
         self._observers: tuple[Callable[[], None], ...] = ()
@@ -78,7 +81,7 @@ class ThreadPace:
     """Pace of a loop that runs in its own thread. Observers run in a third thread, so that they do not delay cycles."""
 
     def __init__(self, clock: Clock, ended: Ended) -> None:
-        """``clock`` is the clock of the loop, and ``ended`` returns why the loop has ended."""
+        """``clock`` is the clock of the loop, and ``ended`` returns an error if the loop has ended."""
         self._clock, self._ended = clock, ended
         self._changed = threading.Condition()
         """Lock that is held only briefly, because the thread of the loop needs it in each cycle."""
@@ -152,7 +155,7 @@ class SimulatedPace:
         self._due_s = loop.clock.now()
         """Time at which the next cycle is due, in seconds.
 
-        It keeps the rate of the loop constant across waits of any length.
+        With this time, the rate of the loop stays constant across waits of any length.
         """
 
     def cycle_done(self) -> None:

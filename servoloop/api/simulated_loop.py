@@ -17,7 +17,7 @@ LOG = logging.getLogger("servoloop")
 
 
 class SimulatedLoop(OwnLoop):
-    """Loop on simulated time, with virtual servos in this process. Waits of the program run its cycles."""
+    """Loop on simulated time, with virtual servos in this process. The cycles run while the program waits."""
 
     def __init__(self, files: Files, record: Path | None, seed: int | None, backlash_deg: float) -> None:
         """Start the loop. Raises ArmSetupError.

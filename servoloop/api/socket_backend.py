@@ -10,15 +10,17 @@ from time import monotonic
 from typing import Any, Final, Self
 
 from drivers.clock import MonotonicClock
+from drivers.errors import DriverError
 from hal.types import JointLimits
+from nodes.namespace import parse_namespace
 from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
-from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.pace import ThreadPace
 from servoloop.api.socket_errors import arm_error
 from servoloop.command_socket.client import CommandClient
 from servoloop.command_socket.errors import CommandError
-from servoloop.recording.stream import LiveError, RunningStack, find_stack
+from servoloop.recording.stream import RunningStack, find_stack
 
 FIRST_S: Final = 5.0
 """Maximum time to wait for the first state, in seconds."""
@@ -74,11 +76,11 @@ class SocketBackend:
         self._thread.start()
 
     @classmethod
-    def find(cls, arm: str | None) -> Self:
-        """Connect to the only running stack, or to the stack of an arm. Raises ArmSetupError."""
+    def find(cls, arm: str | None, namespace: str | None) -> Self:
+        """Connect to the only running stack, or to the stack of an arm or a namespace. Raises ArmSetupError."""
         try:
-            return cls(find_stack(arm))
-        except LiveError as error:
+            return cls(find_stack(arm, None if namespace is None else parse_namespace(namespace)))
+        except DriverError as error:
             raise ArmSetupError(str(error)) from error
 
     def state(self) -> ArmState:
@@ -97,7 +99,7 @@ class SocketBackend:
 
     def start(self, goal: JointGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
-        check_goal(goal, self.description)
+        goal = checked_goal(goal, self.description)
         self._ask("take")
         reply = self._ask(
             "move",
@@ -114,7 +116,7 @@ class SocketBackend:
             self._ask("cancel_move", motion=progress.number)
 
     def stop(self) -> None:
-        """Cancel all motions, also those of other clients, and end the stream.
+        """Cancel all motions, including those of other clients, and end the stream.
 
         The message is sent over a separate connection, because a change of the torque may block the main connection.
         """
@@ -132,9 +134,9 @@ class SocketBackend:
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send targets by joint, in rad or m."""
-        check_targets(targets, self.description)
+        positions = checked_targets(targets, self.description)
         try:
-            self._commands.request("targets", positions=dict(targets))
+            self._commands.request("targets", positions=positions)
         except CommandError as error:
             if error.kind == "not_owner":
                 raise StreamEndedError(f"the stream has ended: {error}") from error

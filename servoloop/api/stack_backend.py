@@ -19,7 +19,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
 from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
-from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
 from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
@@ -43,7 +43,8 @@ PARK_S: Final = 60.0
 class StackBackend:
     """Backend on a control stack whose loop runs in another thread or on simulated time.
 
-    Create it before the loop runs. In each cycle, it first calls the previous ``on_cycle`` function of the loop.
+    Create the backend before the loop runs. In each cycle, the backend first calls the previous ``on_cycle`` function
+    of the loop.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class StackBackend:
 
     def start(self, goal: JointGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
-        check_goal(goal, self.description)
+        goal = checked_goal(goal, self.description)
         with self._lock:
             self._require_free(goal.joints)
             movers = self._movers(goal.joints)
@@ -113,7 +114,7 @@ class StackBackend:
                 part.cancel()
 
     def stop(self) -> None:
-        """Cancel all motions, also those of other clients, and end the stream."""
+        """Cancel all motions, including those of other clients, and end the stream."""
         self.end_stream()
         with self._lock:
             for part in self._parts:
@@ -137,8 +138,7 @@ class StackBackend:
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send targets by joint, in rad or m."""
-        check_targets(targets, self.description)
-        self._stream.send(targets)
+        self._stream.send(checked_targets(targets, self.description))
 
     def end_stream(self) -> None:
         """End the stream, if one is open."""
@@ -231,13 +231,16 @@ class StackBackend:
         return start_forward(cast(ForwardCommandController, controller), goal, held, access)
 
     def _brake(self, name: str) -> None:
-        """Restart a controller, so that its joints first slow down within their limits. Returns at once."""
+        """Restart a controller, so that its joints first slow down within their limits.
+
+        The call returns immediately.
+        """
         loop = self.stack.loop
         request = SwitchRequest(activate=(name,), deactivate=(name,))
         loop.requests.ask(lambda: loop.manager.switch(request, loop.within_limits))
 
     def _movers(self, joints: tuple[str, ...]) -> list[Controller]:
-        """Return the active controllers of these joints. Raises ArmBusyError if a joint has none."""
+        """Return the active controllers of these joints. Raises ArmBusyError if a joint has no active controller."""
         running = [entry.controller for entry in self.stack.loop.manager.registry.running]
         movers = [controller for controller in running if set(joints) & set(joints_of_mover(controller))]
         driven = {joint for controller in movers for joint in joints_of_mover(controller)}

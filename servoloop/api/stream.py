@@ -10,7 +10,7 @@ Convert = Callable[[Positions], Mapping[str, float]]
 
 
 class TargetStream:
-    """Open stream. Use it as a context manager, so that it is closed even after an error."""
+    """Open stream. Use the stream as a context manager, so that it is closed even after an error."""
 
     def __init__(self, backend: ArmBackend, convert: Convert, max_age_s: float) -> None:
         self._backend, self._convert = backend, convert
@@ -24,7 +24,8 @@ class TargetStream:
                 target hold their last target.
 
         Raises:
-            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay.
+            ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay in
+                effect.
             StreamEndedError: The stream was silent for longer than its limit, or is closed.
         """
         self._backend.send(self._convert(targets))

@@ -1,4 +1,4 @@
-"""Stream of targets on a local stack: it switches to a forward command controller and ends when it is silent."""
+"""Stream of targets on a local stack, which uses a forward command controller and ends if no targets arrive."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from servoloop.stack.control_stack import ControlStack
 
 LOG = logging.getLogger("servoloop")
 InLoop = Callable[[Callable[[], None]], None]
-"""Function that runs an action in the thread of the loop between two cycles, and returns after it."""
+"""Function that runs an action in the thread of the loop between two cycles, and returns after the action."""
 
 
 class Takeover:
@@ -44,7 +44,10 @@ class Takeover:
         self._former = tuple(former)
 
     def give_back(self) -> None:
-        """Activate the former controllers again. They start after the joints have slowed down within their limits."""
+        """Activate the former controllers again.
+
+        These controllers start after the joints have slowed down within their limits.
+        """
         loop = self._stack.loop
         inactive = tuple(name for name in self._former if not loop.manager.registry.loaded[name].active)
         try:
@@ -93,7 +96,7 @@ class StreamGate:
             self._in_loop(lambda: self._end(NOT_OPEN))
 
     def update(self, now_s: float) -> None:
-        """End the stream if it is silent or its controller was deactivated. Called in the loop after each cycle."""
+        """End the stream if it is silent or its controller was deactivated. The loop calls this after each cycle."""
         if not self.open:
             return
         if not self._takeover.active:

@@ -19,7 +19,7 @@ Positions = Union[Mapping[str, float], Sequence[float], "FloatArray"]
 
 
 def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
-    """Return positions by joint name. Raises ArmInputError if their number or their type is wrong."""
+    """Return positions by joint name. Raises ArmInputError if the number or the type of the positions is wrong."""
     if isinstance(positions, Mapping):
         return {joint: _number(joint, value) for joint, value in positions.items()}
     if isinstance(positions, str) or not hasattr(positions, "__len__"):

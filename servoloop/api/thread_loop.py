@@ -72,7 +72,8 @@ class ThreadLoop(OwnLoop):
         gc.freeze()
         self._exit.callback(gc.unfreeze)
         self._exit.enter_context(exit_on_signals())
-        with realtime_priority(PRIORITY):  # only the loop thread: long computations of the program need none
+        # Only the loop thread gets this priority, because the program may compute for a long time.
+        with realtime_priority(PRIORITY):
             self._thread = run.start()
         self.backend.state()
 
@@ -114,7 +115,8 @@ class ThreadLoop(OwnLoop):
 def exit_on_signals() -> Iterator[None]:
     """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
 
-    This does not change signals that the program handles or ignores. Outside the main thread, it changes no signal.
+    The handling of signals that the program handles or ignores does not change. Outside the main thread, no handling
+    changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from controller.interface import Controller, ControllerType
-from controller.manager.controllers_file import claim_mistakes
+from controller.manager.claims import claim_mistakes
 from controller.manager.switch import ManagerError
 from servoloop.api.errors import ArmEndedError, ArmInputError
 from servoloop.api.stream_gate import InLoop, Takeover
@@ -23,7 +23,7 @@ def load_controller(
         stack: Running stack.
         name: Name of the controller.
         kind: Class of the controller.
-        parameters: Its parameters by name.
+        parameters: Parameters of the controller by name.
         in_loop: Function that runs an action between two cycles.
 
     Raises:

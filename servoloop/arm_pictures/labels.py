@@ -1,4 +1,7 @@
-"""Draw lines and text on a picture. They are drawn at three times the size and scaled down to be smooth."""
+"""Draw lines and text on a picture.
+
+All lines and text are drawn at three times the size and scaled down, to be smooth.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

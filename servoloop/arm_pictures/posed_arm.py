@@ -1,4 +1,4 @@
-"""Compute the shapes of an arm in a pose, and the places and directions of its joints."""
+"""Compute the shapes of an arm in a pose, and the positions and directions of its joints."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ TURN_RAD: Final = np.radians(250.0)
 """Angle covered by an arrow around an axis, in rad."""
 STEPS: Final = 48
 ARROW: Final = 0.085
-"""Radius of an arrow around an axis, and half the length of one along it, as a share of the arm's reach."""
+"""Radius of an arrow around an axis, and half the length of an arrow along an axis, as a share of the arm's reach."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointArrow:
-    """Place (3,) of a joint in the world, in meters, and an arrow (k, 3) in its positive direction."""
+    """Position (3,) of a joint in the world, in meters, and an arrow (k, 3) in its positive direction."""
 
     name: str
     place: FloatArray
@@ -78,7 +78,10 @@ def solid(shape: DrawnShape, pose: Pose) -> Solid:
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (3,) that form a right-handed frame with an axis. The first points down if possible."""
+    """Return two unit vectors (3,) that form a right-handed frame with an axis.
+
+    The first vector points down if possible.
+    """
     down: Vector = (0.0, 0.0, -1.0) if abs(axis[2]) < 0.9 else (-1.0, 0.0, 0.0)
     first = np.array(down) - np.dot(down, axis) * axis
     first /= np.linalg.norm(first)

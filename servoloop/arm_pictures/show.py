@@ -15,7 +15,7 @@ from sim_backend.scene.still import take
 
 SIZE: Final = (1200, 760)
 TOWARD: Final = np.array([0.55, -1.0, 0.5])
-"""View direction: from above and from the right side of the arm, which points to the right of the picture."""
+"""View direction, from above and from the right side of the arm. The arm points to the right of the picture."""
 FILLED: Final = (0.6, 0.8)
 """Maximum shares of the picture's width and height for the arm. The rest is for labels."""
 

@@ -18,7 +18,7 @@ NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
     """Write the folder of a new arm. The name of the folder is the name of the arm.
 
-    The scene is written only if the extra ``sim`` is installed. A real arm does not need it.
+    The scene is written only if the extra ``sim`` is installed. A real arm does not need a scene.
 
     Args:
         folder: New folder.

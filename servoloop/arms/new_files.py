@@ -41,9 +41,9 @@ def robot_text(made: NewDescription, model: ServoModel) -> str:
     defaults = {"arm_controller": {"interpolation_method": "ruckig"}}
     return (
         ROBOT
-        + _yaml({"bus": bus, "joints": joints})
+        + yaml_text({"bus": bus, "joints": joints})
         + EXIT
-        + _yaml({"on_exit": {"virtual": "hold", "real": "hold"}, "controller_defaults": defaults})
+        + yaml_text({"on_exit": {"virtual": "hold", "real": "hold"}, "controller_defaults": defaults})
     )
 
 
@@ -59,13 +59,13 @@ def controllers_text(made: NewDescription) -> str:
     content = {"controller_manager": manager, "arm_controller": _arm_controller(made.arm)}
     if names:
         content["hand_controller"] = {"joints": names, "interface_name": "position"}
-    return CONTROLLERS + _yaml({node: {"ros__parameters": parameters} for node, parameters in content.items()})
+    return CONTROLLERS + yaml_text({node: {"ros__parameters": parameters} for node, parameters in content.items()})
 
 
 def arm_text(description: str, joints: Sequence[UrdfJoint]) -> str:
     """Return ``arm.yaml``, with the description and the calibration plan of the arm."""
     plans = {joint.name: {"positive": _positive(joint)} for joint in joints}
-    return ARM + _yaml({"description": description, "calibration": {"joints": plans}})
+    return ARM + yaml_text({"description": description, "calibration": {"joints": plans}})
 
 
 def _positive(joint: UrdfJoint) -> str:
@@ -97,6 +97,7 @@ def _arm_controller(joints: Sequence[UrdfJoint]) -> Mapping[str, Any]:
     }
 
 
-def _yaml(content: Mapping[str, Any]) -> str:
+def yaml_text(content: Mapping[str, Any]) -> str:
+    """Return content as YAML, with short lists and mappings in one line."""
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
     return text

@@ -43,7 +43,7 @@ class NewDescription:
 
     @property
     def arm(self) -> tuple[UrdfJoint, ...]:
-        """Joints of the arm without the hand, or all joints if all of them have names of a hand."""
+        """Joints of the arm without the hand, or all joints if every joint has the name of a hand joint."""
         return tuple(joint for joint in self.joints if not _is_hand(joint)) or self.joints
 
 
@@ -61,7 +61,8 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
         DescriptionError: The URDF has mistakes.
     """
     text = read_xml(urdf, DescriptionError, "the URDF")
-    if "<ros2_control" not in text:  # checked before changes, so that messages have the user's line numbers
+    # The URDF is checked before it is changed, so that messages have the user's line numbers.
+    if "<ros2_control" not in text:
         _require_sound(text, urdf)
     robot = _parsed(text, urdf)
     wanted = {joint.get("name", "") for block in robot.findall("ros2_control") for joint in block.findall("joint")}
@@ -73,7 +74,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
     reach_rad = REACH_SHARE * model.last_count / model.counts_per_turn * 2.0 * pi
     for joint in driven:
         _limit_endless(joint, reach_rad)
-    _keep_meshes(robot, urdf.resolve().parent, folder.resolve())
+    keep_meshes(robot, urdf.resolve().parent, folder.resolve())
     robot.append(_block(name, driven, reach_rad))
     xml = _prolog(text) + ElementTree.tostring(robot, encoding="unicode") + "\n"
     joints = parse_urdf(xml, str(urdf)).joints
@@ -82,7 +83,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
 
 
 def metres_per_radian(joint: UrdfJoint) -> float | None:
-    """Return the transmission with which a prismatic joint travels its range in ``HAND_TRAVEL_RAD``, or None."""
+    """Return the transmission with which ``HAND_TRAVEL_RAD`` moves a prismatic joint over its range, or None."""
     return round((joint.upper - joint.lower) / HAND_TRAVEL_RAD, 6) if joint.kind == "prismatic" else None
 
 
@@ -91,7 +92,7 @@ def _is_hand(joint: UrdfJoint) -> bool:
 
 
 def _require_sound(text: str, urdf: Path) -> None:
-    """Check a URDF without a <ros2_control> block as if it had such a block. Raises DescriptionError."""
+    """Check a URDF that has no <ros2_control> block, as if it had such a block. Raises DescriptionError."""
     end = text.rfind("</robot>")
     block = f'<ros2_control name="new" type="system"><hardware><plugin>{PLUGIN}</plugin></hardware></ros2_control>'
     try:
@@ -135,7 +136,7 @@ def _limit_endless(joint: Element, reach_rad: float) -> None:
     limit.set("upper", f"{0.5 * reach_rad:.4f}")
 
 
-def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
+def keep_meshes(robot: Element, home: Path, folder: Path) -> None:
     """Change relative paths of meshes so that they are valid in the new folder."""
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
@@ -144,7 +145,7 @@ def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
 
 
 def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
-    """Return the <ros2_control> block. It limits the commands of joints with a wider range than the servo."""
+    """Return the <ros2_control> block. The block limits the commands of joints with a wider range than the servo."""
     block = Element("ros2_control", {"name": name, "type": "system"})
     hardware = ElementTree.SubElement(block, "hardware")
     ElementTree.SubElement(hardware, "plugin").text = PLUGIN

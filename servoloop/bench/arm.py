@@ -101,15 +101,16 @@ def bench_arm(
 ) -> Measured:
     """Measure an arm whose torque is off.
 
-    The arm moves slowly to its ready pose, then joint by joint, then back. At the end it is in its initial pose and its
-    torque is off, also after an error.
+    The arm moves slowly to its ready pose, then joint by joint, then back. At the end the arm is in its initial pose
+    with its torque off, even after an error.
 
     Args:
         arm: The arm.
         devices: Serial device of each bus, by bus name.
         clock: Clock for the measurements.
-        signals: Returns the number of signals received. The first ends the measurement; a second skips the way back.
-        say: Prints a line of progress.
+        signals: Function that returns the number of signals received. The first signal ends the measurement; a second
+            signal skips the way back.
+        say: Function that prints a line of progress.
         virtual: Virtual buses in this process, used instead of the devices.
 
     Raises:
@@ -145,7 +146,7 @@ def bench_arm(
 
 
 def _no_ros() -> str:
-    """Return the reason why ROS is not available, or an empty string if it is."""
+    """Return the reason why ROS is not available, or an empty string if ROS is available."""
     try:
         require_ros()
     except RosError as error:

@@ -29,8 +29,8 @@ LOG = logging.getLogger("servoloop")
 BUDGET_S: Final = 0.04
 """Time limit of a cycle per servo, in seconds, in addition to twice the time on the wire and including retries.
 
-It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one, so that a slow adapter is
-measured as slow and not as silent.
+It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one. A slow adapter is thus
+measured as slow instead of silent.
 """
 LARGEST_ID: Final = 253
 
@@ -134,7 +134,7 @@ def bench_bus(
     try:
         with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
-    except ValueError as error:  # too many servos for one packet; no goal was sent
+    except ValueError as error:  # There are too many servos for one packet; no goal was sent.
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
@@ -144,7 +144,10 @@ def bench_bus(
 def standing_still(
     bus: Bus, servo_ids: Sequence[int], model: ServoModel, *, hold: bool
 ) -> Iterator[dict[int, ServoGoal]]:
-    """Yield goals that can be sent repeatedly without a motion. At the end, torque is as it was before."""
+    """Yield goals that can be sent repeatedly without a motion.
+
+    At the end, the torque of each servo is in its initial state.
+    """
     found = present_goals(bus, servo_ids, model)
     limp = sorted(found.limp)
     if limp and not hold:
@@ -157,7 +160,7 @@ def standing_still(
     try:
         if goals:
             bus.write_goals(goals)
-        bus.read_states(servo_ids)  # lets the bus find out whether Dynamixel servos support fast reads
+        bus.read_states(servo_ids)  # This read detects whether Dynamixel servos support fast reads.
         yield goals
     finally:
         for error in bus.torque_off(limp) if hold else ():

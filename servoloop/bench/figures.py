@@ -51,7 +51,7 @@ class JointMotion:
     largest: float
     rms_moving: float
     at_rest: float
-    """Largest error from half a second after a motion."""
+    """Largest error at rest, starting half a second after a motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class ArmFigures:
     motions: tuple[JointMotion, ...]
     ros: RosFigures | None
     without_ros: str
-    """Reason why ROS was not measured; empty if it was."""
+    """Reason why ROS was not measured; empty if ROS was measured."""
 
 
 def machine_figures(devices: Iterable[str], realtime: bool) -> MachineFigures:

@@ -1,4 +1,4 @@
-"""Find goals that move nothing, for the servos that are known to interpret them as goals."""
+"""Find goals that cause no motion, for servos that are known to interpret them as goals."""
 
 import logging
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ LOG = logging.getLogger("servoloop")
 TRIES: Final = 3
 SEARCHED: Final = 8
 """Maximum number of servos to search for at other baud rates."""
-NO_GOAL: Final = "%s: %s; it is read but gets no goal"
+NO_GOAL: Final = "%s: %s; it is read but is sent no goal"
 
 
 def _swapped(number: int) -> int:
@@ -31,7 +31,7 @@ def _swapped(number: int) -> int:
 
 
 def _known() -> frozenset[int]:
-    """Return all model numbers in both byte orders, because servos of another series may store them in the other."""
+    """Return all model numbers in both byte orders, because servos of another series may use the other byte order."""
     numbers = frozenset(model.number for model in MODELS.values())
     return numbers | frozenset(map(_swapped, numbers))
 
@@ -48,16 +48,16 @@ class PresentGoals:
     """
 
     held: dict[int, ServoGoal] = field(default_factory=dict)
-    """Present goals of servos whose torque is enabled."""
+    """Current goals of servos whose torque is enabled."""
     limp: dict[int, ServoGoal] = field(default_factory=dict)
-    """Present positions of servos whose torque is off."""
+    """Current positions of servos whose torque is off."""
 
 
 def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
-    """Find the present goal of each servo without writing anything.
+    """Find the current goal of each servo without writing anything.
 
-    The goal register of one model may be a setting of another. Therefore a servo gets no goal if its control table or
-    operating mode differs, if its position is outside the goal range, or if it does not answer in time.
+    The goal register of one model may be a setting of another. Therefore a servo is sent no goal if its control table
+    or operating mode differs, its position is outside the goal range, or it answers too late.
 
     Raises:
         DriverError: No servo answers.
@@ -79,7 +79,7 @@ def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> Pres
             LOG.warning(NO_GOAL, bus.name, error)
     if len(refused) == len(states):
         raise refused[0]
-    if len(mute) == len(states):  # no real servo does this; it is a simulator, so --model is trusted
+    if len(mute) == len(states):  # only a simulator answers like this, so --model is trusted
         goals.limp.update({servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()})
     for one in mute if len(mute) < len(states) else ():
         LOG.warning(NO_GOAL, bus.name, one)
@@ -109,10 +109,10 @@ def _why_no_answer(bus: Bus, servo_ids: Sequence[int]) -> str:
 def _find_goal(
     bus: Bus, servo_id: int, model: ServoModel, state: ServoState, goals: PresentGoals, *, patient: bool
 ) -> None:
-    """Add the goal of one servo to ``goals``, if it can be sent goals.
+    """Add the goal of one servo to ``goals``, if the servo can be sent goals.
 
-    With ``patient``, a single read is retried. After one servo has answered only group reads, all may do so, and
-    retries would take too long.
+    With ``patient``, a single read is retried. After one servo has answered only group reads, the others may do the
+    same, and retries would take too long.
 
     Raises:
         ServoRefused: The control table of the servo differs from that of ``model``.
@@ -131,10 +131,11 @@ def _find_goal(
         if not _is_fit(bus, servo_id, model, number, error):
             return
     holds = bus.torque_is_on(servo_id)
-    # A loaded servo rests beside its goal. If its position became the goal, the load would sink with each measurement.
+    # A loaded servo rests away from its goal. If its position became the goal, the load would sink with each
+    # measurement.
     counts = bus.goal(servo_id) if holds else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
-        LOG.warning("%s: servo %d gets no goal, because its position %d is outside the goal range",
+        LOG.warning("%s: servo %d is sent no goal, because its position %d is outside the goal range",
                     bus.name, servo_id, counts)  # fmt: skip
         return
     (goals.held if holds else goals.limp)[servo_id] = ServoGoal(counts)
@@ -142,7 +143,7 @@ def _find_goal(
 
 def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
     """Return whether a servo that ``identify`` refused can be sent goals, such as a variant or a simulated servo."""
-    if number == 0:  # a simulated servo, whose settings may all be 0
+    if number == 0:  # The settings of a simulated servo may all be 0.
         return True
     try:
         bus.check_settings(servo_id, model)
@@ -156,8 +157,8 @@ def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: Se
 def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
     """Return whether a servo with another model number is likely to have the same control table.
 
-    A simulated servo may have the model number 0 or any other number. Then --model is trusted, unless the content of
-    the control table contradicts it.
+    A simulated servo may have the model number 0 or any other number. In this case --model is trusted, unless the
+    content of the control table contradicts it.
     """
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True

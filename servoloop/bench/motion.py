@@ -49,7 +49,7 @@ def slow(files: Files, back_to: Pose | None = None) -> Files:
 
 
 def bench_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[Pose]:
-    """Return the poses of the measurement: the ready pose, then each joint a little towards its middle and back."""
+    """Return the poses of the measurement: the ready pose, then each joint slightly towards its middle and back."""
     ready = dict(zip(pick_place.joints, pick_place.poses.ready, strict=True))
     poses: list[Pose] = [ready]
     for joint, position in ready.items():
@@ -68,7 +68,7 @@ def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> fl
 
 
 REST_S: Final = 1.5
-"""Rest after each motion, in seconds, in which gravity compensation settles."""
+"""Rest after each motion, in seconds, during which gravity compensation settles."""
 BACK: Final = "the arm returns to its initial pose, and its torque is switched off"
 LOG = logging.getLogger("servoloop")
 
@@ -112,14 +112,14 @@ def run_trial(
 ) -> BenchTrial:
     """Move an arm through the poses and back to its initial pose, and measure it.
 
-    At the start and at the end the torque is off, also after an error. Only a second signal skips the way back.
+    At the start and at the end the torque is off, even after an error. Only a second signal skips the way back.
 
     Args:
         files: Files of the arm, with reduced velocity limits.
         poses: Poses of the joints of the trajectory controller.
         devices: Serial device of each bus, by bus name.
         clock: Clock of the control loop.
-        signals: Returns the number of signals received.
+        signals: Function that returns the number of signals received.
         virtual: Virtual buses in this process, used instead of the devices.
 
     Raises:
@@ -149,7 +149,7 @@ def run_trial(
 
 
 def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
-    """Return the controller of the arm's joints. Raises DriverError if there is none."""
+    """Return the controller of the arm's joints. Raises DriverError if the arm has no such controller."""
     arm = stack.loop.manager.registry.controllers.get(ARM)
     if not isinstance(arm, JointTrajectoryController):
         path = stack.files.controllers.path

@@ -32,7 +32,7 @@ REST_S: Final = 0.5
 STEP: Final = 0.1
 """Distance between two goals, in rad or m. It is limited to a tenth of the joint's range.
 
-A twentieth of the distance, three counts of an STS servo, counts as motion.
+A twentieth of this distance, which is three counts of an STS servo, counts as motion.
 """
 
 
@@ -60,7 +60,7 @@ def run_ros(
         ready: Ready pose of the arm.
         lay: Initial pose of the arm.
         devices: Serial device of each bus, by bus name.
-        signals: Returns the number of signals received.
+        signals: Function that returns the number of signals received.
 
     Raises:
         DriverError: The stack failed; the message has its last output.
@@ -81,7 +81,7 @@ def run_ros(
             except DriverError:
                 if signals():
                     raise Interrupted(f"interrupted; {BACK}") from None
-                stack.check()  # if the stack has ended, its output explains the error better
+                stack.check()  # If the stack has ended, its output explains the error better.
                 raise
             if status := stack.end()["stack"]:
                 output = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])

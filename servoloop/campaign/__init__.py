@@ -1,1 +1,1 @@
-"""Campaigns: many simulated runs with random faults, and the invariants that each run must keep."""
+"""Campaigns: many simulated runs with random faults, and the invariants that each run must satisfy."""

@@ -1,4 +1,4 @@
-"""Time of a command server that works between two cycles, in the thread of a simulated loop."""
+"""Clock of a command server that works between two cycles, in the thread of a simulated loop."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from servoloop.api.pace import Observers
 class BetweenCycles:
     """Pace and clock of a server on simulated time.
 
-    Time stands still while the server works. A wait therefore carries out the requests to the loop at once.
+    Time stands still while the server works. Therefore a wait immediately carries out the requests to the loop.
     """
 
     def __init__(self, loop: ControlLoop) -> None:
@@ -25,7 +25,7 @@ class BetweenCycles:
         self._observers.call()
 
     def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after each cycle, and return a function that ends this."""
+        """Call a function after each cycle, and return a function that ends the calls."""
         return self._observers.add(observer)
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:

@@ -33,7 +33,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
 
 KILLED_IN_A_ROW: Final = 3
-"""Number of consecutive seeds whose processes are killed after which a campaign ends."""
+"""A campaign ends after this number of consecutive seeds whose processes were killed."""
 
 
 class ScenarioError(DriverError):
@@ -58,14 +58,14 @@ ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "gu
 
 
 class Scenario(BaseModel):
-    """Properties that all runs of a campaign share. Everything else is drawn from the seed of each run."""
+    """Properties that all runs of a campaign share. All other properties are drawn from the seed of each run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: OneOrMore[str] = (OWN,)
     """Names or folders of arms. Each run draws one of them."""
     clients: OneOrMore[ClientKind] = ("job",)
-    """Kinds of clients. Each run draws one of them. ``job`` does the jobs; the others move the arm directly."""
+    """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the others move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
     """Policies for the end of a run. Each run draws one of them. None uses the policy of the robot file."""
     job: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
@@ -79,9 +79,9 @@ class Scenario(BaseModel):
     within_s: Duration = 10.0
     """Latest start of a fault after the arm is up, in seconds. Without jobs it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Kinds of faults. None means all kinds that the arm can have."""
+    """Kinds of faults. None: all kinds that are possible on the arm."""
     promises: Promises = Promises()
-    """Conditions that the campaign must examine and visit. It fails if it does not."""
+    """Conditions that the campaign must examine and visit. Otherwise the campaign fails."""
 
     @field_validator("job")
     @classmethod
@@ -157,7 +157,7 @@ def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
-    """Draw the schedule of a seed. Raises FaultError if a kind of fault is unknown."""
+    """Draw a random schedule from a seed. Raises FaultError if a kind of fault is unknown."""
     random = Random(f"{seed}/scenario")
     arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
@@ -180,7 +180,7 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
 
 
 def run_seed(scenario: Scenario, seed: int) -> RunReport:
-    """Draw the schedule of a seed and run it."""
+    """Draw a random schedule from a seed, and run it."""
     return run_schedule_of(schedule_of(scenario, seed))
 
 
@@ -191,7 +191,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
     Args:
         schedule: The schedule.
-        prepare: Called with the stack before it comes up.
+        prepare: Function called with the stack before the stack starts.
 
     Raises:
         FaultError: A fault of the schedule cannot happen to the arm.
@@ -221,7 +221,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
 @cache
 def files_of(arm: str) -> Files:
-    """Return the files of an arm, by its name or folder. They are read once."""
+    """Return the files of an arm, by its name or folder. The files are read only once."""
     return read_arm_files(find_arm(arm))
 
 
@@ -235,12 +235,13 @@ def campaign(
     Args:
         scenario: The scenario.
         seeds: The seeds.
-        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends it.
-        stop: Returns whether to stop before the next report.
+        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends this
+            process.
+        stop: Function that returns whether to stop before the next report.
         ray: Address of a Ray cluster, or ``local`` to start one on this machine. None runs without Ray.
 
     Raises:
-        FaultError: The scenario is wrong. It is raised before the first run.
+        FaultError: The scenario is wrong. The error is raised before the first run.
         ExtraError: Ray is not installed.
         RayError: The cluster does not answer.
         WorkerError: Processes are killed repeatedly, or cannot be started.

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from servoloop.campaign.campaign import Scenario
 
 Mistake = tuple[tuple[str | int, ...], str]
-"""Keys that lead to a mistake in its file, and a sentence."""
+"""Keys of a mistake in its file, and a sentence that describes the mistake."""
 SEEDS, SEEDS_S = 20, 30.0
-"""Number of clients of each kind that are drawn to find their acts, and their duration in seconds."""
+"""Number of clients of each kind that are drawn to find their possible acts, and their duration in seconds."""
 
 
 def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mistake]:
@@ -63,7 +63,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
 
 
 def _named(act: Act) -> Iterator[tuple[str | int, ...]]:
-    """Yield the place of each joint name in the positions of an act."""
+    """Yield the keys of each joint name in the positions of an act."""
     yield from (("positions", name) for name in getattr(act, "positions", ()))
     yield from (("points", n, name) for n, point in enumerate(getattr(act, "points", ())) for name in point)
 
@@ -78,7 +78,7 @@ def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:
 
 
 def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:
-    """Yield the jobs that the arm cannot do."""
+    """Yield a mistake for each job that the arm cannot do."""
     if not job:
         return
     try:
@@ -93,7 +93,7 @@ def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | in
 
 
 def _never(visit: PromisedVisit, scenario: "Scenario", arms: list[Files]) -> tuple[str, str] | None:
-    """Return the key and the reason for which no run of the scenario can make this visit; None if a run can."""
+    """Return the key and the reason if no run of the scenario can make this visit, or None if a run can make it."""
     kinds = KINDS if scenario.kinds is None else scenario.kinds
     if scenario.faults == 0:
         return "fault", "`faults` is 0, but every visit needs a fault"
@@ -126,6 +126,6 @@ def _makes(kind: str | None, files: Files) -> set[str]:
 
 
 def _acts(kind: str, files: Files) -> set[str]:
-    """Return the kinds of acts that a kind of client does."""
+    """Return the kinds of acts that a kind of client performs."""
     arm = joints_and_hand(files)
     return {JOB, *(act.kind for seed in range(SEEDS) for act in draw_client(kind, seed, *arm, SEEDS_S))}

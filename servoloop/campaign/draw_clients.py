@@ -25,13 +25,13 @@ from servoloop.simulation.acts import (
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
 ANYWHERE: Final = 0.3
-"""Share of goals anywhere within the limits. Many of them press the arm against the table or itself."""
+"""Share of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
 AT_LIMIT: Final = 0.3
-"""Share of positions of these goals that are exactly at a limit."""
+"""Share of positions exactly at a limit, in goals anywhere within the limits."""
 NEAR: Final = 0.3
-"""Largest position of all other goals, as a share of the distance from zero to the limit."""
+"""Largest position in goals near zero, as a share of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
-"""Longest time between two acts, in seconds. Goals without a result need it to end."""
+"""Longest time between two acts, in seconds. Goals without a result need this time to end."""
 DIES: Final = 0.5
 """Share of motions over the command socket during which the program dies."""
 LARGEST: Final = 7.0
@@ -39,14 +39,14 @@ LARGEST: Final = 7.0
 
 
 def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:
-    """Return the acts of one client, in the order of time. A client of kind ``job`` has no acts besides its jobs.
+    """Return the acts of one client in chronological order. A client of kind ``job`` has no acts besides its jobs.
 
     Args:
         kind: Kind of the client.
         seed: Seed of the run.
         joints: Limits of the joints of the arm's trajectory controller, by name.
         hand: Whether the arm has a hand.
-        seconds: Time in which the acts begin, in seconds.
+        seconds: Time within which the acts begin, in seconds.
     """
     if kind == "job":
         return ()
@@ -105,7 +105,7 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
 
 
 def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> Act:
-    """Draw up to four points for joints in any order, mostly near zero, sometimes with a stamp in the future."""
+    """Draw up to four points for joints in any order, mostly near zero. Some goals have a stamp in the future."""
     mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
     anywhere = random.random() < 0.1
     points = tuple(

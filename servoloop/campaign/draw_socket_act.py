@@ -16,7 +16,7 @@ from servoloop.simulation.acts import (
 )
 
 FIRST: Final = 0.7
-"""Share of the actions of the first program. The second program mostly requests the motion without success."""
+"""Share of the actions of the first program. The second program mostly requests control of the arm without success."""
 REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state")
 
 
@@ -49,7 +49,7 @@ def _stream(fields: dict[str, Any], random: Random) -> Act:
 
 
 def _stall(fields: dict[str, Any], random: Random) -> Act:
-    """Draw a stall after which the message is still valid, or one after which it is too old."""
+    """Draw a stall after which the message is either still valid or too old."""
     return SocketStall(**fields, for_s=random.choice((_seconds(random, 0.05, 0.4), _seconds(random, 0.6, 3.0))))
 
 
@@ -75,4 +75,4 @@ DRAWS: Final[tuple[tuple[Callable[[dict[str, Any], Random], Act], float], ...]] 
     (_stall, 0.1),
     (_death, 0.1),
 )
-"""Functions that draw the actions, each with its share."""
+"""Functions that draw the actions, each with its probability."""

@@ -1,4 +1,4 @@
-"""Keep a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
+"""Save a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
 
 import shlex
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ BEFORE_S: Final = 2.0
 CYCLES_BEHIND: Final = 4
 """Length of a trace after the violation, in cycles."""
 NOTHING: Final = CycleRecording((), (), (), {})
-"""Recording of a run that was not recorded."""
+"""Empty recording, for a run that was not recorded."""
 AS_DRAWN: Final = {
     NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",
     NOT_KILLED: "The schedule is not minimized: every further run of it would end its process.",
@@ -32,7 +32,7 @@ UNSEEN: Final = "The schedule is not minimized: the violation did not recur in a
 
 @dataclass(frozen=True, slots=True)
 class KeptViolation:
-    """A violation with the schedule that reproduces it, and the files in which both are kept."""
+    """A violation, the schedule that reproduces it, and the files of the schedule and the trace."""
 
     violation: Violation
     schedule: Schedule
@@ -40,9 +40,9 @@ class KeptViolation:
     """Recording from ``BEFORE_S`` before the violation to ``CYCLES_BEHIND`` after it."""
     schedule_path: Path
     trace_path: Path | None
-    """None if the schedule was not run again."""
+    """Path of the trace; None if the schedule was not run again."""
     note: str = ""
-    """Reason why the schedule is not minimized; empty if it is."""
+    """Reason why the schedule is not minimized; empty if it is minimized."""
 
     @property
     def command(self) -> str:
@@ -63,7 +63,7 @@ def recorded(schedule: Schedule) -> tuple[RunReport, CycleRecording]:
 
 
 def violates(schedule: Schedule, invariant: str) -> bool:
-    """Run a schedule and return whether it violates the invariant. An impossible schedule does not."""
+    """Run a schedule and return whether it violates the invariant. An impossible schedule violates no invariant."""
     return invariant in violated(schedule)
 
 
@@ -76,8 +76,8 @@ def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Vio
         report: Report of a run that violates the invariant.
         invariant: Name of the invariant.
         out: Folder for the files.
-        stop: Returns whether to stop minimizing.
-        violated: Runs a schedule and returns the invariants that it violates.
+        stop: Function that returns whether to stop minimizing.
+        violated: Function that runs a schedule and returns the invariants that it violates.
 
     Raises:
         DriverError: A file cannot be written, or a process cannot be started.

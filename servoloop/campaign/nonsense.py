@@ -26,7 +26,7 @@ WITHOUT_ID: Final[Mapping[str, bytes]] = {
 
 
 def line_of(number: int | str, op: str, **fields: Any) -> bytes:
-    """Return a message as a client writes it. Unlike ``encode``, it writes NaN and infinity."""
+    """Return a message as a client writes it. Unlike ``encode``, the function writes NaN and infinity."""
     return json.dumps({"v": VERSION, "id": number, "op": op, **fields}).encode() + b"\n"
 
 

@@ -1,4 +1,4 @@
-"""Promises of a campaign: conditions that it must examine and visit, because a pass proves nothing about others."""
+"""Promises of a campaign: conditions that must occur. A pass proves nothing about conditions that never occur."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ NAMES = tuple(kind.name for kind in ALL)
 MAKES = (*sorted({series.make for series in SERIES}), NO_SERVO)
 """Makes of servos that a promise can name."""
 CLIENTS = (JOB, *(act.model_fields["kind"].default for act in get_args(get_args(Act)[0])))
-"""Kinds of acts of clients that a promise can name."""
+"""Kinds of client acts that a promise can name."""
 
 
 class PromisedVisit(BaseModel):

@@ -1,4 +1,4 @@
-"""Do the runs of a campaign on a Ray cluster, or on a local Ray that is started for the campaign."""
+"""Do the runs of a campaign on a Ray cluster, or on a local Ray instance that is started for the campaign."""
 
 import os
 import socket
@@ -14,7 +14,7 @@ from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_
 from servoloop.extras import require_extras
 
 LOCAL: Final = "local"
-"""Address that stands for a Ray that is started on this machine."""
+"""Address that stands for a Ray instance that is started on this machine."""
 STORE_BYTES: Final = 100_000_000
 """Size of the object store, close to the minimum that Ray accepts: a report has a few kilobytes."""
 REACH_S: Final = 5.0
@@ -36,12 +36,12 @@ def on_ray(
     a Ray worker that is killed is repeated.
 
     Args:
-        run: Runs a seed.
-        lost: Returns the result of a seed whose run was lost.
+        run: Function that runs a seed.
+        lost: Function that returns the result of a seed whose run was lost.
         seeds: The seeds.
         address: Address of a Ray cluster, or ``local``.
         processes: Number of processes of a local Ray. A cluster determines its own number.
-        stop: Returns whether to stop.
+        stop: Function that returns whether to stop.
 
     Raises:
         ExtraError: Ray is not installed.

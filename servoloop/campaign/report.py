@@ -48,12 +48,12 @@ class Moment:
 
 
 def write(path: Path, tally: Tally | None, kept: Sequence[KeptViolation]) -> None:
-    """Write the report into the file ``path``. Raises DriverError if it cannot be written."""
+    """Write the report into the file ``path``. Raises DriverError if the file cannot be written."""
     write_file(path, page(tally, kept), keep=False)
 
 
 def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
-    """Return the report in HTML. Without a tally, it contains only the kept violations.
+    """Return the report in HTML. Without a tally, the report contains only the kept violations.
 
     Raises:
         ImportError: A library of the extra ``report`` is not installed.

@@ -28,7 +28,7 @@ NO_HANG: Final = "no hang"
 NOT_KILLED: Final = "not killed"
 """Invariant that is violated by a run that ends its process."""
 WHOLE_RUN: Final = (NO_CRASH, NO_HANG, NOT_KILLED)
-"""Invariants on a run as a whole. They examine nothing, so they count nothing."""
+"""Invariants on a run as a whole. They have no condition to examine, so they have no count of examinations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class RunReport:
     succeeded: int
     """Number of jobs that put their cube into its bin."""
     ended: str
-    """Reason why the program ended early; empty if it did not."""
+    """Reason why the program ended early; empty if it ended normally."""
     simulated_s: float
     largest_following_rad: float | None
     """Largest following error of any joint of the arm; None if the arm was never commanded to move."""
@@ -69,7 +69,7 @@ def run_schedule(
         settings: Settings of the pick-and-place jobs.
         schedule: Faults, jobs and clients of the run.
         kinds: Invariants that watch the run.
-        prepare: Called with the stack before it comes up. Tests use it to plant a bug.
+        prepare: Function called with the stack before the stack starts. Tests use it to plant a bug.
 
     Raises:
         FaultError: A fault of the schedule cannot happen to this arm.
@@ -102,7 +102,7 @@ def run_schedule(
 
 
 def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:
-    """Return the report of a run that did not reach its end. It has only this violation and its time."""
+    """Return the report of a run that did not reach its end. The report has only this violation and its time."""
     time_s = round(time_s, 4)
     return RunReport(schedule, (Violation(name, time_s, text),), 0, "", time_s, None)
 

@@ -15,13 +15,13 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 
 Breaks = Callable[[Schedule], bool]
-"""Returns whether a run of the schedule violates the invariant."""
+"""Function that returns whether a run of the schedule violates the invariant."""
 Violated = Callable[[Schedule], set[str]]
-"""Runs a schedule and returns the invariants that it violates."""
+"""Function that runs a schedule and returns the invariants that it violates."""
 ROUND_S = (1.0, 0.1, 0.01)
-"""Grids to which the times of faults are rounded, coarsest first, in seconds."""
+"""Steps to which the times of faults are rounded, coarsest first, in seconds."""
 SECONDS = (1.0, 3.0, 5.0)
-"""Shorter times that the arm may stay up, in seconds."""
+"""Shorter times for which the arm may stay up, in seconds."""
 LAST: Final = {NO_HANG, NOT_KILLED}
 """Violations that end the search, because further runs would probably hang or be killed too."""
 
@@ -40,7 +40,7 @@ def smallest(schedule: Schedule, invariant: str, violated: Violated, stop: Stop)
 
 
 def violated(schedule: Schedule) -> set[str]:
-    """Run a schedule and return the invariants that it violates. An impossible schedule violates none."""
+    """Run a schedule and return the invariants that it violates. An impossible schedule violates no invariant."""
     if any(in_schedule(schedule, files_of(schedule.arm))):
         return set()
     try:
@@ -71,8 +71,8 @@ def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda
 
     Args:
         schedule: A schedule for which ``breaks`` returns True.
-        breaks: Returns whether a schedule still violates the invariant.
-        stop: Returns whether to end the search early.
+        breaks: Function that returns whether a schedule still violates the invariant.
+        stop: Function that returns whether to end the search early.
 
     Returns:
         The smallest schedule found for which ``breaks`` returns True.
@@ -120,7 +120,7 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
 
 
 def _simpler(event: Event) -> Iterator[Event]:
-    """Yield the event while the arm is up, the event with half its duration, and the event at a rounder time."""
+    """Yield simpler versions of an event: while the arm is up, with half its duration, and at a rounder time."""
     if event.since != "up":
         yield event.model_copy(update={"since": "up"})
     if event.for_s is not None and event.for_s > 0.1:

@@ -1,4 +1,7 @@
-"""Program that is connected to the command socket of a simulated stack. It has neither a thread nor a socket."""
+"""Program that is connected to the command socket of a simulated stack.
+
+The program has neither a thread nor a socket.
+"""
 
 import json
 import math
@@ -27,7 +30,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 SET_POINT_S: Final = 0.3
 """Time until the arm rests at a set point, in seconds."""
 INVALID: Final = "invalid"
-"""Beginning of the ID of a message that the stack must refuse."""
+"""Prefix of the ID of a message that the stack must refuse."""
 
 
 @dataclass(slots=True)
@@ -43,7 +46,7 @@ class ServedPrograms:
 
 
 class SocketProgram:
-    """Program at one end of a connection. The session of the server is at its other end."""
+    """Program at one end of a connection. The session of the server is at the other end."""
 
     def __init__(self, number: int, served: ServedPrograms) -> None:
         """Connect to a stack. ``number`` is the number of the connection."""
@@ -84,7 +87,7 @@ class SocketProgram:
             self._actions[type(act)](act)
 
     def cycle(self) -> None:
-        """Continue after a cycle, and read the replies."""
+        """Continue the program after a cycle, and read the replies."""
         if self._rest is not None and self._now() >= self._rest[0]:
             rest, self._rest = self._rest[1], None
             self._write(rest)
@@ -106,7 +109,7 @@ class SocketProgram:
         self._write(self._motion(self._number(), act))
 
     def _motion(self, number: int | str, act: SocketMove) -> bytes:
-        """Ask for the motion, and return the message of a motion."""
+        """Request control of the arm, and return the message of a motion."""
         self._ask("take")
         names, values = list(act.positions), list(act.positions.values())
         sent_s, arm = self._now(), self._stack.arm
@@ -176,7 +179,7 @@ class SocketProgram:
         self._write(line_of(number, op, **fields))
 
     def _write(self, data: bytes) -> None:
-        """Send bytes to the stack, which carries out complete messages at once."""
+        """Send bytes to the stack, which immediately carries out complete messages."""
         before = len(self._stack.goals.goals)
         self._session.receive(data)
         self._session.serve()

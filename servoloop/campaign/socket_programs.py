@@ -14,7 +14,7 @@ class ConnectedPrograms:
     """Programs that are connected to the command server of one stack, by the numbers of their connections."""
 
     def __init__(self, stack: FaultyStack) -> None:
-        """Serve an active stack. Its loop must not run yet."""
+        """Serve an active stack. The loop of the stack must not run yet."""
         time, control, recording = BetweenCycles(stack.loop), stack.control_stack, StackRecording(None)
         arm = StackBackend(control, describe(control), time, lambda: None, recording)
         self.served = ServedPrograms(stack, StackRequests(control, arm, recording, time))
@@ -28,7 +28,7 @@ class ConnectedPrograms:
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that owns the motion although it has died; empty if there is none."""
+        """Name of a program that has control of the arm although it has died; empty if there is none."""
         owner = self.served.requests.ownership.owner
         open_names = {program.name for program in self._programs.values() if program.open}
         return "" if owner in open_names else owner

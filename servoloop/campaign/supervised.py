@@ -1,4 +1,4 @@
-"""Detect and end runs that hang, in this process or in a supervised one that is replaced when it ends."""
+"""Detect and end runs that hang, in this process or in a supervised process that is replaced when it ends."""
 
 import logging
 import signal
@@ -29,7 +29,10 @@ MARGIN_S: Final = 120.0
 STANDS_S: Final = 120.0
 """Real time for which the simulated time of a run may stand still, in seconds."""
 BEGINS_S: Final = 600.0
-"""The same limit before the first cycle, when code may have to be compiled, in seconds."""
+"""Real time for which the simulated time may stand still before the first cycle, in seconds.
+
+Code may have to be compiled in this time.
+"""
 POLL_S: Final = 5.0
 """Interval at which the simulated time is polled, in seconds.
 
@@ -60,20 +63,20 @@ def longest_s(schedule: Schedule) -> float:
 
 
 def limit(clock: SimulatedClock, schedule: Schedule) -> None:
-    """Make the clock of a run end the run after its longest time, and report its time to the supervisor."""
+    """Let the clock of a run end the run at its time limit, and report its time to the supervisor."""
     clock.last_s = longest_s(schedule)
     clock.on_time = ON_TIME.get()
 
 
 class ClockStandstill:
-    """Detects that a simulated time stands still for too many polls."""
+    """Detector of a simulated time that stands still for too many polls."""
 
     def __init__(self, more_s: float = 0.0) -> None:
         """Add ``more_s`` seconds to the limits."""
         self._more_s, self._count, self._time_s = more_s, 0, -1.0
 
     def poll(self, time_s: float) -> bool:
-        """Return whether the simulated time has not changed in too many consecutive polls."""
+        """Return whether the simulated time has stayed the same for too many consecutive polls."""
         self._count = self._count + 1 if time_s == self._time_s else 0
         self._time_s = time_s
         return self._count >= (_limit_s(time_s) + self._more_s) / POLL_S
@@ -90,10 +93,10 @@ def _limit_s(time_s: float) -> float:
 
 @contextmanager
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
-    """Raise Hang in the body when the simulated time stands still.
+    """Raise Hang within the context when the simulated time stands still.
 
-    This works only in the main thread, which receives the signals, and not in an endless loop in C: only another
-    process can end such a loop.
+    The context works only in the main thread, which receives the signals. An endless loop in C can be ended only by
+    another process.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -116,7 +119,7 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
 
 def _watch(now: Callable[[], float], over: threading.Event) -> None:
-    """Send the signal at every poll while the time stands still, because the body may catch the exception."""
+    """Send the signal at every poll while the time stands still, because the context may catch the exception."""
     standstill = ClockStandstill()
     while not over.wait(POLL_S):
         if standstill.poll(now()):
@@ -134,7 +137,10 @@ class Loss:
 
 
 class Supervisor:
-    """Does runs in a separate process and replaces that process when it ends or hangs. ``close`` ends the process."""
+    """Supervisor that does runs in a separate process and replaces that process when it ends or hangs.
+
+    ``close`` ends the process.
+    """
 
     def __init__(self) -> None:
         self._process: SpawnProcess | None = None
@@ -170,7 +176,7 @@ class Supervisor:
         self._collect(self._process)
 
     def _hangs(self) -> bool:
-        """Wait for the result. Return whether the run hangs instead."""
+        """Wait for the result, and return whether the run hangs."""
         assert self._connection is not None
         standstill = ClockStandstill(GRACE_S)
         while not self._connection.poll(POLL_S):
@@ -192,7 +198,10 @@ class Supervisor:
         self._process = process
 
     def _lose(self, hang: str = "") -> Loss:
-        """Return the loss of a run whose process has ended. If ``hang`` is given, kill the process first."""
+        """Return the description of a lost run, whose process has ended.
+
+        If ``hang`` is given, kill the process first.
+        """
         assert self._process is not None
         if hang:
             self._process.kill()
@@ -218,7 +227,7 @@ def _ending(status: int | None) -> str:
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start in the body."""
+    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start within the context."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield

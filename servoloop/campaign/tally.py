@@ -92,7 +92,7 @@ class Tally:
 
     @property
     def broken_promises(self) -> list[str]:
-        """The promises that the campaign did not keep, as sentences. An interrupted campaign breaks none."""
+        """The promises that the campaign did not keep, as sentences. An interrupted campaign breaks no promise."""
         if self.interrupted:
             return []
         return list(self.scenario.promises.broken(len(self.rows), self.examined, self.visits))

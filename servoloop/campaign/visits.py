@@ -37,7 +37,7 @@ def makes_of(event: Event, joints: Sequence[Joint]) -> set[str]:
 
 
 class Visits:
-    """Counts the cycles of one run in which each cell was visited. The watch calls ``update`` and ``end``."""
+    """Counter of the cycles of one run in which each cell was visited. The watch calls ``update`` and ``end``."""
 
     def __init__(self, stack: FaultyStack) -> None:
         self.cycles = Counter[Visit]()

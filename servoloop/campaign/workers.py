@@ -14,13 +14,13 @@ from servoloop.campaign.supervised import Loss, Supervisor, blocked_signals
 
 T = TypeVar("T")
 Run = Callable[[int], T]
-"""Runs a seed."""
+"""Function that runs a seed."""
 Lost = Callable[[int, Loss], T]
-"""Returns the result of a seed whose run was lost."""
+"""Function that returns the result of a seed whose run was lost."""
 Stop = Callable[[], bool]
-"""Returns whether to stop and keep the results so far."""
+"""Function that returns whether to stop and keep the results so far."""
 Submit = Callable[[range], Future[list[T]]]
-"""Hands the seeds of one task to a worker."""
+"""Function that hands the seeds of one task to a worker."""
 
 CHUNK: Final = 5
 """Number of seeds in one task."""
@@ -32,7 +32,7 @@ POLL_S: Final = 0.1
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Disable all logging in the body, because thousands of arms log their faults."""
+    """Disable all logging within the context, because thousands of arms log their faults."""
     former = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
@@ -47,9 +47,10 @@ def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[
 
 
 def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
-    """Run a seed. If its process ends, run the seed once more, because another program may have killed the process.
+    """Run a seed.
 
-    A run that hangs is not repeated.
+    If the process of the seed ends, run the seed once more, because another program may have killed the process. A run
+    that hangs is not repeated.
     """
     result = supervisor.run(run, seed)
     if isinstance(result, Loss) and not result.hung:
@@ -83,7 +84,7 @@ def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop:
     """Run the seeds in several processes of this machine and yield their results in the order of the seeds."""
     idle: SimpleQueue[Supervisor] = SimpleQueue()
     over = Event()
-    """Set at the end, so that tasks start no further run."""
+    """Event that is set at the end, so that tasks start no further run."""
     for _ in range(processes):
         idle.put(Supervisor())
 

@@ -1,1 +1,1 @@
-"""Command socket of a running stack: its connections, the owner of the motion, and what each message does."""
+"""Command socket of a running stack: its connections, the client that controls the arm, and what its messages do."""

@@ -40,21 +40,21 @@ class ArmRequests:
         }
 
     def state(self) -> Reply:
-        """Return the newest state of the arm by joint. Raises ArmError if there is none."""
+        """Return the newest state of the arm by joint. Raises ArmError if there is no state."""
         return asdict(self._arm.state())
 
     def stop(self) -> None:
-        """Stop all motions of the arm, also those of ROS clients."""
+        """Stop all motions of the arm, including those of ROS clients."""
         self._arm.stop()
         self._streaming = None
 
     def open_stream(self, client: Owner, message: messages.OpenStream) -> None:
-        """Open a stream. Waits for a cycle. Raises ArmError."""
+        """Open a stream, and wait for a cycle. Raises ArmError."""
         self._arm.begin_stream(message.max_age_s)
         self._streaming = client
 
     def set_torque(self, message: messages.Torque) -> None:
-        """Release or enable the torque. Waits until this is done. Raises ArmError."""
+        """Release or enable the torque, and wait until this is done. Raises ArmError."""
         self._arm.set_torque(message.on, message.park)
 
     def halt(self, client: Owner) -> None:
@@ -76,7 +76,7 @@ class ArmRequests:
                 yield {"event": "moved", "motion": number, "error": None if failure is None else _as_dict(failure)}
 
     def forget(self, client: Owner) -> None:
-        """Forget a client that has disconnected, after ``halt``."""
+        """Discard the data of a client that has disconnected. Call ``halt`` first."""
         with self._lock:
             self._motions.pop(client, None)
 
@@ -117,7 +117,7 @@ class ArmRequests:
         self._streaming = None
         try:
             self._arm.end_stream()
-        except ArmError as error:  # a loop that has ended has brought the joints to rest
+        except ArmError as error:  # The loop brings the joints to rest before it ends.
             LOG.info("command socket: the stream of a client ended with the loop: %s", error)
 
 

@@ -26,7 +26,7 @@ def peer_user(connection: socket.socket) -> tuple[int, int]:
 
 
 class SocketConnection:
-    """Connected client of the command socket. A thread of its own feeds the session with the bytes that it receives."""
+    """Connected client of the command socket. A separate thread receives bytes and passes them to the session."""
 
     def __init__(self, connection: socket.socket, pid: int, requests: StackRequests) -> None:
         self.session = Session(f"process {pid}", self, requests)
@@ -46,7 +46,7 @@ class SocketConnection:
         except BlockingIOError:
             return 0
         except OSError:
-            return len(data)  # the client has disconnected: its thread ends, too
+            return len(data)  # the client has disconnected, so its thread ends as well
 
     def shut(self) -> None:
         """End the connection in both directions, which also ends the thread of the client."""
@@ -54,7 +54,7 @@ class SocketConnection:
             self._connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Disconnect the client after its last messages. May be called from any thread."""
+        """Disconnect the client after sending its last messages. May be called from any thread."""
         deadline_s = time.monotonic() + LAST_WORDS_S
         while self.session.unsent and time.monotonic() < deadline_s:
             time.sleep(0.01)

@@ -37,7 +37,7 @@ FORWARD: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class _RunningGoal:
-    """Goal of a client that has not ended."""
+    """Goal of a client, until the goal ends."""
 
     controller: Any
     handle: GoalHandle | GripperHandle
@@ -81,7 +81,7 @@ class Motions:
             return self._add(client, started)
 
     def grip(self, client: object, name: str, goal: GripperGoal) -> int:
-        """Start a goal of a gripper controller, and return its number. Raises CommandError as ``goal`` does."""
+        """Start a goal of a gripper controller, and return its number. Raises the same errors as ``goal``."""
         with self._lock:
             controller: GripperActionController = cast(Any, self._entry(name, GRIPPER).controller)
             if reason := controller.check(goal):
@@ -134,7 +134,7 @@ class Motions:
             motions.set_points.clear()
 
     def stop(self) -> None:
-        """Cancel the goals of all clients, also of ROS clients, and hold the joints of all streams."""
+        """Cancel the goals of all clients, including ROS clients, and hold the joints of all streams."""
         with self._lock:
             for client in self._clients:
                 self.halt(client)
@@ -154,12 +154,12 @@ class Motions:
                 yield _result(number, goals.pop(number).handle)
 
     def forget(self, client: object) -> None:
-        """Forget a client that has disconnected, after ``halt``."""
+        """Discard the data of a client that has disconnected. Call ``halt`` first."""
         with self._lock:
             self._clients.pop(client, None)
 
     def busy(self, client: object, entry: Loaded) -> bool:
-        """Return whether a controller executes a goal of another client, also of a ROS client."""
+        """Return whether a controller executes a goal of another client or of a ROS client."""
         newest = getattr(entry.controller, "newest_goal", None)
         if newest is None or newest.done:
             return False
@@ -186,7 +186,7 @@ class Motions:
         return _RunningGoal(controller, controller.submit(goal))
 
     def _timed(self, controller: JointTrajectoryController, goal: TrajectoryGoal) -> TrajectoryGoal:
-        """Add the time of the next cycle, estimated from the newest cycle."""
+        """Return the goal with the time of the next cycle, estimated from the newest cycle."""
         tracking, now_s = controller.tracking, self._loop.clock.now()
         if tracking is None:
             return goal
@@ -199,7 +199,7 @@ class Motions:
         return number
 
     def _entry(self, name: str, kinds: Sequence[str]) -> Loaded:
-        """Return a configured controller of some types by name, or the only active one if the name is empty."""
+        """Return a configured controller of some types by name, or the only active controller if the name is empty."""
         loaded = {n: e for n, e in self._loop.manager.registry.loaded.items() if e.spec.kind in kinds and e.controller}
         found = [entry for entry in loaded.values() if (entry.name == name if name else entry.active)]
         if len(found) == 1:

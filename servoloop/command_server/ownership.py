@@ -8,7 +8,7 @@ from servoloop.command_socket.errors import CommandError
 
 
 class Owner(Protocol):
-    """Client that can own the motion."""
+    """Client that can take control of the arm."""
 
     @property
     def name(self) -> str:
@@ -21,7 +21,7 @@ class Owner(Protocol):
 
 
 class Ownership:
-    """The motion of an arm, which at most one client owns. Any thread may call each method.
+    """Control of the motion of an arm. At most one client has this control. Any thread may call each method.
 
     ``halt`` ends the motions of a client within their limits.
     """
@@ -33,16 +33,16 @@ class Ownership:
 
     @property
     def owner(self) -> str:
-        """Name of the owner; empty if the motion is free."""
+        """Name of the owner; empty if no client has control of the arm."""
         owner = self._owner
         return owner.name if owner is not None else ""
 
     def take(self, client: Owner, force: bool) -> None:
-        """Make a client the owner.
+        """Give a client control of the arm.
 
         Args:
             client: The client.
-            force: Whether to take the motion from another client, whose motions end.
+            force: Whether to take control from another client, whose motions then end.
 
         Raises:
             CommandError: Another client is the owner.
@@ -50,20 +50,20 @@ class Ownership:
         with self._lock:
             if self._owner not in (None, client):
                 if not force:
-                    text = f"{self.owner} has taken the motion: end it, or take the motion by force"
+                    text = f"{self.owner} has control of the arm: end it, or take control by force"
                     raise CommandError("owned", text)
-                self.end(f"{client.name} has taken the motion by force")
+                self.end(f"{client.name} has taken control of the arm by force")
             self._owner = client
 
     def release(self, client: Owner) -> None:
-        """End the motions of a client, and free the motion if this client owns it."""
+        """End the motions of a client, and release its control of the arm."""
         with self._lock:
             self._halt(client)
             if self._owner is client:
                 self._owner = None
 
     def end(self, why: str) -> None:
-        """End the motions of the owner, which must take the motion again before it can move the arm."""
+        """End the motions of the owner, which must take control again before it can move the arm."""
         with self._lock:
             owner, self._owner = self._owner, None
             if owner is not None:
@@ -71,13 +71,13 @@ class Ownership:
                 owner.post({"event": "lost", "text": why})
 
     def require(self, client: Owner) -> None:
-        """Raise CommandError if a client does not own the motion."""
+        """Raise CommandError if a client does not have control of the arm."""
         self.moving(client, dict)
 
     def moving(self, client: Owner, move: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Call ``move`` while a client owns the motion. Raises CommandError if it does not own the motion."""
+        """Call ``move`` while a client has control of the arm. Raises CommandError if the client has no control."""
         with self._lock:
             if self._owner is not client:
                 owner = f"{self.owner} has it" if self._owner is not None else "send take first"
-                raise CommandError("not_owner", f"this client has not taken the motion, or has lost it: {owner}")
+                raise CommandError("not_owner", f"this client does not have control of the arm: {owner}")
             return move()

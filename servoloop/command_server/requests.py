@@ -1,4 +1,7 @@
-"""Carry out the messages of the command socket. Each message returns the fields of its reply or raises an error."""
+"""Carry out the messages of the command socket.
+
+The handler of each message returns the fields of its reply or raises an error.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -46,7 +49,7 @@ class Recordings(Protocol):
 
 
 class Client(Owner, Protocol):
-    """Connected client, as the messages see it."""
+    """Interface of a connected client for the handlers of messages."""
 
     name: str
 
@@ -56,7 +59,7 @@ class Client(Owner, Protocol):
 
 
 class StackRequests:
-    """Messages to one stack. Any thread may call ``answer``."""
+    """Handlers of the messages to one stack. Any thread may call ``answer``."""
 
     def __init__(
         self, stack: ControlStack, arm: ArmBackend, recordings: Recordings, time: ServerTime | None = None
@@ -65,7 +68,7 @@ class StackRequests:
 
         Args:
             stack: The stack.
-            arm: Moves the arm as a whole.
+            arm: Handlers of the messages that move the arm as a whole.
             recordings: Recordings of the stack.
             time: Time of the server. None: real time.
         """
@@ -115,11 +118,11 @@ class StackRequests:
         yield from self._arm.ended(client)
 
     def state(self) -> Reply:
-        """Return the newest state of the arm. Raises ArmError if there is none."""
+        """Return the newest state of the arm. Raises ArmError if there is no state."""
         return {**self._arm.state(), "owner": self.ownership.owner}
 
     def disconnect(self, client: Client) -> None:
-        """End the motions of a client that has disconnected, and forget it."""
+        """End the motions of a client that has disconnected, and discard its data."""
         self.ownership.release(client)
         self._motions.forget(client)
         self._arm.forget(client)
@@ -179,7 +182,7 @@ class StackRequests:
         return {}
 
     def _stop(self, client: Client, message: messages.Stop) -> Reply:
-        self.ownership.end(f"{client.name} has stopped all motions: take the motion again")
+        self.ownership.end(f"{client.name} has stopped all motions: take control of the arm again")
         self._motions.stop()
         self._arm.stop()
         return {}
@@ -191,16 +194,16 @@ class StackRequests:
 
     def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
         self.ownership.require(client)
-        self._arm.open_stream(client, message)  # waits for a cycle, so the motion is not locked
+        self._arm.open_stream(client, message)  # This waits for a cycle, so the control of the arm is not locked.
         return self._still_owned(client)
 
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
         self.ownership.require(client)
-        self._arm.set_torque(message)  # waits, so the motion is not locked: other clients can stop the arm
+        self._arm.set_torque(message)  # This waits without a lock, so that other clients can stop the arm.
         return self._still_owned(client)
 
     def _still_owned(self, client: Client) -> Reply:
-        """Return an empty reply. Raises CommandError if the client has lost the motion meanwhile."""
+        """Return an empty reply. Raises CommandError if the client has lost control in the meantime."""
         try:
             self.ownership.require(client)
         except CommandError:
@@ -227,7 +230,7 @@ class StackRequests:
 
 
 def _attempt(work: Callable[[], Result]) -> Result:
-    """Return the result of some work. Errors that the client can correct become errors of the kind ``failed``."""
+    """Return the result of a function. Errors that the client can correct become errors of the kind ``failed``."""
     try:
         return work()
     except CommandError:
@@ -238,7 +241,7 @@ def _attempt(work: Callable[[], Result]) -> Result:
 
 def _require_fresh(age_s: float) -> None:
     if age_s > STALE_S:
-        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s: it moves nothing")
+        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s: it is ignored")
     if age_s < -FUTURE_S:
         text = f"sent_s is {-age_s:.2f} s in the future: use CLOCK_MONOTONIC of this machine, in seconds"
         raise CommandError("malformed", text)

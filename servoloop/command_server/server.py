@@ -27,7 +27,7 @@ from servoloop.stack.loop_thread import LEFT
 LOG = logging.getLogger("servoloop")
 
 MAX_CLIENTS: Final = 16
-"""Maximum number of clients that are connected at once."""
+"""Maximum number of simultaneously connected clients."""
 NEWS_S: Final = 0.1
 """Maximum time between two checks for results if no cycle runs, in seconds."""
 END_S: Final = 2.0
@@ -42,7 +42,7 @@ class CommandServer:
 
         Args:
             path: Path of the socket.
-            requests: Carries out the messages.
+            requests: Handlers of the messages.
 
         Raises:
             LiveError: The socket cannot be created.
@@ -51,7 +51,8 @@ class CommandServer:
         self._connections: list[SocketConnection] = []
         self._ended, self._news = threading.Event(), threading.Event()
         self._server = socket.socket(socket.AF_UNIX)
-        new = path.with_suffix(f"{COMMANDS}.new")  # renamed once it listens and only this user can open it
+        # The socket is renamed once it listens and only this user can open it.
+        new = path.with_suffix(f"{COMMANDS}.new")
         try:
             new.unlink(missing_ok=True)
             self._server.bind(str(new))
@@ -69,7 +70,7 @@ class CommandServer:
             thread.start()
 
     def post(self, state: JointState) -> None:
-        """Take the measurement of a completed cycle, without blocking."""
+        """Pass on the measurement of a completed cycle, without blocking."""
         if self._connections:
             self._news.set()
 
@@ -79,7 +80,7 @@ class CommandServer:
         self._ended.set()
         self._news.set()
         with suppress(OSError):
-            self._server.shutdown(socket.SHUT_RDWR)  # wakes up the thread that accepts
+            self._server.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that accepts connections.
         for thread in self._threads:
             thread.join(END_S)
         self._server.close()
@@ -93,12 +94,12 @@ class CommandServer:
                 connection, _ = self._server.accept()
             except OSError as error:
                 if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
-                    self._ended.wait(NEWS_S)  # the client waits until the process has free files again
+                    self._ended.wait(NEWS_S)  # the client waits until the process has free file descriptors again
                     continue
                 return
             try:
                 self._admit(connection)
-            except Exception:  # no client may end the service for the others
+            except Exception:  # an error of one client must not end the service for the others
                 LOG.exception("command socket: a client could not be connected")
                 connection.close()
 
@@ -106,7 +107,7 @@ class CommandServer:
         pid, user = peer_user(connection)
         self._connections = [one for one in self._connections if not one.gone]
         if user != os.getuid():
-            text = f"this stack belongs to another user than process {pid}: start a stack of your own"
+            text = f"process {pid} and this stack belong to different users: start your own stack"
             _turn_away(connection, CommandError("foreign_user", text))
         elif len(self._connections) >= MAX_CLIENTS:
             text = f"{MAX_CLIENTS} clients are connected: close one of them"
@@ -142,7 +143,7 @@ def command_socket(stack: ControlStack, recording: StackRecording, ended: Callab
     Args:
         stack: The stack. Its loop does not run yet.
         recording: Recordings of the stack.
-        ended: Returns whether the loop has ended.
+        ended: Function that returns whether the loop has ended.
     """
 
     def why_ended() -> ArmEndedError | None:
@@ -151,7 +152,7 @@ def command_socket(stack: ControlStack, recording: StackRecording, ended: Callab
     arm = StackBackend(stack, describe(stack), ThreadPace(stack.loop.clock, why_ended), why_ended, recording)
     try:
         make_live_folder()
-        path = socket_path(stack.files.arm, os.getpid()).with_suffix(COMMANDS)
+        path = socket_path(stack.files.arm, os.getpid(), stack.files.namespace).with_suffix(COMMANDS)
         server = CommandServer(path, StackRequests(stack, arm, recording))
     except LiveError as error:
         LOG.warning("%s", error)

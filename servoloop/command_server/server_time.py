@@ -1,4 +1,4 @@
-"""Time of a command server. It is real time, except in simulations."""
+"""Time of a command server. A server uses real time, except in simulations."""
 
 import time
 from collections.abc import Callable

@@ -1,7 +1,8 @@
-"""Session of one client of the command socket: bytes in, messages carried out, bytes out.
+"""Session of one client of the command socket, which receives bytes, carries out messages and sends replies.
 
 A session has neither a thread nor a socket, and it reads the time only from the clock of its server. A program with
-sockets feeds it from a thread (servoloop/command_server/connection.py), and a simulation feeds it between two cycles.
+sockets passes bytes to the session from a thread (servoloop/command_server/connection.py); a simulation does so between
+two cycles.
 """
 
 import logging
@@ -22,14 +23,17 @@ MAX_UNREAD_BYTES: Final = 1_000_000
 MESSAGES_PER_S: Final = 2_000.0
 """Maximum rate of messages that are carried out for one client. Further messages wait."""
 BURST: Final = 200
-"""Number of messages that a client may send at once."""
+"""Number of messages that a client may send in one burst."""
 COSTS: Final[Mapping[type, float]] = {
     messages.SendGoal: 20.0,
     messages.SendGrip: 20.0,
     messages.MoveJoints: 20.0,
     messages.SendSetPoint: 4.0,
 }
-"""Messages that count as several, because they are planned: 100 goals a second, as over ROS."""
+"""Messages that count as several, because a trajectory is planned for each.
+
+This allows 100 goals a second, as over ROS.
+"""
 
 
 class Transport(Protocol):
@@ -62,12 +66,12 @@ class Session:
 
         Args:
             name: Name of the client for messages, until the client sends its own.
-            transport: Sends bytes to the client.
-            requests: Carries out the messages.
+            transport: Byte stream to the client.
+            requests: Handlers of the messages.
         """
         self.name = name
         self.refused = False
-        """Whether the client has sent too large a message, so that its connection must end."""
+        """Whether the client has sent a message that is too large, so that its connection must end."""
         self._transport, self._requests = transport, requests
         self._lock = threading.Lock()
         self._received, self._unsent = bytearray(), bytearray()
@@ -79,11 +83,14 @@ class Session:
 
     @property
     def unsent(self) -> bool:
-        """Whether bytes wait for the client."""
+        """Whether bytes are waiting to be sent to the client."""
         return bool(self._unsent)
 
     def receive(self, data: bytes) -> None:
-        """Add bytes of the client, which may end within a message. ``serve`` carries out the complete messages."""
+        """Add bytes from the client. The bytes may end in the middle of a message.
+
+        ``serve`` carries out the complete messages.
+        """
         self._received += data
 
     def serve(self) -> float:
@@ -101,7 +108,7 @@ class Session:
         return 0.0
 
     def watch(self, rate_hz: float) -> None:
-        """Send states after each cycle, at most ``rate_hz`` times a second. 0 ends the states."""
+        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the states."""
         self._watch_s = 1.0 / rate_hz if rate_hz > 0.0 else None
 
     def post(self, message: dict[str, Any]) -> None:
@@ -119,7 +126,10 @@ class Session:
             self._send()
 
     def notify(self, state: Callable[[], dict[str, Any]]) -> None:
-        """Send results and the state after a cycle. A client that has not read the last state skips this one."""
+        """Send results and the state after a cycle.
+
+        A client that has not read the last state does not receive the new state.
+        """
         for result in self._requests.ended(self):
             self.post(result)
         if self._unsent:
@@ -130,14 +140,14 @@ class Session:
             self.post({"event": "state", **state()})
 
     def end(self) -> None:
-        """End the motions of the client within their limits, whatever happens."""
+        """End the motions of the client within their limits, even after an error."""
         try:
             self._requests.disconnect(self)
         except Exception:
             LOG.exception("command socket: internal error at the end of %s", self.name)
 
     def _take(self) -> _Received | None:
-        """Return the next complete message; None if there is none. A message that waits is returned again."""
+        """Return the next complete message, or None. A message that must wait is returned again by the next call."""
         if self._next is None and b"\n" in self._received:
             line, _, self._received = self._received.partition(b"\n")
             self._next = self._parsed(bytes(line))
@@ -179,14 +189,14 @@ class Session:
 
 
 class _Rate:
-    """Rate of the messages that are carried out for one client. Messages wait, and none is refused."""
+    """Rate limit for the messages of one client. Messages above the rate wait; none is refused."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._tokens, self._last_s = float(BURST), now()
 
     def due_s(self, cost: float) -> float:
-        """Return the time at which a message may be carried out that counts as ``cost`` messages, in seconds."""
+        """Return the time at which a message that counts as ``cost`` messages may be carried out, in seconds."""
         now_s = self._now()
         self._tokens = min(self._tokens + (now_s - self._last_s) * MESSAGES_PER_S, float(BURST)) - cost
         self._last_s = now_s

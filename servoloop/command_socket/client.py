@@ -26,8 +26,8 @@ COMMANDS: Final = ("goal", "grip", "set_point", "move", "targets")
 class CommandClient:
     """Connection to the command socket of a stack. Any thread may call each method.
 
-    Every method raises CommandError: of the kind that the stack has sent, of the kind ``timeout`` if the stack does not
-    reply in time, or of the kind ``ended`` if the connection is lost.
+    Every method raises CommandError. The kind of the error is the one that the stack has sent, ``timeout`` if the stack
+    does not reply in time, or ``ended`` if the connection is lost.
     """
 
     def __init__(self, stack: RunningStack, name: str = "") -> None:
@@ -43,7 +43,7 @@ class CommandClient:
             self._socket.connect(str(stack.commands))
         except FileNotFoundError as error:
             self._socket.close()
-            text = f"{stack.label} has no command socket: it has ended, or it is not `servoloop up`, which has one"
+            text = f"{stack.label} has no command socket: it has ended, or it was not started with `servoloop up`"
             raise CommandError("ended", text) from error
         except OSError as error:
             self._socket.close()
@@ -57,14 +57,14 @@ class CommandClient:
             raise
 
     @classmethod
-    def find(cls, arm: str | None = None, name: str = "") -> Self:
-        """Connect to the only running stack, or to that of an arm (name, folder or process ID).
+    def find(cls, arm: str | None = None, name: str = "", namespace: str | None = None) -> Self:
+        """Connect to the only running stack, or to that of an arm (name, folder or process ID) or a namespace.
 
         Raises:
-            LiveError: No stack of this arm is running, or several are.
+            LiveError: No stack of this arm is running, or several are running.
             CommandError: The stack does not accept the connection.
         """
-        return cls(find_stack(arm), name)
+        return cls(find_stack(arm, namespace), name)
 
     def request(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> dict[str, Any]:
         """Send a message and return the reply.
@@ -81,7 +81,10 @@ class CommandClient:
             return self._reply(self._number, monotonic() + timeout_s)
 
     def events(self, wait_s: float = 0.0) -> list[dict[str, Any]]:
-        """Return the events that have arrived since the last call. Wait at most ``wait_s`` seconds for the first."""
+        """Return the events that have arrived since the last call.
+
+        Wait at most ``wait_s`` seconds for the first event.
+        """
         with self._lock:
             deadline_s = monotonic() + wait_s
             while (message := self._next(0.0 if self._events else deadline_s - monotonic())) is not None:
@@ -104,7 +107,7 @@ class CommandClient:
         try:
             self._socket.sendall(line)
         except TimeoutError:
-            self.close()  # a part of the message may have been sent
+            self.close()  # part of the message may have been sent already
             raise CommandError("timeout", f"the stack has read nothing for {timeout_s:g} s: check its log") from None
         except OSError as error:
             if (message := self._refusal()) is not None:
@@ -112,7 +115,7 @@ class CommandClient:
             raise self._ended() from error
 
     def _refusal(self) -> dict[str, Any] | None:
-        """Return the error that the stack sent before it closed the connection, if it did."""
+        """Return the error that the stack sent before it closed the connection, or None if it sent none."""
         try:
             message = self._next(0.0)
         except CommandError:
@@ -152,7 +155,7 @@ class CommandClient:
         return found if isinstance(found, dict) else {}
 
     def _ended(self) -> CommandError:
-        return CommandError("ended", f"the connection to the stack of {self.stack.arm} has ended: start it again")
+        return CommandError("ended", f"the connection to the stack of {self.stack.name} has ended: start it again")
 
 
 def _is_refusal(message: dict[str, Any]) -> bool:

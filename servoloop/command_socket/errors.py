@@ -32,17 +32,17 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
     "too_large": "The message is too large. The stack closes the connection.",
     "too_many": "Too many clients are connected. The stack closes the connection.",
     "foreign_user": "The client belongs to another user. The stack closes the connection.",
-    "stale": "The command was sent too long ago. It moves nothing.",
-    "not_owner": "The client has not taken the motion, or has lost it.",
-    "owned": "Another client has taken the motion.",
-    "unknown": "A controller, joint or goal with this name does not exist. The text lists the names that do.",
+    "stale": "The command was sent too long ago and is ignored.",
+    "not_owner": "The client does not have control of the arm, or has lost it.",
+    "owned": "Another client has control of the arm.",
+    "unknown": "A controller, joint or goal with this name does not exist. The text lists the existing names.",
     "rejected": "The controller rejects the goal or command.",
     "failed": "The hardware, the controller manager or a recording did not carry out the request.",
     "input": "A target of the arm is invalid. Nothing has moved.",
     "busy": "The arm cannot be moved now, for example because its torque is off.",
     "motion_failed": "A motion ended before its target.",
     "motion_canceled": "A motion was canceled, or another motion has replaced it.",
-    "stream_ended": "No stream is open, or no target has arrived for too long.",
+    "stream_ended": "No stream is open, or the last target arrived too long ago.",
     "timeout": "The control loop did not carry out the request in time. It may still do so.",
     "ended": "The stack has ended, or the connection is closed.",
     "internal": "The stack has a defect. Its log contains the details.",
@@ -51,10 +51,13 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
 
 
 class CommandError(DriverError):
-    """A stack has refused a message. ``kind`` is its type, the text names the cause and the remedy."""
+    """Error of a message that a stack has refused.
+
+    ``kind`` is the type of the error; the text gives the cause and the remedy.
+    """
 
     def __init__(self, kind: ErrorKind, text: str, joint: str = "") -> None:
-        """``joint`` is the joint that is concerned, if it is a single one."""
+        """``joint`` is the affected joint; empty if the error does not concern a single joint."""
         super().__init__(text)
         self.kind: ErrorKind = kind
         self.joint = joint

@@ -30,7 +30,7 @@ class Message(BaseModel):
 
     v: Annotated[int, NoTruth, Field(ge=VERSION, le=VERSION)]
     id: Number | Text
-    """Number or text that the reply repeats."""
+    """Number or text that identifies the message, and that the reply repeats."""
 
 
 class Hello(Message):
@@ -61,20 +61,20 @@ class ListControllers(Message):
 
 
 class Take(Message):
-    """Request to become the owner of the motion. ``force`` takes it from another client, whose motions end."""
+    """Request for control of the arm. ``force`` takes control from another client, whose motions end."""
 
     op: Literal["take"]
     force: bool = False
 
 
 class Release(Message):
-    """Give up the motion. Motions of this client end."""
+    """Release of the control of the arm. Motions of this client end."""
 
     op: Literal["release"]
 
 
 class MotionMessage(Message):
-    """Message that moves joints. Its age is limited."""
+    """Message that moves joints. The stack refuses the message if it is too old."""
 
     sent_s: ClockTime
     """Time at which the message was sent: CLOCK_MONOTONIC of this machine, in seconds."""
@@ -109,7 +109,7 @@ class SendGrip(MotionMessage):
     """Name of the controller. Empty: the only active gripper controller."""
     position: Position
     velocity: Speed = 0.0
-    """Maximum velocity, in rad/s or m/s. 0: that of the controller."""
+    """Maximum velocity, in rad/s or m/s. 0: the default velocity of the controller."""
 
 
 class SendSetPoint(MotionMessage):
@@ -118,26 +118,29 @@ class SendSetPoint(MotionMessage):
     op: Literal["set_point"]
     controller: Text
     values: Annotated[list[AnyVelocity], Field(min_length=1)]
-    """One value for each joint of the controller, in its order."""
+    """One value for each joint of the controller, in the order of its joints."""
     time_s: Duration = 0.3
     """Time until a trajectory controller rests at the set point, in seconds. Forward controllers ignore it."""
 
 
 class CancelGoal(Message):
-    """Cancel a goal of this client."""
+    """Request to cancel a goal of this client."""
 
     op: Literal["cancel"]
     goal: Number
 
 
 class Stop(Message):
-    """Cancel all goals and hold all streams of all clients, also of ROS clients. Every client may send it."""
+    """Request to cancel all goals and hold all streams of all clients, including ROS clients.
+
+    Every client may send it.
+    """
 
     op: Literal["stop"]
 
 
 class SwitchControllers(Message):
-    """Activate and deactivate controllers in one cycle."""
+    """Request to activate and deactivate controllers in one cycle."""
 
     op: Literal["switch"]
     activate: list[Text] = []
@@ -151,7 +154,10 @@ class DescribeArm(Message):
 
 
 class MoveJoints(MotionMessage):
-    """Motion of some joints of the arm, whatever controllers move them. The result arrives as an event."""
+    """Motion of some joints of the arm, regardless of the controllers that move them.
+
+    The result arrives as an event.
+    """
 
     op: Literal["move"]
     joints: list[Text]
@@ -161,34 +167,34 @@ class MoveJoints(MotionMessage):
 
 
 class CancelMove(Message):
-    """Cancel a motion of this client."""
+    """Request to cancel a motion of this client."""
 
     op: Literal["cancel_move"]
     motion: Number
 
 
 class OpenStream(Message):
-    """Accept targets from now on. The stream ends if no target arrives for ``max_age_s``."""
+    """Request to open a stream of targets. The stream ends if no target arrives for ``max_age_s``."""
 
     op: Literal["stream"]
     max_age_s: Duration
 
 
 class SendTargets(MotionMessage):
-    """Next targets of the stream, by joint. Joints without a target hold their last one."""
+    """Next targets of the stream, by joint. Joints without a target hold their last target."""
 
     op: Literal["targets"]
     positions: dict[str, Position]
 
 
 class CloseStream(Message):
-    """End the stream of this client."""
+    """Request to end the stream of this client."""
 
     op: Literal["stream_end"]
 
 
 class Torque(Message):
-    """Release the torque of all servos, after a motion to the park pose of the robot file, or enable it."""
+    """Request to enable the torque of all servos, or to move to the park pose of the robot file and release it."""
 
     op: Literal["torque"]
     on: bool
@@ -196,14 +202,14 @@ class Torque(Message):
 
 
 class Record(Message):
-    """Begin a recording. ``path`` is absolute."""
+    """Request to begin a recording. ``path`` is absolute."""
 
     op: Literal["record"]
     path: str
 
 
 class EndRecord(Message):
-    """End a recording that a client has begun."""
+    """Request to end a recording that a client has begun."""
 
     op: Literal["record_end"]
     path: str

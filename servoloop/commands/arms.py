@@ -71,6 +71,43 @@ def new(
 
 
 @app.command()
+def combine(
+    arms: Annotated[
+        list[str],
+        typer.Argument(metavar="PREFIX=ARM", help="Prefix and arm: a name that `servoloop arms` lists, or a folder."),
+    ],
+    out: Annotated[Path, typer.Option(help="New arm folder.")],
+    base: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PREFIX=X,Y,Z,YAW",
+            help="Place of the base of an arm on the table, in m, and its direction, in rad (default: side by side).",
+        ),
+    ] = None,
+) -> None:
+    """Create the folder of a robot with several arms on one table, from their arm folders.
+
+    The names of all joints, links and controllers of an arm begin with its prefix. Each arm has a port of its own.
+    Example: `servoloop arms combine left=so101 right=so101 --out two_arms`
+    """
+    from servoloop.arms.combine import combine as write
+    from servoloop.arms.combine import parse_arms, parse_bases
+
+    named = parse_arms(arms)
+    for path in write(out, named, parse_bases(base or [], list(named))):
+        typer.echo(path)
+    place = out if out.is_absolute() else f"./{out}"
+    ports = " ".join(f"--port {name}=/dev/ttyACM{number}" for number, name in enumerate(named))
+    if sentence := missing_extras("the scene for virtual servos", "sim"):
+        typer.echo(f"No scene.xml was written: {sentence}")
+    elif not (out / "scene.xml").exists():
+        typer.echo("No scene.xml was written, because one of the arms has none")
+    else:
+        typer.echo(f"Next, run: servoloop up --arm {place}")
+    typer.echo(f"With real arms: servoloop up --arm {place} {ports}")
+
+
+@app.command()
 def check(
     folder: Annotated[str, typer.Argument(help="Arm folder, or a name that `servoloop arms` lists.")],
     as_json: JsonOption = False,
@@ -100,8 +137,8 @@ def show(
 ) -> None:
     """Draw an arm with the name, servo and positive direction of each joint.
 
-    All joints are at zero. Each arrow points to larger positions. The text next to it describes the direction as
-    `servoloop calibrate` does. Example: `servoloop arms show so101`
+    All joints are at zero. Each arrow points to larger positions. The text next to an arrow describes the direction in
+    the same words as `servoloop calibrate`. Example: `servoloop arms show so101`
     """
     require_extras("the picture of an arm", "sim", "view")
     from servoloop.arm_pictures.show import draw_arm, write_picture
@@ -122,7 +159,8 @@ def moveit(
 ) -> None:
     """Write a MoveIt configuration for an arm.
 
-    It consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning scene.
+    The configuration consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning
+    scene.
     Example: `servoloop arms moveit so101 so101_moveit`
     """
     from servoloop.moveit.files import write_moveit

@@ -52,10 +52,10 @@ def bus(
 
     The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
     it already holds. A goal would enable the torque of a servo whose torque is off, so such servos are only read. With
-    --hold they are held at their position during the measurement, and their torque is off again at the end. For servos
-    that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted and do
-    not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo differs from
-    that of --model, or if the port is lost.
+    --hold, such servos are held at their position during the measurement, and their torque is off again at the end. For
+    servos that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted
+    and do not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo
+    differs from that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console
@@ -81,9 +81,9 @@ def arm(
 ) -> None:
     """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    The command writes a report page. It asks for confirmation because the arm moves: slowly to its ready pose, then
-    joint by joint, then back. At the end its torque is switched off, also after Ctrl-C or an error. A second Ctrl-C
-    skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
+    The command writes a report page. The command asks for confirmation, because the arm moves: slowly to its ready
+    pose, then joint by joint, then back. At the end the torque of the arm is switched off, even after Ctrl-C or an
+    error. A second Ctrl-C skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console

@@ -1,4 +1,4 @@
-"""``servoloop calibrate``, ``calibration`` and ``hand``: calibrate an arm, and practice on a virtual one."""
+"""``servoloop calibrate``, ``calibration`` and ``hand``: calibrate an arm, and practice on a virtual arm."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -12,9 +12,8 @@ from commissioning.calibrations import CalibrationRow, calibration_rows, export_
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from drivers.errors import DriverError
-from hal.errors import DescriptionError
 from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table
-from servoloop.commands.shared.line_options import PortOption, named_devices
+from servoloop.commands.shared.line_options import named_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
@@ -35,7 +34,10 @@ AUTO = (
 
 def calibrate(
     arm: Annotated[str, typer.Option(help="Arm: a name that `servoloop arms` lists, or an arm folder.")],
-    port: PortOption = None,
+    port: Annotated[
+        str | None,
+        typer.Option(help="Serial port (default: the only adapter); NAME=PATH for one of several buses."),
+    ] = None,
     auto: Annotated[
         bool, typer.Option("--auto", help="Drive the joints gently to their stops instead of asking you to move them.")
     ] = False,
@@ -46,24 +48,19 @@ def calibrate(
 
     Torque is off unless a message announces that it will be enabled, and it is always off at the end. Nothing is stored
     before you have seen and confirmed the result. With --auto you must still watch the arm and confirm in which
-    direction each joint moved. Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
+    direction each joint moved. Of an arm with several buses, one bus at a time is calibrated.
+    Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
-    from commissioning.ports.adapters import only_port
     from servoloop.commands.output.calibrate_terminal import Terminal
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.signals import Signals
 
     found = find_arm(arm)
     files = read_arm_servos(found)
-    buses = list(files.robot.file.lines())
-    if len(buses) != 1:
-        raise DescriptionError(
-            f"{found.robot}: this command can only calibrate an arm with one bus; this arm has {len(buses)}"
-        )
+    bus, device = _bus_and_device(port, files, arm)
     _require_writable(found.robot)
-    (device,) = named_devices([port or only_port()], buses, arm).values()
     with Signals("servos with torque enabled hold their position") as signals, Terminal(signals, yes) as terminal:
-        outcome = _calibrated(found, files, device, terminal, auto)
+        outcome = _calibrated(found, files, (bus, device), terminal, auto)
     if json:
         print_json(_outcome_as_json(outcome))
     elif outcome.stored:
@@ -71,6 +68,23 @@ def calibrate(
         backup = f"; the previous calibration is in {former}" if former.exists() else ""
         typer.echo(f"Calibration stored in {outcome.path}{backup}")
     raise typer.Exit(0 if outcome.stored else 1)
+
+
+def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[str, str]:
+    """Return the name and the device of the bus to calibrate. Raises DriverError."""
+    from commissioning.ports.adapters import only_port
+
+    buses = list(files.robot.file.lines())
+    if len(buses) > 1:
+        bus, _, device = (port or "").partition("=")
+        if bus not in buses or not device:
+            raise DriverError(
+                f"{arm} has the buses {', '.join(buses)}, which are calibrated one at a time: "
+                f"pass --port {buses[0]}=PATH for the first"
+            )
+        return bus, named_devices([f"{bus}={device}"], [bus], arm)[bus]
+    ((bus, device),) = named_devices([port or only_port()], buses, arm).items()
+    return bus, device
 
 
 def _require_writable(robot: Path) -> None:
@@ -83,7 +97,10 @@ def _require_writable(robot: Path) -> None:
         raise DriverError(f"{error}; copy the arm's folder (docs/calibrate.md) and pass the copy with --arm") from error
 
 
-def _calibrated(arm: "ArmFolder", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
+def _calibrated(
+    arm: "ArmFolder", files: "ServoFiles", line: tuple[str, str], terminal: Any, auto: bool
+) -> "CalibrationOutcome":
+    """Calibrate the joints on one bus. ``line`` is the name of the bus and its device."""
     from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run
@@ -93,16 +110,18 @@ def _calibrated(arm: "ArmFolder", files: "ServoFiles", port: str, terminal: Any,
     from servoloop.stack.hardware import servo_bus
     from servoloop.stack.processes import Interrupted
 
-    clock, plan = MonotonicClock(), arm.file.calibration
-    joints = [joint.between_stops() for joint in files.robot.joints]
-    baud = next(iter(files.robot.file.lines().values())).baud
+    (bus, device), clock = line, MonotonicClock()
+    joints = [joint.between_stops() for joint in files.robot.joints if joint.bus == bus]
+    others = [joint.name for joint in files.robot.joints if joint.bus != bus]
+    plan = arm.file.calibration.part_of([joint.name for joint in joints])
+    baud = files.robot.file.lines()[bus].baud
 
     def open_bus() -> Bus:
-        return servo_bus(files.robot.file, SerialPort(port, baud, clock), clock)
+        return servo_bus(files.robot.file, SerialPort(device, baud, clock), clock, bus)
 
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
-    task = JointsToCalibrate(arm.robot, joints, plan.joints)
+    task = JointsToCalibrate(arm.robot, joints, plan.joints, others)
     measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
     return run(task, open_bus, terminal, clock, measure, terminal.stopped)
 

@@ -68,7 +68,7 @@ class BoardSize:
 
 @dataclass(frozen=True, slots=True)
 class BoardOnTable:
-    """Place of the board on the table."""
+    """Pose of the board on the table."""
 
     x: Annotated[float, typer.Option(help="x of the top left corner of the board in base_link, in m.")]
     y: Annotated[float, typer.Option(help="y of the top left corner of the board in base_link, in m.")]
@@ -76,7 +76,7 @@ class BoardOnTable:
     z: Annotated[float, typer.Option(help="z of the board in base_link, in m.")] = 0.0
 
     def place(self) -> "BoardPlace":
-        """Return the place."""
+        """Return the pose of the board."""
         from perception.calibration.plane import BoardPlace
 
         return BoardPlace(self.x, self.y, radians(self.yaw), self.z)
@@ -84,7 +84,7 @@ class BoardOnTable:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Number of views, and the time for them."""
+    """Number of views to take, and the maximum time to take them."""
 
     views: Annotated[int, typer.Option(min=8, max=100, help="Number of views to take.")] = 15
     timeout: Annotated[float, typer.Option(min=1.0, max=3600.0, help="Maximum time, in seconds.")] = 180.0
@@ -125,9 +125,9 @@ def show(
     source: Source,
     form: CameraFormat,
     out: Annotated[Path, typer.Option(help="File for a picture, PNG or JPEG.")] = Path("camera.png"),
-    seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="Time to measure the rate.")] = 3.0,
+    seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="Duration of the measurement, in s.")] = 3.0,
 ) -> None:
-    """Save a picture of a camera, and measure its true rate.
+    """Save a picture of a camera, and measure its actual frame rate.
 
     Example: `servoloop camera show 0 --out camera.png`
     """
@@ -158,7 +158,7 @@ def board(
 ) -> None:
     """Write the printable board for the calibration.
 
-    Print it at 100 %, glue it to a flat plate, and measure a square. Example: `servoloop camera board board.pdf`
+    Print the board at 100 %, glue it to a flat plate, and measure a square. Example: `servoloop camera board board.pdf`
     """
     require_extras("the board", "vision")
     from perception.calibration.board import board_pdf, board_picture
@@ -262,7 +262,7 @@ def _save_picture(path: Path, picture: "Picture") -> None:
 
 
 def _encoded(picture: "Picture", ending: str) -> bytes:
-    """Return a picture, gray or BGR, as the content of a file."""
+    """Return a gray or BGR picture, encoded as the content of a file."""
     import cv2
 
     from perception.errors import CameraError

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 NO_VIOLATION = "no invariant was violated"
-NOT_EXAMINED = "Run more seeds, or list under `promises` in the scenario the conditions that it must examine."
+NOT_EXAMINED = "Run more seeds, or list the conditions that the campaign must examine under `promises` in the scenario."
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignRuns:
-    """Runs of a campaign, and where they take place."""
+    """Runs of a campaign, and the processes or the cluster that execute them."""
 
     seeds: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 100
     first: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0
@@ -80,7 +80,7 @@ def campaign(
     ] = Path("out/campaign"),
     json: JsonOption = False,
 ) -> None:
-    """Find the seed that breaks an arm: do many simulated runs, each with random faults.
+    """Find seeds for which an arm violates an invariant, in many simulated runs with random faults.
 
     For each violated invariant, the first failing schedule is minimized and saved with a trace of the last two seconds
     before the violation. The report is one page with plots. The exit status is 1 if an invariant was
@@ -137,16 +137,16 @@ def _run(scenario: "Scenario", runs: CampaignRuns, stop: "Stop") -> "tuple[Tally
 def _keep(
     tally: "Tally", out: Path, stop: "Stop", apart: bool
 ) -> "tuple[list[KeptViolation], Path | None, DriverError | None]":
-    """Write schedules, traces and the report. An error is returned, so that the results are printed first.
+    """Write schedules, traces and the report. An error is returned, not raised, so that the results are printed first.
 
     Args:
         tally: Results of the campaign.
         out: Folder for the files.
-        stop: Returns whether to stop minimizing.
+        stop: Function that returns whether to stop minimizing.
         apart: Whether minimizing takes place in a separate process.
 
     Returns:
-        The kept violations, the file of the report if it was written, and the error.
+        The saved violations, the file of the report if it was written, and the error.
     """
     from rich.console import Console
     from rich.progress import track
@@ -184,7 +184,7 @@ def _repeat(path: Path, out: Path, json: bool) -> int:
         for one in report.violations:
             kept.append(traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv"))
         page = _write_page(out / f"{path.stem}.html", None, kept)
-    except DriverError as error:  # Print the violations first.
+    except DriverError as error:  # The violations are printed before this error is raised.
         unwritten = error
     violations = [{"invariant": one.invariant, "time_s": one.time_s, "text": one.text} for one in report.violations]
     if json:
@@ -258,7 +258,7 @@ def _marks(tally: "Tally") -> "Table":
 
 
 def _print_kept(violations: "Sequence[Violation]", kept: "list[KeptViolation]", console: "Console") -> None:
-    """Print each violation with its trace. The last ones may have no trace if a file could not be written."""
+    """Print each violation with its trace. The last violations may have no trace if a file could not be written."""
     for violation, one in zip_longest(violations, kept):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)

@@ -80,7 +80,7 @@ def _require_paths(link: Path, pictures: Path | None) -> None:
 
 
 def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[FaultEvent]":
-    """Read the fault file. Raises FaultError if the servos cannot have one of its faults."""
+    """Read the fault file. Raises FaultError if the servos cannot have one of the faults."""
     from servoloop.simulation.stack_faults import inventory_of, require_possible_in
     from sim_backend.faults.script import read_script
 
@@ -100,7 +100,7 @@ def _ready(link: Path, files: ServoFiles) -> str:
 
 @contextmanager
 def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a function that reports the servos as ready and, if wanted, starts the view in its own process."""
+    """Yield a function that reports the servos as ready and, if requested, starts the view in its own process."""
     pages: list[subprocess.Popen[bytes]] = []
 
     def show(ready: str) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planning.groups import Group
 
 ARM: Final = "arm"
-"""Group that moves to poses if more than one group has a tool."""
+"""Group to move to a pose if more than one group has a tool."""
 PLANNING_TIME_S: Final = 5.0
 
 
@@ -23,7 +23,7 @@ PLANNING_TIME_S: Final = 5.0
 class MotionOptions:
     """Options of a motion."""
 
-    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the limits of the joints.")] = 0.5
+    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the velocity and acceleration limit.")] = 0.5
     plan_only: Annotated[bool, typer.Option("--plan-only", help="Plan the motion without moving the arm.")] = False
 
 
@@ -41,7 +41,7 @@ def goto(
     Without `--rpy`, the tool may have any orientation. The command needs a motion planner: `servoloop up --plan`,
     `servoloop plan-server` or MoveIt. Example: `servoloop goto 0.25 0.1 0.2 --rpy 0 3.14 0`
     """
-    with move_group("goto", pose.network) as client:
+    with move_group("goto", pose.network, pose.namespace) as client:
         from hal.robot_description.description import parse_urdf
         from hal.rotations import quaternions
         from nodes.planning_client.goals import motion_goal, pose_constraints

@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.manual.poses import FILE, Poses
 from servoloop.stack.arm_folders import OWN, find_arm
-from servoloop.stack.arm_options import ArmOption
+from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,16 +25,11 @@ TAP_S: Final = 0.1
 """Duration of the motion after a short key press, in seconds."""
 WAYS: Final = {"right": 1.0, "+": 1.0, "left": -1.0, "-": -1.0}
 HELP: Final = "up, down or 1 to 9: choose a joint · hold left or right: move it\nspace: stop everything · q: quit"
-RunningArm = Annotated[
-    str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
-]
 WIDTH: Final = 66
 """Width of the table and its help text, in columns."""
 
 
-def jog(
-    arm: RunningArm = None,
-) -> None:
+def jog(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
     """Move the joints of a running arm slowly with the arrow keys, through its controllers.
 
     A joint stops when its key is released. Example: `servoloop jog`
@@ -51,7 +46,7 @@ def jog(
     from servoloop.stack.signals import Signals
     from servoloop.stack.terminal import raw_keys
 
-    with Signals() as signals, LiveRobot.find(arm) as robot, CommandClient(robot.stack, "jog") as commands:
+    with Signals() as signals, LiveRobot.find(arm, namespace) as robot, CommandClient(robot.stack, "jog") as commands:
         robot.wait()
         client = RobotClient(commands, robot)
         client.connect()
@@ -61,20 +56,20 @@ def jog(
                 jogging.step()
 
 
-def stop(arm: RunningArm = None) -> None:
+def stop(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
     """Stop all motions of a running arm, also those that ROS clients have started. The arm holds its position.
 
     Example: `servoloop stop`
     """
     from servoloop.command_socket.client import CommandClient
 
-    with CommandClient.find(arm, "stop") as commands:
+    with CommandClient.find(arm, "stop", namespace) as commands:
         commands.request("stop")
-        typer.echo(f"all motions of {commands.stack.arm} were stopped")
+        typer.echo(f"all motions of {commands.stack.name} were stopped")
 
 
 class Jogging:
-    """Jog session: handles keys, sends motions and shows the joints."""
+    """Jog session, which handles keys, sends motions and shows the joints."""
 
     def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
         from servoloop.stack.terminal import HeldKey
@@ -165,14 +160,14 @@ Name = Annotated[str, typer.Argument(help="Name of the pose.")]
 
 
 @app.command()
-def save(name: Name, arm: RunningArm = None) -> None:
+def save(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
     """Save the measured pose of a running arm under a name, replacing any pose with this name.
 
     Example: `servoloop pose save over_the_box`
     """
     from servoloop.manual.robot import LiveRobot
 
-    with LiveRobot.find(arm) as robot:
+    with LiveRobot.find(arm, namespace) as robot:
         robot.wait()
         now = robot.snapshot
     if now.faults:
@@ -185,7 +180,7 @@ def save(name: Name, arm: RunningArm = None) -> None:
 
 
 @app.command()
-def go(name: Name, arm: RunningArm = None) -> None:
+def go(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
     """Move a running arm slowly to a saved pose, through its controllers.
 
     The arm stops if the command is interrupted. Example: `servoloop pose go over_the_box`
@@ -196,7 +191,7 @@ def go(name: Name, arm: RunningArm = None) -> None:
     from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
 
-    with Signals() as signals, LiveRobot.find(arm) as robot:
+    with Signals() as signals, LiveRobot.find(arm, namespace) as robot:
         poses = Poses(robot.folder)
         pose = poses.get(name)
         robot.wait()

@@ -60,7 +60,7 @@ class PassportPlace:
         return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
 
     def robot_file(self) -> RobotFile | None:
-        """Return the robot file of the servos, or None if the command line names none."""
+        """Return the robot file of the servos, or None if the command line names no robot file."""
         path = self.robot or (find_arm(self.arm).robot if self.arm else None)
         if self.bus is not None and path is None:
             raise PassportError("--bus selects a bus of a robot file; add --arm or --robot, or omit --bus")
@@ -84,8 +84,9 @@ def save(
 ) -> None:
     """Save the EEPROM of all servos to a file.
 
-    The command reads the servos of the robot file, or without one all STS servos that answer. It writes nothing to
-    them. An existing file is kept as a backup. Example: `servoloop passport save my_arm.passport.yaml`
+    The command reads the servos of the robot file or, without a robot file, all STS servos that answer. The command
+    writes nothing to the servos. An existing file is kept as a backup.
+    Example: `servoloop passport save my_arm.passport.yaml`
     """
     path, robot_file = place.path(), place.robot_file()
     joints = robot_file.joints_on(bus_of(robot_file, place.bus)) if robot_file else {}

@@ -17,19 +17,19 @@ def plan_server(
     *,
     arm: ControlledArm,
     sim_time: Annotated[
-        bool, typer.Option("--sim-time", help="Follow the clock of a stack in simulated time.")
+        bool, typer.Option("--sim-time", help="Use the clock of a stack that runs in simulated time.")
     ] = False,
     network: NetworkOption = False,
 ) -> None:
     """Serve MoveIt's actions, services and topics beside a running stack, until Ctrl-C.
 
-    The node is named move_group, and MoveIt's clients connect to it. Do not run a MoveIt at the same time.
+    The node is named move_group, and MoveIt's clients connect to it. Do not run MoveIt at the same time.
     Example: `servoloop plan-server --arm so101`
     """
     require_extras("motion planning", "planning")
     require_ros(PLANNING_PACKAGES)
     set_network(network)
-    from nodes.planning.process import run
+    from nodes.planning.process import ServerSettings, run
     from planning.collision import warm_up
     from planning.errors import PlanningError
     from servoloop.motion_planning.robot import planning_robot
@@ -43,6 +43,8 @@ def plan_server(
     warm_up()
 
     def ready() -> None:
-        typer.echo(f"ready: planning for {files.arm} as /move_group, groups {', '.join(robot.groups.groups)}")
+        typer.echo(
+            f"ready: planning for {files.arm} as {files.namespace}/move_group, groups {', '.join(robot.groups.groups)}"
+        )
 
-    raise typer.Exit(run(robot, routes(files), ready, sim_time=sim_time))
+    raise typer.Exit(run(robot, routes(files), ready, ServerSettings(files.namespace, sim_time)))

@@ -1,7 +1,7 @@
 """``servoloop record``, ``plot`` and ``replay``: record a running stack, draw a recording, and repeat its motion."""
 
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -13,12 +13,13 @@ from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
-from servoloop.commands.shared.options import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
-from servoloop.commands.teach import played, played_on_running_arm
+from servoloop.commands.shared.options import require_keys, side_of
+from servoloop.commands.teach import PlayOptions, played, played_on_running_arm
 from servoloop.commands.view import view
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import SUFFIX, check_path
 from servoloop.stack.arm_folders import OWN
+from servoloop.stack.arm_options import RunningArm, RunningChoice, RunningNamespace
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
@@ -32,9 +33,8 @@ def record(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE.mcap]", help="File to write (default: out/DATE_ARM.mcap).")
     ] = None,
-    arm: Annotated[
-        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
-    ] = None,
+    arm: RunningArm = None,
+    namespace: RunningNamespace = None,
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="Duration in seconds (default: until Ctrl-C or the end of the stack).")
     ] = None,
@@ -51,12 +51,12 @@ def record(
 
     if file is not None:
         check_path(file)
-    stack = find_stack(arm)
+    stack = find_stack(arm, namespace)
     if file is None:
-        file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.arm}{SUFFIX}"
+        file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.socket.stem.rpartition('-')[0]}{SUFFIX}"
         make_folder(OUT)
     with Signals() as signals:
-        typer.echo(f"Recording {stack.arm} to {file}; press Ctrl-C to stop.", err=True)
+        typer.echo(f"Recording {stack.name} to {file}; press Ctrl-C to stop.", err=True)
         done = run(open_live(stack), file, seconds, lambda: signals.count > 0)
     if json:
         print_json({"file": str(file), **asdict(done)})
@@ -87,7 +87,7 @@ def plot(
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
-        from servoloop.recording.page import write_page  # imports matplotlib, which takes a second
+        from servoloop.recording.page import write_page  # This imports matplotlib, which takes a second.
 
         path = out or recording.with_suffix(".html")
         write_page(path, run, recording.name)
@@ -99,15 +99,6 @@ def plot(
         )
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayOptions:
-    """Speed and supervision of a replayed motion."""
-
-    speed: SpeedOption = 1.0
-    hands_free: UnattendedOption = False
-    rate_hz: RateOption = RATE_HZ
-
-
 @grouped_options
 def replay(
     *,
@@ -117,7 +108,7 @@ def replay(
         typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
     ] = None,
     running: Annotated[
-        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of one on a port.")
+        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of an arm on a port.")
     ] = False,
     arm: Annotated[
         str | None,
@@ -126,11 +117,12 @@ def replay(
             "ID of the running arm."
         ),
     ] = None,
-    options: ReplayOptions,
+    namespace: RunningNamespace = None,
+    options: PlayOptions,
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then it
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then the arm
     follows the recorded joint positions. Without --port and --running the recording is only shown, as by
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
@@ -141,10 +133,11 @@ def replay(
         if port is not None:
             raise DriverError("--running moves the arm of `servoloop up`, which has the port: leave out --port")
         require_keys(options.hands_free)
-        played_on_running_arm(arm, partial(_recorded_motion, recording), options.speed, options.hands_free)
+        choice = RunningChoice(arm, namespace)
+        played_on_running_arm(choice, partial(_recorded_motion, recording), options.speed, options.hands_free)
         return
     if port is None:
-        view(recording, arm=None, port=8080, host="127.0.0.1", browser=True)
+        view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
         return
     require_keys(options.hands_free)
     side = side_of(arm or OWN, port)
@@ -159,7 +152,7 @@ def replay(
 
 
 def _recorded_motion(recording: Path, arm: "Arm") -> "RecordedMotion":
-    """Return the motion of a recording for a running arm. Raises TeachError if it does not fit the arm."""
+    """Return the motion of a recording for a running arm. Raises TeachError if the recording does not fit the arm."""
     from servoloop.teach.recorded import recorded_motion
 
     limits = [arm.limits[joint] for joint in arm.joints]

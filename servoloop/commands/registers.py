@@ -32,7 +32,10 @@ class RegisterAddress:
     )
 
     def span(self) -> Span | None:
-        """Return the address and the size if both are given, or None. Raises CommissioningError if one is missing."""
+        """Return the address and the size, or None if neither is given.
+
+        Raises CommissioningError if only one is given.
+        """
         if self.address is None and self.size is None:
             return None
         if self.address is None or self.size is None:
@@ -41,14 +44,20 @@ class RegisterAddress:
 
 
 def name_to_read(name: str | None, span: Span | None) -> str:
-    """Return the name of the register to read; empty with an address. Raises CommissioningError unless one is given."""
+    """Return the name of the register to read, or an empty string if an address is given instead.
+
+    Raises CommissioningError unless exactly one of them is given.
+    """
     if (name is None) == (span is None):
         raise CommissioningError("pass the name of a register, or --address and --size")
     return name or ""
 
 
 def name_and_value(words: list[str], span: Span | None) -> tuple[str, str]:
-    """Return the name, which is empty with an address, and the value. Raises CommissioningError for other arguments."""
+    """Return the name and the value. The name is empty if an address is given.
+
+    Raises CommissioningError for other arguments.
+    """
     if len(words) != (2 if span is None else 1):
         raise CommissioningError("pass a name and a value, or --address, --size and a value")
     return ("" if span else words[0]), words[-1]
@@ -66,7 +75,7 @@ def print_address(servo: "FoundServo", span: Span, json: bool) -> None:
 
 
 def whole_number(value: str) -> int:
-    """Convert the value for an address. Raises CommissioningError."""
+    """Convert the value to write at an address. Raises CommissioningError."""
     try:
         return int(value)
     except ValueError:
@@ -98,7 +107,7 @@ ModelOption = Annotated[
 
 
 def write_status_level(port: str | None, servo_id: int, baud: int | None, model: str, words: list[str]) -> None:
-    """Let a servo answer reads again. Raises CommissioningError if anything but its status level is to be written."""
+    """Make a servo answer reads again. Raises CommissioningError if the register to write is not the status level."""
     from commissioning.ports.adapters import only_port
     from commissioning.registers.mute import answer_reads
     from drivers.clock import MonotonicClock
@@ -129,7 +138,7 @@ def tables(
 ) -> None:
     """List all servo models, or the control table of one model. No servo is needed.
 
-    The servo models of the present folder are included (servo_models.yaml, see docs/add-a-servo.md).
+    The servo models of the current folder are included (servo_models.yaml, see docs/add-a-servo.md).
     Example: `servoloop register tables xl430-w250`
     """
     from rich.console import Console

@@ -12,6 +12,7 @@ from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption
 from servoloop.commands.shared.planner import PoseOptions, Triple, move_group, pose_of
 from servoloop.extras import require_extras
+from servoloop.stack.arm_options import NamespaceOption
 
 if TYPE_CHECKING:
     from planning.scene import SceneObject, Shape
@@ -22,12 +23,12 @@ FILES: Final = (".scene", ".yaml", ".yml")
 
 
 @app.command("list")
-def list_objects(network: NetworkOption = False) -> None:
+def list_objects(network: NetworkOption = False, namespace: NamespaceOption = "") -> None:
     """List the objects of the scene, with their positions in m.
 
     Example: `servoloop scene list`
     """
-    with move_group("scene", network) as client:
+    with move_group("scene", network, namespace) as client:
         lines = [found.text() for found in client.objects()]
     for line in lines or ["the scene has no objects"]:
         typer.echo(printable_line(line))
@@ -58,7 +59,7 @@ def add(
 
     item = SceneObject(name, ((shape_of(shape, size), Pose()),), pose_of(at, pose.rpy))
     check_object(item)
-    _add([item], pose.frame, pose.network)
+    _add([item], pose)
     typer.echo(printable_line(f"added {name}"))
 
 
@@ -66,12 +67,13 @@ def add(
 def remove(
     name: Annotated[str, typer.Argument(help="Name of the object.")],
     network: NetworkOption = False,
+    namespace: NamespaceOption = "",
 ) -> None:
     """Remove an object from the scene, or from the link that holds it.
 
     Example: `servoloop scene remove shelf`
     """
-    with move_group("scene", network) as client:
+    with move_group("scene", network, namespace) as client:
         client.remove(name)
     typer.echo(printable_line(f"removed {name}"))
 
@@ -80,6 +82,7 @@ def remove(
 def load(
     file: Annotated[Path, typer.Argument(help="A .scene file of MoveIt, or a YAML file.")],
     network: NetworkOption = False,
+    namespace: NamespaceOption = "",
 ) -> None:
     """Add the objects of a file to the scene.
 
@@ -91,15 +94,15 @@ def load(
     from planning.scene_file import read_scene_file
 
     items = read_scene_file(file)
-    _add(items, "", network)
+    _add(items, PoseOptions(network=network, namespace=namespace))
     typer.echo(printable_line(f"added {', '.join(item.name for item in items)}"))
 
 
-def _add(items: "Sequence[SceneObject]", frame: str, network: bool) -> None:
-    with move_group("scene", network) as client:
+def _add(items: "Sequence[SceneObject]", options: PoseOptions) -> None:
+    with move_group("scene", options.network, options.namespace) as client:
         from nodes.planning_client.scenes import object_message
 
-        client.add([object_message(item, frame) for item in items])
+        client.add([object_message(item, options.frame) for item in items])
 
 
 def shape_of(kind: str, size: Sequence[str]) -> "Shape":

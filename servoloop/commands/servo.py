@@ -150,7 +150,7 @@ app.command()(tables)
 @app.command("list")
 @grouped_options
 def list_registers(address: ServoAddress, json: JsonOption = False) -> None:
-    """List all registers of a servo with their present values.
+    """List all registers of a servo with their current values.
 
     Example: `servoloop register list --port /dev/ttyACM0 --id 3`
     """
@@ -223,10 +223,10 @@ def write(
     """Write one register and verify it.
 
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
-    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation: switched on, the
-    servo holds its present position; switched off, whatever it was holding falls. With --address and --size, a register
-    without a name is written after a confirmation and without these checks. With --model, the status level of a servo
-    that answers only pings is written.
+    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation. A servo that is
+    switched on holds its current position. A servo that is switched off drops its load. With --address and --size, a
+    register without a name is written after a confirmation and without these checks. With --model, the status level of
+    a servo that answers only pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register

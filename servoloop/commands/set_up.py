@@ -58,7 +58,10 @@ def setup(
 
 
 class Plugger:
-    """Dialog with the person who connects the servos. It uses stderr, so that stdout has only the result."""
+    """Dialog with the person who connects the servos.
+
+    The dialog uses stderr, so that stdout contains only the result.
+    """
 
     def __init__(self, signals: Signals) -> None:
         self._keyboard = Keyboard(signals)

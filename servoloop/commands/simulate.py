@@ -34,7 +34,7 @@ class SimulatedRun:
     ] = BACKLASH_DEG
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Seed that varies friction, motors, masses and supply of the arm by up to 10 %."),
+        typer.Option(min=0, help="Seed for random variations of friction, motors, masses and supply by up to 10 %."),
     ] = None
     faults: Annotated[
         Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")
@@ -68,9 +68,10 @@ class SimulatedRun:
 def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption = False) -> None:
     """Run pick-and-place jobs on a virtual arm in simulated time, without ROS.
 
-    The command runs the whole stack from the controllers to the simulated physics, faster than real time. It prints
-    following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give the same
-    digest. Without --job and --seconds, it picks all grades of the arm once. The exit status is 1 if a job failed.
+    The command runs the whole stack from the controllers to the simulated physics, faster than real time. The command
+    prints following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give
+    the same digest. Without --job and --seconds, the command picks all grades of the arm once. The exit status is 1 if
+    a job failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
     from rich.console import Console

@@ -21,7 +21,7 @@ from servoloop.commands.shared.options import (
     side_of,
 )
 from servoloop.stack.arm_folders import OWN, find_arm
-from servoloop.stack.arm_options import ArmOption
+from servoloop.stack.arm_options import ArmOption, RunningChoice, RunningNamespace
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ def record(
 ) -> None:
     """Record a motion while you move the arm by hand, until you press Enter.
 
-    The arm holds its position softly and yields to your hand. At the end it holds its last position, or parks, as set
-    by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
+    The arm holds its position softly and yields to your hand. At the end the arm holds its last position, or parks, as
+    set by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
 
@@ -91,8 +91,19 @@ def record(
     raise typer.Exit(run(side, rate_hz, limp, poses, teacher, keep))
 
 
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """Speed and supervision of a motion that is played back."""
+
+    speed: SpeedOption = 1.0
+    hands_free: UnattendedOption = False
+    rate_hz: RateOption = RATE_HZ
+
+
 @app.command()
+@grouped_options
 def play(
+    *,
     name: Name,
     port: Annotated[
         str | None,
@@ -108,31 +119,32 @@ def play(
             "ID of the running arm."
         ),
     ] = None,
-    speed: SpeedOption = 1.0,
-    hands_free: UnattendedOption = False,
-    rate_hz: RateOption = RATE_HZ,
+    namespace: RunningNamespace = None,
+    options: PlayOptions,
 ) -> None:
     """Play back a recorded motion while you hold a key.
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
-    the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
-    Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its position.
+    the motion. The arm stops when you release the key. At the end the arm holds or parks, as set by on_exit in its
+    robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its
+    position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    require_keys(hands_free)
+    require_keys(options.hands_free)
     if port is None:
-        played_on_running_arm(arm, partial(_saved_motion, name=name), speed, hands_free)
+        chosen = RunningChoice(arm, namespace)
+        played_on_running_arm(chosen, partial(_saved_motion, name=name), options.speed, options.hands_free)
         return
     side, motions = ArmAtPort(port, arm or OWN).opened()
     joints = side.files.robot.joints
     motion = motions.get(name).of([joint.name for joint in joints], name)
     motion.check_units(joints, str(motions.path(name)))
     motion.check([joint.limits for joint in joints], str(motions.path(name)))
-    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
+    raise typer.Exit(played(side, motion, options.speed, options.hands_free, options.rate_hz))
 
 
 def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
-    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    """Return a saved motion of a running arm. Raises TeachError if the motion does not fit the arm."""
     from servoloop.teach.taught import MotionStore, TeachError
 
     if arm.folder is None:
@@ -144,12 +156,12 @@ def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
 
 
 def played_on_running_arm(
-    name: str | None, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
+    choice: RunningChoice, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
 ) -> None:
     """Play a motion on the arm of ``servoloop up`` and print each phase.
 
     Args:
-        name: Name, folder or process ID of the running arm. None: the only one.
+        choice: The running arm.
         motion_of: Returns the motion for an arm, with its joints in their order.
         speed: Share of the recorded speed, from 0 to 1.
         hands_free: Whether to move without a dead-man key.
@@ -159,7 +171,11 @@ def played_on_running_arm(
     from servoloop.stack.signals import Signals
     from servoloop.teach.running_play import RunningPlay
 
-    with Signals() as signals, Arm.connect(name) as arm, permission_of(hands_free) as permission:
+    with (
+        Signals() as signals,
+        Arm.connect(choice.arm, namespace=choice.namespace) as arm,
+        permission_of(hands_free) as permission,
+    ):
         playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
         while playing.update():
             if signals.count:
@@ -232,9 +248,13 @@ def _print_and_confirm(question: str, yes: bool) -> None:
 
 
 def teleop(
-    leader: Annotated[str, typer.Argument(help="Serial port of the leader, or NAME=PATH,NAME=PATH for several buses.")],
-    follower: Annotated[
-        str, typer.Argument(help="Serial port of the follower, or NAME=PATH,NAME=PATH for several buses.")
+    ports: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LEADER FOLLOWER",
+            help="Serial ports of leader and follower, or NAME=PATH,NAME=PATH for several buses. With several arms on "
+            "one robot, the two ports of each arm, one arm after the other.",
+        ),
     ],
     leader_arm: Annotated[
         str, typer.Option(help="Leader: a name that `servoloop arms` lists, or an arm folder.")
@@ -248,21 +268,25 @@ def teleop(
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
     Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, then it
-    follows. It holds its position when you release the key or the leader is lost. Key a re-enables servos of the
-    follower that have switched their torque off. At the end the follower holds or parks, as set by on_exit in its robot
-    file. The torque of the leader is always off; the command asks before it switches the leader's torque off.
-    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`
+    follows the leader. The follower holds its position when you release the key or the leader is lost. Key a re-enables
+    servos of the follower that have switched their torque off. At the end the follower holds or parks, as set by
+    on_exit in its robot file. The torque of the leader is always off; the command asks before it switches the leader's
+    torque off.
+    Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
+    `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """
     from rich.console import Console
 
     from servoloop.commands.shared.console import confirm
     from servoloop.teleop.arms import TeleopError
     from servoloop.teleop.attendance import HANDS_FREE_HINT, HINT, REACTIVATE
+    from servoloop.teleop.pairs import bus_names, port_pairs
     from servoloop.teleop.screen import TeleopScreen
     from servoloop.teleop.teleop import teleop as run
 
     require_keys(hands_free)
     log_to_terminal()
+    leader, follower = port_pairs(ports, bus_names(leader_arm), bus_names(follower_arm))
     sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")

@@ -12,7 +12,7 @@ from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.arm_options import ServoArm, xacro_arguments
+from servoloop.stack.arm_options import NamespaceOption, ServoArm, xacro_arguments
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.terminal import log_to_terminal
 
@@ -30,6 +30,7 @@ class TopicHostOptions:
     states_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = STATES
     commands_topic: Annotated[str, typer.Option(help="Topic of the joint commands.")] = COMMANDS
     record: RecordOption = None
+    namespace: NamespaceOption = ""
 
 
 @grouped_options
@@ -44,7 +45,7 @@ def topic_host(
 ) -> None:
     """Run an arm under ros2_control's controller manager until Ctrl-C.
 
-    The plug-in joint_state_topic_hardware_interface/JointStateTopicSystem connects the two.
+    The plug-in joint_state_topic_hardware_interface/JointStateTopicSystem connects the controller manager to the arm.
     Example: `servoloop topic-host --arm so101 --port /dev/ttyACM0 --rate 100`
     """
     from servoloop.topic_host import ForeignControllers
@@ -57,7 +58,8 @@ def topic_host(
         raise DriverError(f"--states-topic and --commands-topic are both {options.states_topic}: choose two topics")
     if options.record is not None:
         check_path(options.record)
-    files = read_arm_files(find_arm(arm.arm), arm.urdf, None, arm.robot, xacro_arguments(arm.xacro_arg))
+    arguments, namespace = xacro_arguments(arm.xacro_arg), options.namespace
+    files = read_arm_files(find_arm(arm.arm), arm.urdf, None, arm.robot, arguments, namespace)
     if options.rate is not None:
         files = replace(files, controllers=replace(files.controllers, update_rate_hz=options.rate))
     devices = parse_ports(port or [], files.robot.file.lines())

@@ -39,7 +39,7 @@ class TuneRequest:
     joint: Annotated[str, typer.Argument(help="Joint to measure.")]
     more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None
     at: Annotated[
-        float | None, typer.Option(help="Position to measure at, in rad or m (default: near the present position).")
+        float | None, typer.Option(help="Position to measure at, in rad or m (default: near the current position).")
     ] = None
     write: Annotated[
         list[str] | None, typer.Option("--write", help="Gains to write before measuring again: --write P=24 D=32.")
@@ -57,7 +57,7 @@ class TuneRequest:
             raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
 
     def gains(self, model: "ServoModel") -> "Mapping[str, int]":
-        """Return the gains to write by name, or none. Raises TuneError if the servo does not have them."""
+        """Return the gains to write, by name. Raises TuneError if the servo does not have one of these gains."""
         from commissioning.tune.gains import parse_gains
 
         return parse_gains(model, [*self.write, *(self.more or ())]) if self.write else {}
@@ -75,9 +75,9 @@ def tune(
 ) -> None:
     """Measure how a joint follows steps and a sine, and propose gains for its servo.
 
-    The command asks before the arm moves. It reports overshoot, settling time, delay, sag, following error and
-    oscillation. Gains are only written with --write or --apply; then it measures again and shows both results side by
-    side. Stop the stack first, because the command opens the port itself.
+    The command asks before the arm moves. The command reports overshoot, settling time, delay, sag, following error and
+    oscillation. Gains are only written with --write or --apply. Then the command measures again and shows both results
+    side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
     from rich.console import Console
@@ -163,7 +163,10 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
 
 
 def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", end: str) -> str:
-    """Return the question that describes all motions and writes. Raises TuneError if they are not possible."""
+    """Return the question that describes all motions and writes.
+
+    Raises TuneError if a motion or a write is not possible.
+    """
     from commissioning.tune.trial import plan_for, plan_question
 
     writes = bool(gains or request.apply)
@@ -208,7 +211,7 @@ def _drawn(path: Path, report: "TuneReport") -> Path | None:
 
 
 def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> None:
-    """Print the figures, the proposed gains and how to keep them."""
+    """Print the figures, the proposed gains and instructions to keep the gains."""
     from servoloop.commands.output.tune_output import table, words
 
     console.print(table(report))

@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -15,7 +16,7 @@ from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
-from servoloop.stack.arm_options import ControlledArm
+from servoloop.stack.arm_options import ControlledArm, NamespaceOption
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
@@ -86,7 +87,10 @@ def check_ready_file(path: Path | None) -> None:
 
 
 def _check_planning(options: UpOptions) -> None:
-    """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
+    """Check that the planning server can start, before the torque of the arm is enabled.
+
+    Raises DriverError or RosError.
+    """
     if not options.ros:
         raise DriverError("--plan needs ROS 2: leave out --no-ros")
     require_extras("motion planning", "planning")
@@ -107,7 +111,11 @@ def write_ready(path: Path) -> None:
 
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
+    action: Annotated[
+        str | None, typer.Option(help="Action of the pick-and-place node (default: sorting/arm/pick_place).")
+    ] = None,
     network: NetworkOption = False,
+    namespace: NamespaceOption = "",
 ) -> None:
     """Send one pick-and-place goal to a running arm and print its feedback.
 
@@ -122,13 +130,15 @@ def pick(
 
     set_network(network)
     left = "the node may continue the job"
-    with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
-        client = PickClient(node, executor)
+    with Signals(left) as signals, client_node("servoloop_pick", namespace) as (node, executor):
+        client = PickClient(node, executor, action or ACTION)
         available = client.wait(5.0, lambda: signals.count > 0)
         if signals.count:
             raise Interrupted("interrupted before the job began")
         if not available:
-            raise DriverError(f"no node provides the action {ACTION}; start the stack and the pick-and-place node")
+            raise DriverError(
+                f"no node provides the action {client.action}; start the stack and the pick-and-place node"
+            )
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
         )
@@ -146,6 +156,7 @@ def demo(
     """Sort cubes with a virtual arm, show the progress and measure the motion.
 
     With all grades, two more cubes are sorted for comparison: one without gravity compensation and one without lead.
+    All arms of a robot with several arms sort at the same time, without comparison.
     The exit status is 0 if every cube is in the right bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
@@ -155,12 +166,16 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.jobs import Live
+    from servoloop.demo.several_arms import arm_jobs, check_options
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
     if options.vision and (tuple(jobs) != GRADES or repeat > 1 or options.poses):
         raise DriverError("--vision sorts twelve apples by their own grades: leave out --grades, --repeat and --poses")
+    several = len(arm_jobs(options)) > 1
+    if several:
+        check_options(options)
     if options.record is not None:
         check_path(options.record)
     check_grades(jobs, options.found())
@@ -171,6 +186,8 @@ def demo(
     console = Console()
     if options.vision:
         raise typer.Exit(_sort_apples(options, console))
+    if several:
+        raise typer.Exit(_sort_with_several_arms(jobs, repeat, options, console))
     with Live(console) as live:
         report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
@@ -178,8 +195,19 @@ def demo(
     raise typer.Exit(0 if reports.succeeded(report) else 1)
 
 
+def _sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOptions, console: "Console") -> int:
+    """Sort cubes with all arms at the same time, print the report and return the exit status."""
+    from servoloop.demo.jobs import Live
+    from servoloop.demo.several_arms import print_report, sort_with_several_arms, write_report
+
+    report = sort_with_several_arms(grades, repeat, options, Live(console))
+    print_report(report, console)
+    write_report(report, options.out / "result.json")
+    return 0 if report.success else 1
+
+
 def _sort_apples(options: CellOptions, console: "Console") -> int:
-    """Sort apples by what the virtual camera sees, print the report and return the exit status."""
+    """Sort apples by the pictures of the virtual camera, print the report and return the exit status."""
     require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live

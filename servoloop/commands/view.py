@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -11,7 +12,9 @@ import typer
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, RosError, require_ros
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
+from servoloop.stack.arm_options import RunningArm, RunningChoice, RunningNamespace
 
 if TYPE_CHECKING:
     from nodes.planning_client.scene_watch import SceneWatch
@@ -27,7 +30,23 @@ CAMERA_BELOW: Final = 0.25
 """Place of the camera's picture among the controls, after the buttons and before the folder *Arm*."""
 
 
+@dataclass(frozen=True, slots=True)
+class PageOptions:
+    """Options of the page."""
+
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free one is used."),
+    ] = 8080
+    host: Annotated[
+        str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")
+    ] = "127.0.0.1"
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True
+
+
+@grouped_options
 def view(
+    *,
     recording: Annotated[
         Path | None, typer.Argument(help="MCAP file to play (default: the stack running on this machine).")
     ] = None,
@@ -37,23 +56,17 @@ def view(
             help="Name, folder or process ID of the arm if several are running. With an MCAP file: the recorded arm."
         ),
     ] = None,
+    namespace: RunningNamespace = None,
     bus: Annotated[
         Path | None,
         typer.Option(help="LINK of a virtual arm that `servoloop emulate` serves without a stack; requires --arm."),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free one is used."),
-    ] = 8080,
-    host: Annotated[
-        str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")
-    ] = "127.0.0.1",
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    page: PageOptions,
 ) -> None:
     """Show a running arm, a recording or virtual servos in a browser.
 
-    The page works offline. Its buttons move a running arm while you hold them. Ctrl-C ends the command without
-    affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
+    The page works offline. The buttons of the page move a running arm while you hold them. Ctrl-C ends the command
+    without affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
     """
     require_extras("the view", "view")
     if recording is not None and bus is not None:
@@ -68,32 +81,33 @@ def view(
     from servoloop.stack.signals import Signals
 
     clock = MonotonicClock()
-    found, folder = _opened(recording, bus, arm, clock)
-    live = isinstance(found, LiveSource)
+    found, folder = _opened(recording, bus, RunningChoice(arm, namespace), clock)
     with Signals() as signals, ExitStack() as ends:
-        watch, camera = (_scene_watch(), _live_camera(clock)) if live else (None, None)
+        watch, camera = None, None
+        if isinstance(found, LiveSource):
+            watch, camera = _scene_watch(found.stack.namespace), _live_camera(clock, found.stack.namespace)
         for watching in (watch, camera):
             if watching is not None:
                 ends.callback(watching.close)
-        server = PageServer(host, port)
+        server = PageServer(page.host, page.port)
         ends.callback(server.stop)
-        page = Page(server, folder, None if watch is None else lambda: (watch.newest, clock.now()))
-        cameras = CameraFolder(server, page.above_arm + CAMERA_BELOW, camera.pictures if camera else None)
+        shown = Page(server, folder, None if watch is None else lambda: (watch.newest, clock.now()))
+        cameras = CameraFolder(server, shown.above_arm + CAMERA_BELOW, camera.pictures if camera else None)
         parts: list[Part] = [cameras.show]
         source = Player(server, found, clock) if isinstance(found, PlayedRecording) else found
         ends.callback(source.close)
         if isinstance(found, LiveSource):
             mover = Mover(found, clock)
             ends.callback(mover.close)
-            panel = MovePanel(server, mover, page.above_arm)
+            panel = MovePanel(server, mover, shown.above_arm)
             parts.append(lambda _: panel.show())
         typer.echo(f"the page is at {server.url}")
-        if browser and any(name in os.environ for name in SCREENS):
+        if page.browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
-        show(page, source, clock, lambda: signals.count > 0, parts)
+        show(shown, source, clock, lambda: signals.count > 0, parts)
 
 
-def _scene_watch() -> "SceneWatch | None":
+def _scene_watch(namespace: str) -> "SceneWatch | None":
     """Start to watch the motion planner of the arm, if ROS 2 is installed."""
     try:
         require_ros(PLANNING_PACKAGES)
@@ -101,12 +115,12 @@ def _scene_watch() -> "SceneWatch | None":
         return None
     from nodes.planning_client.scene_watch import SceneWatch
 
-    watch = SceneWatch()
+    watch = SceneWatch(namespace=namespace)
     watch.start()
     return watch
 
 
-def _live_camera(clock: Clock) -> "LiveCamera | None":
+def _live_camera(clock: Clock, namespace: str) -> "LiveCamera | None":
     """Start to watch the camera node, if ROS 2 is installed."""
     try:
         require_ros()
@@ -114,22 +128,22 @@ def _live_camera(clock: Clock) -> "LiveCamera | None":
         return None
     from servoloop.dashboard.live_camera import LiveCamera
 
-    return LiveCamera(clock)
+    return LiveCamera(clock, namespace)
 
 
 def _opened(
-    recording: Path | None, bus: Path | None, arm: str | None, clock: Clock
+    recording: Path | None, bus: Path | None, choice: RunningChoice, clock: Clock
 ) -> "tuple[LiveSource | PlayedRecording | EmulatorSource, Path | None]":
     """Open the source and return it with the folder of its arm, or None if only the URDF of the arm is known."""
     from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import OWN, find_arm
 
     if recording is not None:
-        return PlayedRecording(recording), find_arm(arm).folder if arm is not None else None
+        return PlayedRecording(recording), find_arm(choice.arm).folder if choice.arm is not None else None
     if bus is not None:
-        known = find_arm(arm or OWN)
+        known = find_arm(choice.arm or OWN)
         return _emulated(bus, known, clock), known.folder
-    live = LiveSource(arm, clock)
+    live = LiveSource(choice.arm, clock, choice.namespace)
     return live, live.folder
 
 
@@ -148,9 +162,8 @@ def monitor(
     recording: Annotated[
         Path | None, typer.Argument(help="MCAP file to play (default: the stack running on this machine).")
     ] = None,
-    arm: Annotated[
-        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
-    ] = None,
+    arm: RunningArm = None,
+    namespace: RunningNamespace = None,
 ) -> None:
     """Show a running arm or a recording in this terminal, for example over ssh.
 
@@ -158,8 +171,10 @@ def monitor(
     Example: `servoloop monitor`, or `servoloop monitor out/run.mcap` for a recording
     """
     require_extras("the monitor", "monitor")
-    if recording is not None and arm is not None:
-        raise DriverError("--arm shows a running arm and FILE.mcap shows a recording; use only one of them")
+    if recording is not None and not (arm is None and namespace is None):
+        raise DriverError(
+            "--arm and --namespace show a running arm and FILE.mcap shows a recording; use only one of them"
+        )
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise DriverError(
             "the monitor needs a terminal, but stdin or stderr is not a terminal; run it in a terminal (over ssh, use "
@@ -171,7 +186,7 @@ def monitor(
 
     os.nice(NICE)
     clock = MonotonicClock()
-    source = LiveSource(arm, clock) if recording is None else Playback(PlayedRecording(recording), clock)
+    source = LiveSource(arm, clock, namespace) if recording is None else Playback(PlayedRecording(recording), clock)
     with Signals() as signals:
         app = MonitorApp(source, lambda: signals.count > 0)
         try:

@@ -13,7 +13,7 @@ from servoloop.recording.sampler import LinkPose, LinkPoses
 
 HERE: tuple[Vector, Quaternion] = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 BETWEEN = 16
-"""Number of drawn points from one point of a goal to the next."""
+"""Number of points drawn between two points of a goal."""
 
 
 class ArmModel:
@@ -72,7 +72,7 @@ class ArmModel:
         return link
 
     def pose(self, link: str, position: FloatArray) -> tuple[Vector, Quaternion]:
-        """Return the pose of a link in the root link, in meters, at joint positions (n,) in rad or m."""
+        """Return the pose of a link in the frame of the root link, in meters, at joint positions (n,) in rad or m."""
         found = {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.fixed}
         found |= {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.moving(position)}
         (x, y, z), turn = HERE
@@ -86,7 +86,7 @@ class ArmModel:
         return (x, y, z), turn
 
     def place(self, link: str, position: FloatArray) -> Vector:
-        """Return the position of a link in the root link, in meters, at joint positions (n,) in rad or m."""
+        """Return the position (m) of a link in the frame of the root link, at joint positions (n,) in rad or m."""
         return self.pose(link, position)[0]
 
     def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:

@@ -10,8 +10,8 @@ from servoloop.recording.pictures import CameraPicture
 class LiveCamera:
     """Newest picture of the camera node."""
 
-    def __init__(self, clock: Clock) -> None:
-        self._watch = PictureWatch(clock)
+    def __init__(self, clock: Clock, namespace: str) -> None:
+        self._watch = PictureWatch(clock, namespace)
         self._message: object = None
         self._pictures: Mapping[str, CameraPicture] = {}
 

@@ -32,7 +32,7 @@ STOPPED: Final = "All motions of all clients were stopped."
 
 
 class Handling:
-    """Moves the arm step by step as the held button commands."""
+    """Manual motion of the arm, step by step, as the held button commands."""
 
     def __init__(self, buttons: HeldButtons) -> None:
         self.message = ""
@@ -70,7 +70,7 @@ class Handling:
 
 
 class Mover:
-    """Moves the joints of a running stack in a thread while buttons are held."""
+    """Thread that moves the joints of a running stack while buttons are held."""
 
     def __init__(self, source: LiveSource, clock: Clock) -> None:
         self.buttons = HeldButtons(clock)
@@ -86,7 +86,7 @@ class Mover:
 
     @property
     def message(self) -> str:
-        """Message about the present motion, or the reason why the arm cannot be moved."""
+        """Message about the current motion, or the reason why the arm cannot be moved."""
         return self._handling.message if self.targets.joints else self._why
 
     def close(self) -> None:
@@ -137,7 +137,7 @@ class Mover:
             self.targets = now
 
     def _wait_for(self, ready: Callable[[], bool]) -> bool:
-        """Wait until ``ready`` returns True; return False if the thread is to end first."""
+        """Wait until ``ready`` returns True. Return False if the thread must end first."""
         while not ready():
             if self._ended.wait(POLL_S):
                 return False
@@ -172,7 +172,8 @@ class MovePanel:
         gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public way
         gui.add_html(PINNED, order=-1.0)
         self._stop = gui.add_button("Stop everything", color="red", order=0.0, disabled=True)
-        self._stop.on_hold(self._stopped)  # called when the button is pressed and repeatedly while it is held
+        # Viser calls this when the button is pressed, and repeatedly while it is held.
+        self._stop.on_hold(self._stopped)
         self._stop.on_click(self._stopped)
         with gui.add_folder("Move", order=order):
             self._text = gui.add_html("")

@@ -7,9 +7,9 @@ NARROW: Final = "36em"
 CONTROLS_SHARE: Final = "45%"
 """Maximum height of the controls, as a share of the page height."""
 PINNED: Final = "<i class='servoloop-pinned'></i>"
-"""Marker before a control that stays visible while the controls are scrolled."""
+"""Marker in front of a control that stays visible while the controls are scrolled."""
 _SHEET: Final = ".mantine-Paper-root[style*='position: fixed']"
-"""CSS selector of the sheet, which has no class of its own in viser."""
+"""CSS selector of the sheet, which has no CSS class in viser."""
 LAYOUT: Final = f"""<style>@media (max-width: {NARROW}) {{
   div:has(> {_SHEET}) {{ flex-direction: column }}
   div:has(+ {_SHEET}) {{ flex: 1 1 0; height: auto !important; min-height: 0 }}

@@ -38,7 +38,7 @@ class Strips:
         self._plots = [self._add(server, strip) for strip in STRIPS]
 
     def show(self, watched: ObservedRobot, place: int) -> None:
-        """Plot the last minute of the joint with the index ``place``."""
+        """Plot the last minute of the joint with index ``place``."""
         minute = watched.minute()
         for strip, plot in zip(STRIPS, self._plots, strict=True):
             data = strip_data(minute, strip.columns, place)
@@ -140,7 +140,7 @@ def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
 
 
 def _around(known: ArmFolder | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
-    """Return the shapes of the fixed and of the loose objects around an arm; none if the arm is unknown."""
+    """Return the shapes of the fixed and of the loose objects around an arm, or no shapes if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()
     return scene_shapes(known.scene), thing_shapes(known.scene)
@@ -190,7 +190,7 @@ class Page:
         self._ghost.on_update(self._chosen)
 
     def status(self, text: str, well: bool = True, beat: int = 0) -> None:
-        """Show the state of the source; in red if the stack has ended.
+        """Show the state of the source, in red if the stack has ended.
 
         A browser reports a lost connection if it receives no new ``beat`` for ``LOST_S``.
         """
@@ -215,7 +215,10 @@ class Page:
             self._planned.show(newest, snapshot.position, now_s)
 
     def show_numbers(self, watched: ObservedRobot) -> None:
-        """Update the tables, colors and plots. This is expensive; call it a few times per second."""
+        """Update the tables, colors and plots.
+
+        The update takes much processor time; call it only a few times per second.
+        """
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
             return
@@ -240,7 +243,7 @@ class Page:
         return [*servos, *loop]
 
     def _build(self, snapshot: RobotSnapshot) -> None:
-        """Draw the arm for the first time or after another arm was connected."""
+        """Draw the arm when the page starts or another arm is connected."""
         if self._arm is not None:
             self._arm.remove()
         if self._planned is not None:
@@ -271,7 +274,7 @@ class Page:
             )
 
     def _chosen(self, _: object = None) -> None:
-        """Show or hide the frames and the ghost as the check boxes are set."""
+        """Show or hide the frames and the ghost, depending on the check boxes."""
         if self._arm is not None:
             self._arm.show_frames(self._frames.value)
             self._arm.show_ghost(self._ghost.value)
@@ -287,7 +290,7 @@ class Page:
         self._arm.show_path(points)
 
     def _can_draw(self, goal: GoalPath) -> bool:
-        """Return whether a goal has several joints, all of them measured and in the robot description."""
+        """Return whether a goal has several joints, all of which are measured and in the robot description."""
         known = set(self._description.joints if self._description else ()) & set(self._joints)
         return len(goal.joints) > 1 and set(goal.joints) <= known
 

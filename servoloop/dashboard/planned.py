@@ -1,4 +1,4 @@
-"""Objects of the planning scene, and the newest plan as a moving ghost, on the page of ``servoloop view``."""
+"""Draw the planning scene, and the newest plan as a moving ghost, on the page of ``servoloop view``."""
 
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any, Final
@@ -23,13 +23,16 @@ HELD_RGB: Final[Rgb] = (150, 80, 180)
 PLAN_RGB: Final[Rgb] = (240, 150, 30)
 OPACITY: Final = 0.5
 LARGEST_M: Final = 3.0
-"""Extent from which an object, such as a table without an end, is not drawn, in m."""
+"""Extent above which an object, such as an infinite table, is not drawn, in m."""
 SHOWN_S: Final = 2.0
 """Time for which the ghost stays at the end of a plan, in seconds."""
 
 
 class PlannedScene:
-    """Drawing of what the motion planner knows. ``drawn`` has the names of objects that the page already shows."""
+    """Drawing of the scene and the plan of the motion planner.
+
+    ``drawn`` has the names of objects that the page already shows.
+    """
 
     def __init__(
         self, server: viser.ViserServer, model: ArmModel, visuals: Iterable[DrawnShape], drawn: Collection[str] = ()
@@ -108,7 +111,7 @@ class PlannedScene:
 
 
 def mesh_of(shape: Shape) -> trimesh.Trimesh:
-    """Return the triangles of a shape, in m. For the planner, a mesh counts as its convex hull."""
+    """Return the triangles of a shape, in m. The planner uses the convex hull of a mesh."""
     found: trimesh.Trimesh
     if isinstance(shape, Box):
         found = trimesh.creation.box(extents=shape.sides_m())
@@ -116,7 +119,8 @@ def mesh_of(shape: Shape) -> trimesh.Trimesh:
         found = trimesh.creation.cylinder(shape.radius_m, shape.height_m)
     elif isinstance(shape, Cone):
         found = trimesh.creation.cone(shape.radius_m, shape.height_m)
-        found.apply_translation((0.0, 0.0, -shape.height_m / 2.0))  # Its origin is halfway up its axis.
+        # The origin of the planner's cone is halfway up its axis.
+        found.apply_translation((0.0, 0.0, -shape.height_m / 2.0))
     elif isinstance(shape, Sphere):
         found = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius_m)
     else:

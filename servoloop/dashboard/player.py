@@ -13,7 +13,7 @@ PLAY: Final = "Play"
 
 
 class Player:
-    """Plays a recording in a loop, controlled by the browsers."""
+    """Player of a recording in a loop, controlled by the browsers."""
 
     up_to_date = True
 
@@ -33,7 +33,7 @@ class Player:
 
     @property
     def robot(self) -> ObservedRobot:
-        """State of the robot at the present playback time."""
+        """State of the robot at the current playback time."""
         self._playback.speed = self._speed.value
         sought, self._sought = self._sought, False
         watched = self._playback.robot
@@ -43,7 +43,7 @@ class Player:
         return watched
 
     def _moved(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if event.client is not None:  # moved by a browser, not by this program
+        if event.client is not None:  # A browser moved the slider, not this program.
             self._playback.seek(float(event.target.value))
             self._sought = True
 

@@ -1,4 +1,4 @@
-"""The arm in 3D: a solid measured arm, a ghost at the commanded positions, the goal's path and surrounding objects."""
+"""Draw the arm in 3D: the measured arm, a ghost at the commanded positions, the goal's path and surrounding objects."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -52,7 +52,7 @@ GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
 REACH_M: Final = 0.75
-"""Reach of the arm for which the camera position below is made, in meters."""
+"""Reach of the arm for which the camera position below is designed, in meters."""
 CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
 TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 

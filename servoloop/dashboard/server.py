@@ -1,4 +1,7 @@
-"""Web server of the page. It serves only this machine, or other machines that have a token, and rejects other sites."""
+"""Web server of the page.
+
+The server serves only this machine, or other machines that have a token, and rejects requests from other sites.
+"""
 
 import contextlib
 import functools
@@ -103,7 +106,7 @@ class PageServer(viser.ViserServer):
         return f"http://{self.get_host()}:{self.get_port()}/{token}"
 
     def stop(self) -> None:
-        """Stop the server without viser's messages."""
+        """Stop the server without printing viser's messages."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
 
@@ -112,7 +115,7 @@ class PageServer(viser.ViserServer):
         return None
 
     def _check_address(self, host: str) -> None:
-        """Raise ViewError if the machine does not have this address, for which viser would wait forever."""
+        """Raise ViewError if the machine does not have this address, because viser would wait for it forever."""
         try:
             with socket.create_server((host, 0), family=socket.AF_INET):
                 pass
@@ -148,7 +151,10 @@ def _guarded(guard: Guard) -> Iterator[list[bool]]:
 
 
 def _name(host: str) -> str:
-    """Return the name of the cookie, with the port, because browsers send cookies to all ports of a machine."""
+    """Return the name of the cookie.
+
+    The name contains the port, because browsers send cookies to all ports of a machine.
+    """
     return f"servoloop_view_{urlsplit(f'//{host}').port or 80}"
 
 

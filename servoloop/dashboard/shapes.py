@@ -16,6 +16,7 @@ from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.robot_description.link_meshes import LinkMesh, link_meshes, read_stl, with_edges
 from hal.types import FloatArray
+from sim_backend.scene.arm_names import arm_prefixes
 from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]
@@ -29,7 +30,7 @@ class MeshTooLarge(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DrawnShape:
-    """Visual of a link: triangles and their pose in the link, in meters."""
+    """Visual of a link: triangles and their pose in the frame of the link, in meters."""
 
     link: str
     vertices: FloatArray
@@ -38,7 +39,7 @@ class DrawnShape:
     quaternion: Quaternion
     rgb: Rgb
     flat: bool
-    """Whether the shape has plane faces and sharp edges."""
+    """Whether the shape has flat faces and sharp edges."""
 
 
 def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list[str]]:
@@ -99,7 +100,7 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Dr
 
 
 def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh]) -> list[DrawnShape]:
-    """Return the visuals, in which the meshes replace the visuals of the same links."""
+    """Return the visuals, with the visuals of some links replaced by meshes."""
     meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
@@ -112,8 +113,9 @@ def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh])
 def scene_shapes(path: Path) -> Iterator[DrawnShape]:
     """Yield the fixed boxes of a MuJoCo scene (bins and stand) in the world frame, with the body's name as the link."""
     model, data = _scene(path)
+    fixed = tuple(f"{prefix}{part}" for prefix in arm_prefixes(model) for part in ("bin_", "stand"))
     for geom, name in _boxes(model):
-        if name.startswith(("bin_", "stand")):
+        if name.startswith(fixed):
             turn = np.empty(4)
             mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
             yield _box(model, geom, name, data.geom_xpos[geom], turn)

@@ -163,9 +163,10 @@ STRIPS: Final = (
 
 
 def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
-    """Return the data of a plot for the joint with the index ``place``.
+    """Return the data of a plot for the joint with index ``place``.
 
-    The first array has the times relative to the latest cycle, in seconds; then follows one array for each column.
+    The first array has the times relative to the latest cycle, in seconds. The other arrays have the values of one
+    column each.
     """
     curves, rows = minute
     if columns[0] in Health._fields:

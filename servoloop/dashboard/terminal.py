@@ -109,7 +109,7 @@ OF_RECORDINGS: Final = ("pause", "seek", "speed")
 
 
 class MonitorApp(App[None]):
-    """Screen for one source. It only watches; no key moves the arm."""
+    """Screen for one source. The screen only shows the arm; no key moves it."""
 
     TITLE = "servoloop monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -135,7 +135,7 @@ class MonitorApp(App[None]):
     ]
 
     def __init__(self, source: Source, stop: Callable[[], bool] = lambda: False) -> None:
-        """Create the screen. It closes when ``stop`` returns True."""
+        """Create the screen. The screen closes when ``stop`` returns True."""
         super().__init__()
         self._source, self._stop = source, stop
         self._watched: ObservedRobot | None = None

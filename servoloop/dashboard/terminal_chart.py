@@ -46,7 +46,7 @@ def _scaled(values: FloatArray, limits: Range, dots: int) -> FloatArray:
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Return the dots of a line without gaps through points, which are given in dots."""
+    """Return the dots of a continuous line through points in dot coordinates."""
     there = np.isfinite(x) & np.isfinite(y)
     both = there[:-1] & there[1:]
     dx, dy = np.diff(x)[both], np.diff(y)[both]
@@ -72,7 +72,7 @@ class StripChart(Static):
         self.strip = strip
 
     def show(self, minute: Minute, place: int) -> None:
-        """Plot the joint with the index ``place``."""
+        """Plot the joint with index ``place``."""
         times, *columns = strip_data(minute, self.strip.columns, place)
         width, height = self.size.width - AXIS, self.size.height - 1
         lines = [self._title(columns)]

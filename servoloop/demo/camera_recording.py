@@ -1,6 +1,6 @@
 """Add the pictures of the camera to the recording of a stack.
 
-The process of the control loop writes the recording. The pictures are in a file of their own until that process ends.
+The process of the control loop writes the recording. Until that process ends, the pictures are in a separate file.
 """
 
 import heapq
@@ -16,10 +16,10 @@ from servoloop.recording.message_types import PICTURE, definition
 
 
 class CameraRecording:
-    """Pictures of one run, beside the recording of its stack."""
+    """Pictures of one run, in a file next to the recording of its stack."""
 
     def __init__(self, recording: Path, topic: str) -> None:
-        """Create the file of the pictures. Raises RecordingError if it cannot be created."""
+        """Create the file of the pictures. Raises RecordingError if the file cannot be created."""
         self._recording, self._topic = recording, topic
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
         """File of the pictures, until ``finish`` has added them to the recording."""
@@ -33,10 +33,11 @@ class CameraRecording:
     def finish(self) -> None:
         """Close the file of the pictures, and add them to the recording, ordered by time.
 
-        Call it when the stack has ended. If it did not start, there is no recording, and the pictures are removed.
+        Call this when the stack has ended. If the stack did not start, there is no recording, and the pictures are
+        removed.
 
         Raises:
-            RecordingError: The recording cannot be read or written. Both files remain in that case.
+            RecordingError: The recording cannot be read or written. Both files are then kept.
         """
         self._file.close()
         if self._recording.exists():
@@ -71,7 +72,7 @@ def _write(path: Path, *readers: McapReader) -> None:
 
 
 def _messages(reader: McapReader) -> Iterator[tuple[int, tuple[str, str], str, bytes]]:
-    """Yield the messages of a file in the order of time: time in ns, schema, topic and data."""
+    """Yield the messages of a file in chronological order: time in ns, schema, topic and data."""
     for schema, channel, message in reader.iter_messages():
         assert schema is not None
         yield message.log_time, (schema.name, schema.data.decode()), channel.topic, message.data

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import DriverError
+from nodes.namespace import namespace_arguments
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Camera, JobRunner, Live, RosClients
-from servoloop.recording.stream import running_stacks
 from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.devices import device_paths, port_options
 from servoloop.stack.emulator_process import emulate_arguments
-from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.pick_place import load_pick_place, load_pick_places
 from servoloop.stack.processes import Processes, choose_ros_domain
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
@@ -53,7 +53,8 @@ class Cell:
 
 def check_grades(grades: Sequence[str], arm: ArmFolder) -> None:
     """Raise DriverError if the node parameters of the arm have no bin for one of the grades."""
-    known = load_pick_place(arm.pick_place).grades
+    jobs = load_pick_places(arm.pick_place).values()
+    known = [grade for grade in next(iter(jobs)).grades if all(grade in job.grades for job in jobs)]
     unknown = [grade.strip() for grade in grades if grade.strip().upper() not in known]
     if unknown:
         names = ", ".join(unknown)
@@ -81,27 +82,28 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
-    choose_ros_domain()
+    if not options.namespace:  # a namespace separates the cell from others in the domain
+        choose_ros_domain()
     out, arm = options.out, options.found()
     link = out / "bus"
-    files = read_arm_files(arm, robot=options.robot)
-    settings = load_pick_place(arm.pick_place).settings()
+    files = read_arm_files(arm, robot=options.robot, namespace=options.namespace)
+    settings = load_pick_place(arm.pick_place, options.namespace).settings()
     if options.poses and not arm.pick_place_poses.exists():
         raise DriverError(f"--poses: {arm.pick_place_poses} is missing: write it like config/pick_place_poses.yaml")
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
-        process_ids = _start(processes, link, files, options, live)
+        process_ids = start_stack(processes, link, files, options, live)
         if options.poses:
             live.say("starting the motion planner")
-            processes.start("plan_server", "servoloop", "plan-server", "--arm", str(arm.folder))
+            processes.start("plan_server", "servoloop", "plan-server", "--arm", str(arm.folder), *_namespace(options))
         process_ids["pick_place"] = _start_node(processes, arm, options, live)
         if options.view:
-            live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
-        with client_node("servoloop_demo") as (node, executor):
+            live.say(f"the arm in a browser: {open_page(processes, out, process_ids['stack'])}")
+        with client_node("servoloop_demo", options.namespace) as (node, executor):
             if options.poses:
                 processes.wait_until(lambda: is_planner_present(node), "starting the motion planner", START_S)
             monitor = StackMonitor(node, executor, ARM)
-            camera = Camera(_feed(link, processes), settings.joints)
+            camera = Camera(open_feed(link, processes), settings.joints)
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
             runner = JobRunner(RosClients(monitor, picker, homing), live, camera, signals, processes)
             runner.wait_for_node(START_S)
@@ -115,7 +117,8 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
         processes.end()
 
 
-def _feed(link: Path, processes: Processes) -> WorldFeedClient:
+def open_feed(link: Path, processes: Processes) -> WorldFeedClient:
+    """Connect to the world of the emulator at ``link``. Raises DriverError."""
     try:
         return WorldFeedClient(feed_path(link))
     except OSError as error:
@@ -123,10 +126,9 @@ def _feed(link: Path, processes: Processes) -> WorldFeedClient:
         raise DriverError(f"cannot connect to the simulated world at {feed_path(link)}: {error}") from error
 
 
-def _page(processes: Processes, out: Path, stack: int) -> str:
+def open_page(processes: Processes, out: Path, stack: int) -> str:
     """Start ``servoloop view`` for the stack and return the address of the page."""
-    (arm,) = (running.arm for running in running_stacks() if running.pid == stack)
-    processes.start("view", "servoloop", "view", "--arm", arm)
+    processes.start("view", "servoloop", "view", "--arm", str(stack))
     found: list[str] = []
 
     def shown() -> bool:
@@ -137,13 +139,17 @@ def _page(processes: Processes, out: Path, stack: int) -> str:
     return found[0]
 
 
-def _start(processes: Processes, link: Path, files: Files, options: CellOptions, live: Live) -> dict[str, int]:
+def _namespace(options: CellOptions) -> tuple[str, ...]:
+    return ("--namespace", options.namespace) if options.namespace else ()
+
+
+def start_stack(processes: Processes, link: Path, files: Files, options: CellOptions, live: Live) -> dict[str, int]:
     """Start the emulator and then the stack, and return their process IDs."""
     buses = files.robot.file.lines()
     ready = link.with_name("ready")
     ready.unlink(missing_ok=True)
     started: dict[str, int] = {}
-    live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
+    live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})")
     seed, record = options.seed, options.record
     built = ("--backlash", str(options.backlash_deg), *(() if seed is None else ("--seed", str(seed))))
     built += () if options.apples is None else ("--apples", str(options.apples))
@@ -163,10 +169,14 @@ def _start_node(processes: Processes, arm: ArmFolder, options: CellOptions, live
     """Start the pick-and-place node and return its process ID."""
     live.say("starting the pick-and-place node")
     parameters = arm.pick_place_poses if options.poses else arm.pick_place
-    return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(parameters))
+    return processes.start(
+        "pick_place", NODE, "--ros-args", "--params-file", str(parameters), *namespace_arguments(options.namespace)
+    )
 
 
 def _start_camera(processes: Processes, link: Path, files: Files, live: Live) -> int:
     """Start the perception node with the virtual camera and return its process ID."""
     live.say("starting the camera")
-    return processes.start("camera", "servoloop.demo.camera_process", str(link), str(files.scene))
+    return processes.start(
+        "camera", "servoloop.demo.camera_process", str(link), str(files.scene), *namespace_arguments(files.namespace)
+    )

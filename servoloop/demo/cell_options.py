@@ -8,10 +8,17 @@ import typer
 
 from servoloop.recording.mcap import RecordOption
 from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
-from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
+from servoloop.stack.arm_options import (
+    BACKLASH_DEG,
+    ArmOption,
+    BacklashOption,
+    NamespaceOption,
+    RobotOption,
+    SeedOption,
+)
 
 FIRST_TRAY: Final = 2
-"""Seed of the apples without ``--seed``. These apples have all grades."""
+"""Default seed of the apples, used without ``--seed``. The apples of this seed have all grades."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +34,11 @@ class CellOptions:
     poses: Annotated[
         bool, typer.Option("--poses", help="Plan motions to poses of the tool instead of moving to joint positions.")
     ] = False
+    namespace: NamespaceOption = ""
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[
-        bool, typer.Option("--vision", help="Sort twelve apples by what a virtual camera sees, instead of cubes.")
+        bool, typer.Option("--vision", help="Sort twelve apples by the pictures of a virtual camera, instead of cubes.")
     ] = False
 
     @property

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import psutil
 from rich.console import Console
@@ -17,17 +17,20 @@ from servoloop.demo.jobs import JobRun, Live
 from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
+if TYPE_CHECKING:
+    from nodes.stack_monitor import StackMonitor
+
 IDLE_S = 3.0
 FIGURES_S = 1.5
-"""Time in which the figures of the last cycles are published, in seconds."""
+"""Time within which the figures of the last cycles are published, in seconds."""
 FADING_S = 1.5
-"""Time in which gravity compensation fades in or out, in seconds."""
+"""Time within which gravity compensation fades in or out, in seconds."""
 SAGGING_RAD = 0.2
 """Goal tolerance without gravity compensation, in rad. The sag alone exceeds the usual tolerance."""
 HARDWARE = ""
 """Placeholder for the node of the hardware component."""
 EACH_JOINT = "constraints.{joint}.goal"
-"""Placeholder for this parameter of each joint of the arm."""
+"""Placeholder for the goal tolerance of each joint of the arm."""
 WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "gravity compensation": [
         (ARM, EACH_JOINT, SAGGING_RAD),
@@ -36,6 +39,10 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
 }
 """Parameters (node, name and value) to set for each comparison run without one of the compensations."""
+EXPLANATION: Final = (
+    "Each error is given for the worst joint, then for the fastest joint. RMS is measured while moving, and the error "
+    "at rest half a second after a motion."
+)
 Result = TypeVar("Result")
 FIGURES = (
     "cycles",
@@ -55,8 +62,10 @@ class DemoReport:
     """Joints of the arm, in the order of all figures."""
     runs: tuple[JobRun, ...]
     comparisons: Mapping[str, JobRun]
-    """Comparison runs, by the missing compensation; only if all grades were picked without a planner. They need not
-    succeed."""
+    """Comparison runs, by the disabled compensation.
+
+    They take place only if all grades were picked without a planner, and need not succeed.
+    """
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -76,19 +85,19 @@ def demo(
         return _measure(jobs, ready, are_all_grades(grades, options.found()) and not options.poses)
 
 
-def loop_figures(ready: Cell) -> dict[str, float]:
+def loop_figures(monitor: "StackMonitor") -> dict[str, float]:
     """Return the figures of the control loop, which are published once per second."""
-    return {name: float(ready.monitor.newest.loop.get(name, "nan")) for name in FIGURES}
+    return {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
     """Run all jobs and, with ``compare``, one more job without each compensation."""
     runner = ready.runner
     stack = psutil.Process(ready.process_ids["stack"])
-    idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
-    moving_percent, runs = _cpu(stack, lambda: [runner.run(grade) for grade in jobs])
+    idle_percent, _ = cpu_load(stack, lambda: runner.idle(IDLE_S))
+    moving_percent, runs = cpu_load(stack, lambda: [runner.run(grade) for grade in jobs])
     runner.idle(FIGURES_S)
-    loop = loop_figures(ready)
+    loop = loop_figures(ready.monitor)
     comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT if compare}
     return DemoReport(
         tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent}
@@ -96,7 +105,7 @@ def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
 
 
 def _run_without(what: str, grade: str, ready: Cell) -> JobRun:
-    """Run a job without the compensation ``what``."""
+    """Run a job with the compensation ``what`` disabled."""
     for node, name, value in WITHOUT[what]:
         node = node or ready.component
         for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:
@@ -106,7 +115,7 @@ def _run_without(what: str, grade: str, ready: Cell) -> JobRun:
     return ready.runner.run(grade)
 
 
-def _cpu(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, Result]:
+def cpu_load(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, Result]:
     """Return the CPU load of a process during an action, in percent of one core, and the result of the action."""
     process.cpu_percent()
     result = action()
@@ -125,33 +134,41 @@ def succeeded(report: DemoReport) -> bool:
 
 def print_table(report: DemoReport, console: Console) -> None:
     """Print the report as tables."""
-    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest joint", "largest", "RMS")
-    table = Table(*columns, title="following error, rad")
-    for column in (*table.columns[2:6], *table.columns[7:]):
-        column.justify = "right"
-    for run in report.runs:
-        table.add_row(*_cells(run, report.joints))
+    table = runs_table(report.runs, report.joints, "following error, rad")
     table.add_section()
     marks = {what: "*" * count for count, what in enumerate(report.comparisons, 1)}
     for what, run in report.comparisons.items():
         grade, *rest = _cells(run, report.joints)
         table.add_row(f"{grade} {marks[what]}", *rest)
     console.print(table)
-    console.print(
-        "Errors are those of the worst joint, then of the fastest joint. RMS is measured while moving, the error at "
-        "rest half a second after a motion."
-    )
+    console.print(EXPLANATION)
     if marks:
         console.print(", ".join(f"{mark}: without {what}" for what, mark in marks.items()))
     console.print()
-    console.print(_loop_table(report))
-    console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
-    touched = sorted({contact for run in report.runs for contact in run.contacts})
+    console.print(loop_table(report.loop, report.cpu_percent))
+    print_summary(report.runs, console)
+
+
+def runs_table(runs: Iterable[JobRun], joints: Sequence[str], title: str) -> Table:
+    """Return a table with one row per job."""
+    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest joint", "largest", "RMS")
+    table = Table(*columns, title=title)
+    for column in (*table.columns[2:6], *table.columns[7:]):
+        column.justify = "right"
+    for run in runs:
+        table.add_row(*_cells(run, joints))
+    return table
+
+
+def print_summary(runs: Sequence[JobRun], console: Console) -> None:
+    """Print how many cubes are in their bins, and what the arms touched."""
+    console.print(f"cubes in their bins: {sum(run.success for run in runs)} of {len(runs)}")
+    touched = sorted({contact for run in runs for contact in run.contacts})
     console.print(f"contacts of the arm, except with the cube: {', '.join(touched) or 'none'}")
 
 
-def _loop_table(report: DemoReport) -> Table:
-    loop, cpu = report.loop, report.cpu_percent
+def loop_table(loop: Mapping[str, float], cpu: Mapping[str, float]) -> Table:
+    """Return a table with the figures of the control loop and its CPU load."""
     columns = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
     table = Table(*columns, title="control loop")
     table.add_row(
@@ -187,17 +204,17 @@ def _content(report: DemoReport) -> dict[str, Any]:
     return {
         "success": succeeded(report),
         "cubes": {"in_their_bins": sum(run.success for run in runs), "of": len(runs)},
-        "runs": [_run(run, report.joints) for run in runs],
+        "runs": [run_content(run, report.joints) for run in runs],
         "loop": {**report.loop, "cpu_percent_of_a_core": report.cpu_percent},
         "following_error": {
             "of": f"{', '.join(report.joints)}: largest error of all runs, at the cycles and every 5 ms between them",
             **worst(run.between_cycles for run in runs).as_dict(report.joints),
         },
-        "without": {what: _run(run, report.joints) for what, run in report.comparisons.items()},
+        "without": {what: run_content(run, report.joints) for what, run in report.comparisons.items()},
     }
 
 
-def _run(run: JobRun, joints: Sequence[str]) -> dict[str, Any]:
+def run_content(run: JobRun, joints: Sequence[str]) -> dict[str, Any]:
     return {
         "grade": run.grade,
         "success": run.success,

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 class Live:
     """Progress display: a live table in a terminal, otherwise one line per event."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, arm: str = "") -> None:
+        """``arm`` is the name of the arm, for a robot with several arms. Their jobs have no table."""
         self.console = console
+        self._arm = f"{arm}: " if arm else ""
         self._view = RichLive(console=console, refresh_per_second=8, transient=True)
         self._job = ""
         self._phase = ""
@@ -43,7 +45,7 @@ class Live:
 
     def say(self, text: str) -> None:
         """Print one line of progress."""
-        self.console.print(f"[dim]·[/] {text}")
+        self.console.print(f"[dim]·[/] {self._arm}{text}")
 
     def job(self, grade: str) -> None:
         """Show that a job begins."""
@@ -52,14 +54,14 @@ class Live:
     def phase(self, phase: str, message: str) -> None:
         """Show the feedback of the pick-and-place node."""
         self._phase = phase
-        if not self.console.is_terminal:
+        if not self._view.is_started:
             self.say(f"{self._job}: {phase}")
 
     def done(self, grade: str, where: str | None, success: bool, message: str) -> None:
         """Print the result of a job."""
         mark = "[green]✓[/]" if success else "[red]✗[/]"
         place = f"bin {where}" if where else "no bin"
-        self.console.print(f"{mark} grade {grade}: cube in {place} [dim]{message}[/]")
+        self.console.print(f"{mark} {self._arm}grade {grade}: cube in {place} [dim]{message}[/]")
         self._job, self._phase = "", ""
 
     def sorted(self, apple: str, success: bool, message: str) -> None:
@@ -69,7 +71,7 @@ class Live:
 
     def show(self, newest: "NewestMessages") -> None:
         """Show the latest state of the arm."""
-        if self.console.is_terminal:
+        if self._view.is_started:
             self._view.update(self._render(newest))
 
     def _render(self, newest: "NewestMessages") -> Group:
@@ -131,7 +133,7 @@ class JobRun:
 
 @dataclass(slots=True)
 class WorldTrace:
-    """Joint positions from the simulated world, also between the cycles, with times on the monotonic clock."""
+    """Joint positions from the simulated world, including those between cycles, with times on the monotonic clock."""
 
     times_s: list[float] = field(default_factory=list)
     positions: list[list[float]] = field(default_factory=list)
@@ -147,7 +149,7 @@ class RosClients:
 
 
 class JobRunner:
-    """Runs jobs one after another in a running cell."""
+    """Jobs that run one after another in a running cell."""
 
     def __init__(
         self,
@@ -159,7 +161,7 @@ class JobRunner:
     ) -> None:
         self._monitor, self._picker, self._homing = clients.monitor, clients.picker, clients.homing
         self._failed = False
-        """Whether the last job failed, in which case the arm, the hand and the cube can be anywhere."""
+        """Whether the last job failed. The arm, the hand and the cube can then be anywhere."""
         self._live = live
         self.camera = camera
         self._signals = signals
@@ -235,7 +237,8 @@ class JobRunner:
 class Camera:
     """Reader of the simulated world: the bin of the cube, the joint positions between the cycles, and contacts."""
 
-    def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
+    def __init__(self, client: WorldFeedClient, joints: Sequence[str], prefix: str = "") -> None:
+        """``prefix`` is the beginning of all names of the arm, for a robot with several arms."""
         self.bin: str | None = None
         self.newest: dict[str, Any] | None = None
         """The newest publication."""
@@ -243,15 +246,18 @@ class Camera:
         self.contacts: set[str] = set()
         self._client = client
         self._joints = list(joints)
+        self._prefix = prefix
 
     def poll(self) -> None:
         """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
-            self.bin, self.newest = publication["cube_bin"], publication
-            self.contacts.update(publication["contacts"])
+            self.bin, self.newest = publication["cube_bins"].get(f"{self._prefix}cube"), publication
+            self.contacts.update(pair for pair in publication["contacts"] if pair.startswith(self._prefix))
+            order = list(publication["joints"])
+            places = [order.index(joint) for joint in self._joints]
             for time_s, positions in publication["trace"]:
                 self.trace.times_s.append(time_s)
-                self.trace.positions.append(positions[: len(self._joints)])
+                self.trace.positions.append([positions[place] for place in places])
 
 
 def _errors(samples: "Sequence[Sample]", trace: WorldTrace) -> tuple[FollowingError, FollowingError]:

@@ -11,7 +11,7 @@ from sim_backend.camera.scene_camera import SceneCamera
 
 
 def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
-    """Sort ``count`` apples by what the virtual camera sees, in a new cell, and draw pictures of it.
+    """Sort ``count`` apples in a new cell by the pictures of the virtual camera, and draw the results.
 
     Raises:
         ArmFileError: The scene has no camera or no apples.
@@ -26,7 +26,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     pictures = CameraRecording(options.record, PICTURES)
     try:
         return _sorted(options, live, count, camera, pictures)
-    finally:  # An interrupted run has a recording, too.
+    finally:  # An interrupted run has a recording as well.
         pictures.finish()
 
 
@@ -40,6 +40,6 @@ def _sorted(
         sorter = Sorter(ready, ready.sorting, camera, live)
         apples = tuple(sorter.run(count))
         ready.runner.idle(FIGURES_S)
-        report = SortingReport(apples, count, loop_figures(ready))
+        report = SortingReport(apples, count, loop_figures(ready.monitor))
     save_pictures(options.out, options.found().scene, apples, sorter.film)
     return report

@@ -1,4 +1,4 @@
-"""Sort apples by what the virtual camera sees: wait for each job, and compare the grade and the bin with the truth."""
+"""Sort apples by the pictures of the virtual camera: wait for each job, and check its grade and bin."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,30 +18,30 @@ if TYPE_CHECKING:
 APPLES: Final = 12
 """Number of apples of a demo."""
 APPLE_S: Final = 60.0
-"""Maximum time for an apple to come to the stand, and for its job to start, in seconds."""
+"""Maximum time for an apple to arrive at the stand and for its job to start, in seconds."""
 JOB_S: Final = 120.0
-"""Maximum duration of a job, in seconds. The node limits each of its motions itself."""
+"""Maximum duration of a job, in seconds. The node itself limits the duration of each motion."""
 STUCK_S: Final = 15.0
 """Time after a failed job within which the next apple comes or the next job starts, in seconds."""
 FALL_S: Final = 3.0
 """Maximum time for a released apple to come to rest, in seconds."""
 FRAME_S: Final = 0.4
-"""Interval between the frames of the film."""
+"""Interval between the frames of the film, in seconds."""
 FRAMES: Final = 70
 """Maximum number of frames. They show about two jobs."""
 MOVED: Final = 0.01
-"""Motion of a joint, in rad or m, from which the next frame is kept."""
+"""Minimum motion of a joint, in rad or m, after which the next frame is kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class SortedApple:
-    """One apple: the truth, what the camera saw, and where the arm put it."""
+    """One apple: its true values, the values that the camera measured, and the bin into which the arm put it."""
 
     number: int
     truth: AppleTruth
     true_grade: str
     job: "SortingJob | None"
-    """Job that the apple started; None if none started in time."""
+    """Job that the apple started; None if no job started in time."""
     bin: str | None
 
     @property
@@ -51,7 +51,7 @@ class SortedApple:
 
     @property
     def diameter_error_mm(self) -> float | None:
-        """Measured diameter minus the true one."""
+        """Measured diameter minus the true diameter."""
         if self.job is None or self.job.apple is None:
             return None
         return self.job.apple.diameter_mm - self.truth.diameter_mm
@@ -67,7 +67,7 @@ class Film:
     _next_s: float = 0.0
 
     def take(self, publication: Mapping[str, Any], grade: str) -> None:
-        """Keep a state if it is time, something has moved, and the film is not full."""
+        """Keep a state if the interval has passed, something has moved, and the film is not full."""
         now_s = perf_counter()
         if now_s < self._next_s or len(self.frames) >= FRAMES:
             return
@@ -81,7 +81,7 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
 
 class Sorter:
-    """Watches a cell that sorts apples by itself."""
+    """Observer of a cell that sorts apples by itself."""
 
     def __init__(self, ready: Cell, monitor: "SortingMonitor", camera: SceneCamera, live: Live) -> None:
         self._ready, self._monitor, self._live = ready, monitor, live

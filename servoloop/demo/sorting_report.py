@@ -22,7 +22,7 @@ MARK_RGB: Final = (20, 90, 220)
 TEXT_PX: Final = 28
 FILM_FPS: Final = 6.0
 FILM_STEP: Final = 2
-"""The film has every second pixel of the pictures in both directions."""
+"""Step in pixels by which the film reduces the pictures in both directions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class SortingReport:
 
     apples: tuple[SortedApple, ...]
     wanted: int
-    """Number of apples that should come."""
+    """Number of apples that the cell should sort."""
     loop: Mapping[str, float]
 
     @property
@@ -57,8 +57,9 @@ def print_sorting(report: SortingReport, console: Console) -> None:
         table.add_row(*_cells(apple))
     console.print(table)
     console.print(
-        "Grades: true and seen by the camera. Diameter, red share and share of spots are those of the camera, each "
-        "with its error. The last column is the time from the picture to the start of the job."
+        "The grades are the true grade and the grade seen by the camera. The camera measures the diameter, the red "
+        "share and the share of spots, each shown with its error. The last column is the time from the picture to "
+        "the start of the job."
     )
     delay_s, missed = report.median_picture_to_goal_s, report.loop["missed_cycles"]
     console.print(
@@ -120,7 +121,7 @@ def _values(apple: Any) -> dict[str, float]:
 
 
 def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film: Film) -> None:
-    """Draw ``apple.png``, the first apple with its values, and ``sorting.gif``, what the camera saw of the arm."""
+    """Draw ``apple.png`` with the first apple and its values, and ``sorting.gif`` with the arm as the camera saw it."""
     if film.first is None or not apples:
         return
     camera = SceneCamera(scene, sensor=Sensor(noisy=False))  # Noise would make the film much larger.

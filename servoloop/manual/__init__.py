@@ -1,1 +1,1 @@
-"""Manual control of a running arm: held buttons and keys, and named poses."""
+"""Control a running arm manually with held buttons, held keys and named poses."""

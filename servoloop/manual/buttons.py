@@ -64,7 +64,7 @@ GOOD_S: Final = 0.2
 BEGIN_S: Final = 0.1
 """Time for which a button must be reported before it moves the arm, in seconds.
 
-A single report does not move the arm, and neither do several delayed reports that arrive at once.
+The arm moves neither after a single report nor after several delayed reports that arrive at once.
 """
 GAP_S: Final = 0.6
 """Time without a report after which the next report is a new press, in seconds.
@@ -86,10 +86,10 @@ class _Press:
 
 
 class HeldButtons:
-    """The held button that moves the arm, from all buttons of all browsers. All methods are thread-safe.
+    """Held button that moves the arm, among all buttons of all browsers. All methods are thread-safe.
 
-    Each button in each browser has a key, ``button``. A press that was rejected or ended stays without effect until the
-    button is released. So a user who holds a button while nothing moves is not surprised by a motion.
+    Each button in each browser has a key, ``button``. A press that was rejected or ended has no effect until the button
+    is released. The rule prevents an unexpected motion while a user holds a button of an arm at rest.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -134,7 +134,7 @@ class HeldButtons:
                 self._press = None
 
     def end(self) -> None:
-        """End the present press. The button has no effect until it is released and pressed again."""
+        """End the current press. The button has no effect until it is released and pressed again."""
         with self._lock:
             self._end()
 

@@ -9,7 +9,7 @@ QUIT: Final = "q"
 
 
 class Permission(Protocol):
-    """Permission to move. It reports whether the arm may move, and whether the command is to end."""
+    """Permission to move. The permission reports whether the arm may move, and whether the command must end."""
 
     def allowed(self, now_s: float) -> bool: ...
     def ended(self) -> bool: ...
@@ -59,7 +59,7 @@ class DeadMansKey:
             self._key.press(key, now_s)
 
     def allowed(self, now_s: float) -> bool:
-        """Return whether a key is held, as far as a terminal can tell. It does not block."""
+        """Return whether a key is held, as far as a terminal can detect this. The call does not block."""
         for key in typed(0.0):
             self.press(key, now_s)
         return bool(self._key.held(now_s))

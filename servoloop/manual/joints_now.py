@@ -1,4 +1,4 @@
-"""Define what manual motion needs to know about a robot."""
+"""Define the data about a robot that manual motion needs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from hal.types import JointLimits
 
 
 class HandlingError(DriverError):
-    """The arm cannot be moved at present."""
+    """The arm cannot be moved now."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointsNow:
-    """Present positions of the joints, in rad or m by joint name, with their age."""
+    """Current positions of the joints, in rad or m by joint name, with their age."""
 
     commanded: Mapping[str, float]
     """Commanded positions. A joint without a command has its measured position."""

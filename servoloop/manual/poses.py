@@ -16,7 +16,7 @@ from hal.types import JointLimits
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.stack.arm_folders import read_arm
-from servoloop.stack.pick_place import HAND, load_pick_place
+from servoloop.stack.pick_place import load_pick_places
 
 FILE: Final = "poses.yaml"
 LONGEST_NAME: Final = 100
@@ -39,7 +39,7 @@ class Poses:
     """Saved poses of one arm. The methods raise PoseError if the file is invalid or cannot be read or written."""
 
     def __init__(self, folder: Path) -> None:
-        """Use the pose file in the folder of an arm."""
+        """Open the pose file in the folder of an arm."""
         self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
@@ -99,7 +99,7 @@ OPEN, CLOSE = "open the hand", "close the hand"
 
 @dataclass(frozen=True, slots=True)
 class MoveTargets:
-    """Joints that can be moved, and poses that can be approached."""
+    """Joints that can be moved, and poses to which the arm can move."""
 
     joints: tuple[str, ...] = ()
     hand: Mapping[str, Pose] = field(default_factory=dict)
@@ -116,7 +116,7 @@ NO_TARGETS: Final = MoveTargets()
 def find_targets(
     folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]
 ) -> MoveTargets:
-    """Return the joints that a running arm can move and the poses that it can approach.
+    """Return the joints that a running arm can move and the poses to which it can move.
 
     Args:
         folder: Folder of the arm; None if the stack does not report it.
@@ -141,14 +141,18 @@ def find_targets(
 
 
 def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
-    joints = driven.get(HAND, ())
-    if len(joints) != 1:
-        return {}
+    """Return the poses in which all hands are open or closed, or none if the files of the arm do not have them."""
     try:
-        settings = load_pick_place(read_arm(folder).pick_place)
+        jobs = load_pick_places(read_arm(folder).pick_place).values()
     except ArmFileError:  # the folder has only a URDF, or the arm has no pick-and-place parameters
         return {}
-    return {OPEN: {joints[0]: settings.hand_open_m}, CLOSE: {joints[0]: settings.hand_closed_m}}
+    hands = [(joints[0], job) for job in jobs if len(joints := driven.get(job.hand_controller, ())) == 1]
+    if not hands:
+        return {}
+    return {
+        OPEN: {joint: job.hand_open_m for joint, job in hands},
+        CLOSE: {joint: job.hand_closed_m for joint, job in hands},
+    }
 
 
 def _refusal(pose: Pose, joints: tuple[str, ...], limits: Mapping[str, JointLimits]) -> str:

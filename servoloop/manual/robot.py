@@ -16,7 +16,7 @@ from servoloop.recording.sources import LiveSource
 from servoloop.recording.stream import RunningStack
 
 ANSWER_S: Final = 5.0
-"""Maximum time until the first measurement of a running stack arrives."""
+"""Maximum time until the first measurement of a running stack arrives, in seconds."""
 
 
 def joints_now(snapshot: RobotSnapshot, age_s: float) -> JointsNow:
@@ -44,7 +44,7 @@ def limits_of(snapshot: RobotSnapshot) -> dict[str, JointLimits]:
 
 
 class LiveRobot:
-    """Robot of a running stack on this machine, as its live feed reports it."""
+    """Robot of a running stack on this machine, with the state that its live feed reports."""
 
     def __init__(self, source: LiveSource) -> None:
         self._source = source
@@ -52,16 +52,17 @@ class LiveRobot:
         self._limits: dict[str, JointLimits] = {}
 
     @classmethod
-    def find(cls, arm: str | None = None) -> Self:
+    def find(cls, arm: str | None = None, namespace: str | None = None) -> Self:
         """Follow a running stack.
 
         Args:
-            arm: Name or folder of the arm; needed if several stacks are running.
+            arm: Name or folder of the arm. None: any arm.
+            namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
 
         Raises:
             LiveError: No such stack is running.
         """
-        return cls(LiveSource(arm, MonotonicClock()))
+        return cls(LiveSource(arm, MonotonicClock(), namespace))
 
     @property
     def arm(self) -> str:
@@ -85,7 +86,7 @@ class LiveRobot:
 
     @property
     def folder(self) -> Path:
-        """Folder of the arm. Raises HandlingError if the stack has not reported it."""
+        """Folder of the arm. Raises HandlingError if the stack has not reported the folder."""
         if self._source.folder is None:
             raise HandlingError(
                 f"the poses of {self.arm} are unknown because its stack does not report the arm's folder"
@@ -105,7 +106,7 @@ class LiveRobot:
         return joints_now(self.snapshot, self._source.silent_s)
 
     def wait(self) -> None:
-        """Wait for the first measurement. Raises HandlingError if there is none within ``ANSWER_S``."""
+        """Wait for the first measurement. Raises HandlingError if no measurement arrives within ``ANSWER_S``."""
         if not self._source.has_state.wait(ANSWER_S):
             raise HandlingError(f"the stack of {self.arm} has sent no measurement for {ANSWER_S:.0f} s")
 

@@ -32,7 +32,7 @@ RELEASE_S: Final = 0.5
 
 @dataclass(slots=True)
 class _DrivenController:
-    """An active controller with its joints and their motion."""
+    """Active controller, its joints and the motion of these joints."""
 
     joints: tuple[str, ...]
     busy: bool = False
@@ -42,7 +42,7 @@ class _DrivenController:
 
 
 class RobotClient:
-    """Client that jogs joints and approaches poses, slowly and within limits.
+    """Client that jogs joints and moves them to poses, slowly and within limits.
 
     All calls come from one thread. Each call of ``jog`` or ``approach`` moves a short distance, so call them at least
     ten times per second. The joints stop within 0.3 s after the last call, even if this process is killed. Methods
@@ -53,10 +53,10 @@ class RobotClient:
         self._commands, self._robot, self._now = commands, robot, now
         self._controllers: dict[str, _DrivenController] = {}
         self._inactive: dict[str, str] = {}
-        """Inactive controller that could move each joint, by joint."""
+        """Inactive controllers that could move joints, by joint."""
         self._listed_s = self._commanded_s = -float("inf")
         self._owns = False
-        """Whether this client has taken the motion."""
+        """Whether this client has control of the arm."""
 
     @property
     def driven(self) -> dict[str, tuple[str, ...]]:
@@ -69,7 +69,7 @@ class RobotClient:
         return tuple(joint for joints in self.driven.values() for joint in joints)
 
     def connect(self) -> None:
-        """Find the active controllers. Raises HandlingError if none of them moves joints."""
+        """Find the active controllers. Raises HandlingError if none of these controllers moves joints."""
         self._refresh()
         if not self._controllers:
             raise HandlingError("no controller that moves joints is active: activate one, or restart the stack")
@@ -201,19 +201,19 @@ class RobotClient:
             self._owns = True
 
     def _send(self, name: str, controller: _DrivenController, motion: GuidedMotion, joints: Sequence[str]) -> None:
-        """Send the set point of a motion. ``joints`` are those that the user wants to move."""
+        """Send the set point of a motion. ``joints`` are the joints that the user wants to move."""
         self._commanded_s = self._now()
         try:
             self._ask("set_point", controller=name, values=motion.set_point.tolist(), time_s=HORIZON_S)
         except HandlingError as error:
             controller.motion = None
             self._refresh()
-            if name not in self._controllers:  # it was deactivated since the last list
+            if name not in self._controllers:  # the controller was deactivated after the last list
                 raise HandlingError(self._no_controller(joints)) from error
             raise
 
     def _ask(self, op: str, **fields: Any) -> None:
-        """Send a message. Raises HandlingError if the stack refuses it."""
+        """Send a message. Raises HandlingError if the stack refuses the message."""
         try:
             self._commands.request(op, **fields)
         except CommandError as error:
@@ -225,7 +225,7 @@ class RobotClient:
 
 @dataclass(frozen=True, slots=True)
 class _Listed:
-    """A controller in the list of the stack."""
+    """Controller in the list that the stack reports."""
 
     name: str
     kind: str

@@ -1,4 +1,4 @@
-"""Find the pairs of links that MoveIt need not check for collisions: the SRDF's <disable_collisions>.
+"""Find the pairs of links that MoveIt need not check for collisions, for <disable_collisions> in the SRDF.
 
 Poses are sampled as in MoveIt's setup assistant. The geometry comes from the arm's scene; tests ensure that it equals
 the geometry of the URDF.
@@ -18,7 +18,7 @@ from sim_backend.scene.scene_file import scene_spec
 SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
-"""Share of poses above which a pair of links touches by design, as in MoveIt's setup assistant."""
+"""Share of poses with contact above which a pair of links touches by design, as in MoveIt's setup assistant."""
 
 Pair = tuple[str, str]
 
@@ -35,7 +35,7 @@ def arm_links(spec: Any) -> list[Any]:
 
 
 class LinkModel:
-    """Model of the arm in a scene, without other objects, for collisions between its links."""
+    """Model of the arm in a scene, without other objects, to find collisions between the links of the arm."""
 
     def __init__(self, scene: Path) -> None:
         spec = scene_spec(scene)
@@ -52,17 +52,20 @@ class LinkModel:
         self.joints = tuple(str(joint.name) for joint in owned)
         """All joints, including mimic joints, in the order of poses."""
         self.followers = _followers(self.model)
-        """For each mimic joint, the joint that it follows and the polynomial of their positions."""
+        """Joint that each mimic joint follows, and the polynomial that relates their positions."""
         self._places = [int(joint.qposadr[0]) for joint in owned]
         self._ranges = np.array([joint.range for joint in owned])
 
     def pose(self, positions: dict[str, float]) -> FloatArray:
-        """Return a pose with these joint positions. Other joints are at 0; mimic joints follow their joints."""
+        """Return a pose with these joint positions.
+
+        Other joints are at 0; mimic joints follow the joints that they mimic.
+        """
         values = {name: positions.get(name, 0.0) for name in self.joints}
         return self._followed(np.array(list(values.values())))
 
     def random_pose(self, random: np.random.Generator) -> FloatArray:
-        """Return random joint positions within the limits. Mimic joints follow their joints."""
+        """Return random joint positions within the limits. Mimic joints follow the joints that they mimic."""
         low, high = self._ranges.T
         return self._followed(random.uniform(low, high))
 

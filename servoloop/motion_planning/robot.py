@@ -19,24 +19,27 @@ from servoloop.stack.robot_files import CONFIG, Files
 from sim_backend.scene.scene_file import scene_spec
 
 NEVER: Final = "Never"
-"""Reason of pairs that touched in no random pose. They are checked all the same, because they may touch in another."""
+"""Reason for pairs that touched in no random pose.
+
+Such pairs are still checked, because they may touch in other poses.
+"""
 POSES: Final = 500
-"""Number of random poses from which the links follow that always touch."""
+"""Number of random poses with which to find the links that always touch."""
 SEED: Final = 1
-"""Seed of these poses."""
+"""Seed of the random poses."""
 
 
 def planning_robot(files: Files) -> PlanningRobot:
     """Read the files of an arm for planning.
 
-    Groups, end effectors, named states and pairs that may touch come from an SRDF if there is one: the only ``*.srdf``
-    in the folder of the arm, or the one in ``config/moveit`` with the name of the arm. Otherwise the group ``arm`` has
-    the joints of the first trajectory controller, and the group ``hand`` has the others. Their states are the poses of
-    the pick-place job, of the robot file and of ``servoloop pose``.
+    Groups, end effectors, named states and pairs that may touch come from the SRDF of the arm, if it has one. The SRDF
+    is the only ``*.srdf`` in the folder of the arm, or the file in ``config/moveit`` with the name of the arm.
+    Otherwise the group ``arm`` has the joints of the first trajectory controller, and the group ``hand`` has the other
+    joints. The named states are then the poses of the pick-place job, of the robot file and of ``servoloop pose``.
 
     Raises:
         HalError: The files of the arm have mistakes, or it has no trajectory controller.
-        PlanningError: The scene file does not have a joint, or the SRDF has mistakes.
+        PlanningError: The scene file lacks a joint, or the SRDF has mistakes.
     """
     model = scene_spec(files.scene).compile()
     srdf = srdf_of(files)
@@ -49,7 +52,10 @@ def planning_robot(files: Files) -> PlanningRobot:
 
 
 def srdf_of(files: Files) -> Path | None:
-    """Return the SRDF of an arm, or None if it has none. Raises PlanningError if its folder has several."""
+    """Return the SRDF of an arm, or None if it has none.
+
+    Raises PlanningError if the folder of the arm has several SRDF files.
+    """
     own = sorted(files.arm_folder.glob("*.srdf"))
     if len(own) > 1:
         names = ", ".join(path.name for path in own)
@@ -65,6 +71,19 @@ def arm_group(robot: PlanningRobot, files: Files) -> Group:
         if set(group.joints) == joints:
             return group
     raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
+
+
+def arm_groups(robot: PlanningRobot, files: Files) -> list[Group]:
+    """Return the groups with only joints of trajectory controllers: that of ``arm_group``, then small ones first.
+
+    Raises ArmFileError.
+    """
+    first, driven = arm_group(robot, files), set[str]()
+    for spec in files.controllers.controllers:
+        if isinstance(spec.parameters, TrajectoryParameters):
+            driven |= set(spec.parameters.joints)
+    others = [group for group in robot.groups.groups.values() if driven.issuperset(group.joints) and group != first]
+    return [first, *sorted(others, key=lambda group: len(group.joints))]
 
 
 def _derived(files: Files, model: object) -> Groups:

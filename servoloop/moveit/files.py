@@ -1,7 +1,7 @@
 """Implementation of ``servoloop arms moveit``: write the MoveIt configuration of an arm.
 
-The parts that are equal for all arms, and the comments, come from config/moveit. The rest is generated from the arm's
-folder.
+The comments and the parts that are the same for all arms come from config/moveit. The other parts are generated from
+the arm's folder.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,10 @@ MOVEIT: Final = CONFIG / "moveit"
 """Folder with the MoveIt configuration of the default arm."""
 COPIED: Final = ("kinematics.yaml", "ompl_planning.yaml", "moveit.rviz")
 PADDINGS_M: Final = (0.02, 0.015, 0.01)
-"""Paddings to try, widest first, in m. Even the last one exceeds the sag of the hand at 6 mrad in each joint."""
+"""Paddings to try, widest first, in m.
+
+Even the narrowest padding exceeds the sag of the hand at 6 mrad in each joint.
+"""
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
@@ -38,6 +41,11 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
     """
     files = read_arm_files(arm)
+    if sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1:
+        raise ArmFileError(
+            f"{arm.name} has several trajectory controllers, but this command writes files for one arm: "
+            "`servoloop plan-server` plans for all arms with the SRDF in the arm's folder"
+        )
     unchecked = reasons(arm.scene, samples)
     lying = rest_poses(arm)
     poses = {**lying, **working_poses(arm)}
@@ -103,7 +111,7 @@ def header(name: str, before: str) -> str:
 
 
 def joint_limits(files: Files, padding_m: float) -> str:
-    """Return joint_limits.yaml, with shares of the URDF's velocities and of the robot file's accelerations."""
+    """Return joint_limits.yaml, with shares of the URDF's velocity and the robot file's acceleration limits."""
     padding = "default_robot_padding: "
     text = header("joint_limits.yaml", padding) + f"{padding}{padding_m}\n\njoint_limits:\n"
     for joint in files.robot.joints:
@@ -181,6 +189,6 @@ def read_objects(request: Mapping[str, Any]) -> Objects:
 
 
 def read_padding_m(folder: Path) -> float:
-    """Return the padding in a folder with MoveIt's files, in m."""
+    """Return the padding that a folder with MoveIt's files sets, in m."""
     padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
     return padding

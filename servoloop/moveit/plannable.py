@@ -76,7 +76,7 @@ def released_pose(scene: Path, pose: Pose) -> Pose:
 
 
 def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the poses of rest: at the start of the stack and parked, each with torque and released."""
+    """Return the rest poses: at the start of the stack and parked, each with torque enabled and released."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}
@@ -90,7 +90,7 @@ def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
 
 
 def working_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the poses of the pick-place job with open and closed hand, and the zero pose, where the mock starts."""
+    """Return the poses of the pick-place job with open and closed hand, and the zero pose, in which the mock starts."""
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}
     for name, pose in _arm_poses(load_pick_place(arm.pick_place)):

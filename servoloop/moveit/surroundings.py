@@ -15,9 +15,9 @@ from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
+"""Clearance between the padded arm and the objects on which it stands or lies or at which it works, in m."""
 REST_MARGIN_M: Final = 0.03
-"""Maximum distance between the actual and the computed pose of rest of an arm, in m."""
+"""Maximum distance between the actual and the computed rest pose of an arm, in m."""
 REACH_M: Final = 0.7
 """Half the side length of the table, in m."""
 TABLE_M: Final = 0.04
@@ -56,7 +56,7 @@ class Pit:
         return along and self.y_from < other.y_to and other.y_from < self.y_to
 
     def joined(self, other: "Pit") -> "Pit":
-        """Return the smallest pit that contains both."""
+        """Return the smallest pit that contains both pits."""
         x_from, y_from = min(self.x_from, other.x_from), min(self.y_from, other.y_from)
         x_to, y_to = max(self.x_to, other.x_to), max(self.y_to, other.y_to)
         return Pit(x_from, x_to, y_from, y_to, max(self.depth, other.depth))
@@ -70,8 +70,8 @@ BASE: Final = "base_link"
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
     """Return the fixed objects of a scene, by name.
 
-    The table has pits below the foot and where the padded arm would touch it in the poses of rest ``lying``. The stand,
-    at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
+    The table has pits below the foot, and at places where the padded arm would touch it in the rest poses ``lying``.
+    The stand, at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
     """
     model = scene_model(scene)
     data = mujoco.MjData(model)
@@ -116,7 +116,7 @@ def _shape(model: Any, data: Any, geom: int, lower_m: float) -> CollisionShape |
         primitive, dimensions = CYLINDER, np.array([2.0 * size[1], size[0]])
     elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         primitive, dimensions = CYLINDER, np.array([2.0 * (size[0] + size[1]), size[0]])
-    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # a mesh or an ellipsoid becomes its bounding box
+    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # A mesh or an ellipsoid is replaced by its bounding box.
         middle, dimensions = middle + turn @ model.geom_aabb[geom][:3], 2.0 * model.geom_aabb[geom][3:]
     if lower_m and primitive == BOX and turn[2, 2] > 1.0 - 1e-6:
         dimensions[2] -= lower_m
@@ -133,7 +133,7 @@ def _rounded(values: FloatArray) -> Numbers:
 
 
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
-    """Return the pits of the table below the foot of the arm and at its poses of rest."""
+    """Return the pits of the table below the foot of the arm and at its rest poses."""
     arm = LinkModel(scene)
     foot = arm.model.body(BASE).id
     moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]

@@ -26,7 +26,7 @@ class Transfer(NamedTuple):
 
 
 class BusTaps:
-    """Taps on all ports of a stack. They share one list of transfers in chronological order."""
+    """Taps on all ports of a stack. The taps share one list of transfers in chronological order."""
 
     def __init__(self) -> None:
         self._transfers: deque[Transfer] = deque(maxlen=KEPT)
@@ -36,7 +36,10 @@ class BusTaps:
         return BusTap(port, clock, self._transfers)
 
     def take(self) -> tuple[Transfer, ...]:
-        """Return all transfers since the last call. Only one thread may call this; another thread may use the ports."""
+        """Return all transfers since the last call.
+
+        Only one thread may call this method; another thread may use the ports.
+        """
         transfers = self._transfers
         return tuple(transfers.popleft() for _ in range(len(transfers)))
 
@@ -49,7 +52,7 @@ class BusTap(Generic[AnyPort]):
     clock: Clock
     transfers: deque[Transfer] = field(default_factory=deque)
     on_write: Callable[[bytes], None] | None = None
-    """Called with the bytes of each write before they are written."""
+    """Function called with the bytes of each write before they are written."""
 
     @property
     def sent(self) -> list[tuple[float, bytes]]:

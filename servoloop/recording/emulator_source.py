@@ -24,7 +24,7 @@ class EmulatorSource:
     """Latest state of the virtual arm at ``link``. Not thread-safe."""
 
     def __init__(self, link: Path, description: Description, clock: Clock) -> None:
-        """Connect to ``servoloop emulate`` at ``link``. Raises LiveError if no emulator runs there."""
+        """Connect to ``servoloop emulate`` at ``link``. Raises LiveError if no emulator runs at this path."""
         self._link, self._description, self._clock = link, description, clock
         self._client: WorldFeedClient | None = None
         self._messages: Messages | None = None

@@ -117,7 +117,7 @@ def tidy(folder: Path) -> None:
     """Delete the oldest files until their number and their size are within the limits."""
     total = 0
     for number, path in enumerate(sorted(folder.glob(NAME), reverse=True)):
-        with suppress(FileNotFoundError):  # another stack may have deleted the file
+        with suppress(FileNotFoundError):  # Another stack may have deleted the file.
             total += path.stat().st_size
             if number and (number >= FILES or total > LARGEST_FOLDER):
                 path.unlink()
@@ -128,7 +128,7 @@ def _faults(sample: CycleSample) -> Iterator[tuple[str, str]]:
     for joint, fault in sample.state.faults.items():
         if (
             fault.kind != "component"
-        ):  # a component that is lost is handled below; a component that was switched off has no fault
+        ):  # Lost components are handled below; a component that was switched off has no fault.
             yield joint, fault.kind
     for component in sample.lost:
         yield component, LOST

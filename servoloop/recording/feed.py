@@ -63,7 +63,8 @@ WAITING: Final = 8
 class LiveFeed:
     """Sink that sends each cycle as an MCAP stream to all programs connected to a Unix socket.
 
-    A program that reads too slowly loses whole cycles, which it can count. The stack never waits for a viewer.
+    A program that reads too slowly loses whole cycles and can count the lost cycles. The stack never waits for a
+    viewer.
     """
 
     def __init__(self, path: Path, messages: Messages, folder: Path | None = None) -> None:
@@ -71,7 +72,7 @@ class LiveFeed:
 
         Args:
             path: Path of the socket.
-            messages: Creates the messages.
+            messages: Factory of the messages.
             folder: Folder of the arm, if any.
 
         Raises:
@@ -86,7 +87,8 @@ class LiveFeed:
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:
-            new = path.with_suffix(".new")  # renamed once it listens, as clients delete a socket that does not listen
+            # The socket is renamed once it listens, because clients delete a socket that does not listen.
+            new = path.with_suffix(".new")
             new.unlink(missing_ok=True)
             path.with_suffix(FOLDER).unlink(missing_ok=True)
             if folder is not None:
@@ -134,7 +136,8 @@ class LiveFeed:
     def _keep_goals(self, messages: Iterable[Recorded]) -> None:
         for one in messages:
             if one.topic.endswith(GOAL):
-                self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)  # result of the previous goal
+                # This removes the result of the previous goal.
+                self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)
                 self._goals[one.topic] = one
             elif one.topic.endswith(RESULT):
                 self._goals[one.topic] = one

@@ -16,9 +16,9 @@ REST_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error of each joint of the arm in one run, in rad. Empty if nothing could be measured.
+    """Following error of each joint of the arm in one run, in rad. All values are empty if nothing could be measured.
 
-    Sag is largest at the joints that carry the arm, lag at the joint that moves fastest.
+    Sag is largest at the joints that carry the arm, and lag at the joint that moves fastest.
     """
 
     largest_rad: tuple[float, ...]

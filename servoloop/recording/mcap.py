@@ -16,7 +16,7 @@ CHUNK: Final = 256 * 1024
 
 
 class McapStream:
-    """Writer of encoded ROS 2 messages. Raises the OSErrors of its output unchanged.
+    """Writer of encoded ROS 2 messages. Errors of the output (OSError) are raised unchanged.
 
     The stream contains each channel and message type before the first message that uses it.
     """
@@ -86,7 +86,7 @@ class McapFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the file. Raises RecordingError if it cannot be created or already exists."""
+        """Create the file. Raises RecordingError if the file cannot be created or already exists."""
         self.path = path
         with self._errors():
             self._stream: IO[bytes] = path.open("xb")

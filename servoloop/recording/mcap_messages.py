@@ -80,7 +80,7 @@ def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encod
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             if schema is not None:
                 yield schema, channel, message
-    except (EndOfFile, struct.error):  # cut off in the middle of a record
+    except (EndOfFile, struct.error):  # The file is cut off in the middle of a record.
         return
     except Exception as error:  # each compression raises its own errors for damaged data
         if file is not None:
@@ -95,7 +95,7 @@ def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
             continue
         try:
             content = decode(message.data, schema.name)
-        except Exception:  # damaged, or of another version of the type
+        except Exception:  # The message is damaged, or its type has another version.
             LOG.debug("a message of %s does not fit %s", channel.topic, schema.name)
             continue
         yield Received(channel.topic, message.log_time, content, message.sequence)
@@ -111,7 +111,8 @@ def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Recei
 
     Args:
         path: Path of the file.
-        open_file: Opens the file. A caller that shows progress passes a function that counts the bytes read.
+        open_file: Function that opens the file. A caller that shows progress passes a function that counts the bytes
+            read.
 
     Raises:
         RecordingError: The file cannot be read, or it is not an MCAP file.
@@ -140,6 +141,6 @@ def _require_mcap(stream: IO[bytes], path: Path) -> None:
 def _described(head: bytes) -> str:
     if not head:
         return "an empty file"
-    text = head.decode("utf-8", errors="ignore")  # the last character may be cut off
+    text = head.decode("utf-8", errors="ignore")  # The last character may be cut off.
     plain = len(text.encode()) > len(head) - 4 and all(letter.isprintable() or letter.isspace() for letter in text)
     return "a text file" if plain else "a file of another format"

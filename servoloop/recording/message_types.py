@@ -23,8 +23,8 @@ MESSAGE_TYPES = (BUS_TRAFFIC, CYCLE, GOAL_RESULT, CONTROLLER_STATE, DIAGNOSTICS,
 def typestore() -> Typestore:
     """Return all message types by name, such as ``sensor_msgs/msg/JointState``. The first call takes 0.2 s.
 
-    This also compiles the functions that encode the messages. The compiler blocks all other threads, so the first
-    call must come before the control loop starts.
+    The first call also compiles the functions that encode the messages. The compiler blocks all other threads, so the
+    first call must come before the control loop starts.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(MSG.glob("*/*.msg")):

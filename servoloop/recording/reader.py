@@ -1,4 +1,4 @@
-"""Read a recording into arrays. It also reads incomplete recordings of killed programs."""
+"""Read a recording into arrays. Incomplete recordings of killed programs can be read too."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,10 +30,10 @@ BACK_S: Final = 1.0
 
 @dataclass(slots=True)
 class RecordedRun:
-    """Values of a run: arrays (n,) or (n, joints), in rad or m and per second, with times in s since the first cycle.
+    """Values of a run, as arrays (n,) or (n, joints).
 
-    Joints are matched by name in each message. Values missing from a message are interpolated in time, or NaN before
-    the first value of a joint.
+    Units are rad or m, and per second; times are in s since the first cycle. Joints are matched by name in each
+    message. Values missing from a message are interpolated in time, or NaN before the first value of a joint.
     """
 
     joints: tuple[str, ...] = ()
@@ -71,7 +71,7 @@ def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
 
 
 class _Numbers:
-    """Converts the messages of a run to arrays."""
+    """Converter of the messages of a run to arrays."""
 
     def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
         """``command_rows`` has the index of the joint state for each command."""
@@ -81,7 +81,8 @@ class _Numbers:
         times_s = self._times_s(STATES)
         order = np.argsort(times_s, kind="stable")
         sorted_s = times_s[order]
-        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # the last of several equal times
+        # This keeps the last of several rows with equal times.
+        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]
         self._time_s = times_s[self._rows]
         self._begin_s = float(self._time_s[0])
         joints = tuple(dict.fromkeys(name for one in self._states for name in one.message.name))

@@ -1,4 +1,4 @@
-"""Encode and write samples in a thread of its own, so that the loop thread never waits for the disk."""
+"""Encode and write samples in a separate thread, so that the loop thread never waits for the disk."""
 
 import logging
 import threading
@@ -29,7 +29,10 @@ WAITING: Final = 2_000
 
 
 class Sink(Protocol):
-    """Destination of samples. The recorder thread calls all methods except ``close``, which is called after its end."""
+    """Destination of samples.
+
+    The recorder thread calls all methods except ``close``, which is called after the thread has ended.
+    """
 
     @property
     def eager(self) -> bool:
@@ -38,16 +41,19 @@ class Sink(Protocol):
 
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
-        """Process the samples written so far. No more samples are available at the moment."""
+        """Process the samples written so far. The recorder calls this when no more samples are available."""
         ...
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """Write the bus traffic after the last cycle and close. ``failed``: whether the loop ended with an error."""
+        """Write the bus traffic after the last cycle, and close the sink.
+
+        ``failed``: whether the loop ended with an error.
+        """
         ...
 
 
 class Recorder:
-    """Passes each cycle to all sinks. A sink that fails is removed; the others continue."""
+    """Recorder that passes each cycle to all sinks. A sink that fails is removed; the other sinks continue."""
 
     def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink], scene: Scene = dict) -> None:
         self.dropped = 0
@@ -67,7 +73,7 @@ class Recorder:
         self._thread.start()
 
     def post(self, state: JointState) -> None:
-        """Queue the cycle that measured this state. Called in the loop thread; never blocks."""
+        """Queue the cycle that measured this state. The loop thread calls this method, which never blocks."""
         sample = self._sampler.sample(state)
         if len(self._waiting) >= WAITING:
             self.dropped += 1
@@ -77,11 +83,13 @@ class Recorder:
                 self._wake.set()
 
     def add(self, sink: Sink) -> None:
-        """Pass the cycles from now on to another sink, too. Any thread may call this method."""
+        """Pass all further cycles to an additional sink. Any thread may call this method."""
         self._sinks.append(sink)
 
     def remove(self, sink: Sink) -> Request[None]:
-        """Request that the recorder thread close a sink after the present cycles. Any thread may call this method.
+        """Request that the recorder thread close a sink after the cycles queued so far.
+
+        Any thread may call this method.
 
         Returns:
             The request. Its result raises RecordingError if the sink has failed.
@@ -111,7 +119,7 @@ class Recorder:
     def drain(self) -> None:
         """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # the current scene belongs to the newest sample only
+        if samples:  # The current scene belongs only to the newest sample.
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()
@@ -161,7 +169,7 @@ class RecordingFile:
     eager = False
 
     def __init__(self, path: Path, messages: Messages) -> None:
-        """Create the file. Raises RecordingError if it cannot be created or already exists."""
+        """Create the file. Raises RecordingError if the file cannot be created or already exists."""
         self.path = path
         self._messages = messages
         self._begun = False

@@ -184,7 +184,7 @@ class RobotState:
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
             if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
-                return  # a goal with velocities only, or an invalid goal of another program
+                return  # The goal has only velocities, or is an invalid goal of another program.
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )
@@ -278,7 +278,7 @@ class ObservedRobot:
         return Minute(self.state.curves(), health_rows)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
-        """Return the joint positions (n,) at the start of a goal, or None if the history does not reach back so far."""
+        """Return the joint positions (n,) at the start of a goal, or None if the history is shorter."""
         curves = self.state.curves()
         at = int(np.searchsorted(curves.time_s, goal.begun_s, side="right")) - 1
         return None if at < 0 else np.asarray(curves.position[at])

@@ -175,7 +175,8 @@ class Sampler:
 
     def _tracked(self, state: JointState) -> Iterator[Tracked]:
         for entry in self._loop.manager.registry.running:
-            tracking = getattr(entry.controller, "tracking", None)  # every controller that follows a trajectory has it
+            # Every controller that follows a trajectory has this attribute.
+            tracking = getattr(entry.controller, "tracking", None)
             if isinstance(tracking, Tracking) and tracking.stamp_s == state.stamp_s:
                 yield Tracked(entry.controller.name, _joints(entry.controller), tracking)
 
@@ -219,7 +220,7 @@ class Sampler:
 
 
 def _joints(controller: Controller) -> tuple[str, ...]:
-    """Return the joints commanded by a controller, in its order."""
+    """Return the joints commanded by a controller, in the order of its commands."""
     return _joints_of(controller.command_interfaces)
 
 

@@ -21,31 +21,32 @@ SILENT_S: Final = 2.0
 class LiveSource:
     """Latest state of a running stack. A thread reads the feed of the stack, and reconnects when the stack returns."""
 
-    def __init__(self, arm: str | None, clock: Clock) -> None:
+    def __init__(self, arm: str | None, clock: Clock, namespace: str | None = None) -> None:
         """Connect to a stack.
 
         Args:
-            arm: Name, folder or process ID of the arm. None: the only running stack.
+            arm: Name, folder or process ID of the arm. None: any arm.
             clock: Measures the time since the last message.
+            namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
 
         Raises:
-            LiveError: No stack of this arm is running, or several are.
+            LiveError: No stack of this arm is running, or several are running.
         """
         self._clock, self._heard_s = clock, clock.now()
-        self._found = found = find_stack(arm)
-        self.arm, self.folder = found.arm, found.folder
+        self._found = found = find_stack(arm, namespace)
+        self.arm, self.folder = found.name, found.folder
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
         self.robot = ObservedRobot()
         self.connected = False
         self.has_state = threading.Event()
-        """Set once a state of the robot has arrived."""
+        """Event that is set once a state of the robot has arrived."""
         self._thread = threading.Thread(target=self._read, name="live feed", daemon=True)
         self._thread.start()
 
     @property
     def stack(self) -> RunningStack:
-        """The stack that the source follows, or has followed last."""
+        """Stack that the source follows, or followed last."""
         return self._found
 
     @property
@@ -70,7 +71,7 @@ class LiveSource:
     @property
     def _same_arm(self) -> str:
         """Folder of this arm, or its name. The folder is preferred, as another arm may have the same name."""
-        return self.arm if self.folder is None else str(self.folder)
+        return self._found.arm if self.folder is None else str(self.folder)
 
     def close(self) -> None:
         """Disconnect and end the thread."""
@@ -94,7 +95,7 @@ class LiveSource:
     def _stack(self) -> RunningStack:
         """Return the current stack while it runs, then a new stack of the same arm. Raises LiveError."""
         if self._found not in running_stacks():
-            self._found = find_stack(self._same_arm)
+            self._found = find_stack(self._same_arm, self._found.namespace)
         return self._found
 
     def _follow(self, stream: MessageStream) -> None:

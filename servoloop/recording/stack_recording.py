@@ -32,7 +32,7 @@ LOG = logging.getLogger("servoloop")
 class StackRecording:
     """Recordings of one stack: the file of ``--record``, fault files and the live feed.
 
-    The bus taps exist before the loop, as the ports are opened first.
+    The bus taps exist before the loop, because the ports are opened first.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -53,7 +53,10 @@ class StackRecording:
         self._recorder.add(file)
 
     def end(self, path: Path) -> Request[None]:
-        """Request the end of a recording that ``begin`` has begun. Raises RecordingError if there is none."""
+        """Request the end of a recording that ``begin`` has begun.
+
+        Raises RecordingError if there is no such recording.
+        """
         file = self._files.pop(path, None)
         if file is None or self._recorder is None:
             begun = ", ".join(map(str, self._files)) or "none"
@@ -80,8 +83,8 @@ class StackRecording:
             loop: Control loop.
             files: Files of the robot.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
-            failed: Returns at the end whether the loop failed.
-            scene: Returns the objects around the arm. Called in the recorder thread.
+            failed: Function that returns at the end whether the loop failed.
+            scene: Function that returns the objects around the arm, called in the recorder thread.
             live: Whether to write fault files, and whether other programs can find the stack and follow it.
 
         Raises:
@@ -114,7 +117,7 @@ def _live_feed(files: Files, messages: Messages) -> list[Sink]:
     """Return the live feed, or nothing if it cannot be created. The arm works without it."""
     try:
         make_live_folder()
-        return [LiveFeed(socket_path(files.arm, os.getpid()), messages, files.folder)]
+        return [LiveFeed(socket_path(files.arm, os.getpid(), files.namespace), messages, files.folder)]
     except LiveError as error:
         LOG.warning("%s", error)
         return []
@@ -143,7 +146,7 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
         stream: Messages of the stack.
         path: Path of the new file.
         seconds: Maximum length of the recording, in seconds of the stack's time. None: no limit.
-        stop: Returns whether to end the recording.
+        stop: Function that returns whether to end the recording.
 
     Raises:
         RecordingError: The file cannot be written, or no cycle arrived. After a write error, the file contains the
@@ -186,7 +189,7 @@ class _LiveRecording:
                     self._file.flush()
         self._stopped = True  # the thread ends after a complete cycle
         thread.join(FLUSH_S)
-        self._stream.close()  # ends a thread that waits for a cycle although no more cycles come
+        self._stream.close()  # This ends a thread that still waits for a cycle.
         thread.join()
         if self._error is not None:
             raise self._error
@@ -195,7 +198,7 @@ class _LiveRecording:
     def _take_all(self) -> None:
         try:
             for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
-                cycle = list(messages)  # complete only when the next cycle begins
+                cycle = list(messages)  # A cycle is complete only when the next cycle begins.
                 with self._file_lock:
                     if not self._count(cycle):
                         return

@@ -23,7 +23,7 @@ FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
 COMMANDS: Final = ".command"
 """Suffix of the command socket of the stack, next to that of its message stream."""
-_NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
+_NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
 class RunningStack(NamedTuple):
@@ -34,6 +34,13 @@ class RunningStack(NamedTuple):
     socket: Path
     folder: Path | None = None
     """Folder of the arm, or None if it is unknown."""
+    namespace: str = ""
+    """ROS namespace of the stack, such as ``/left``; empty for the root namespace."""
+
+    @property
+    def name(self) -> str:
+        """Name of the arm, with the namespace of its stack."""
+        return f"{self.arm} in {self.namespace}" if self.namespace else self.arm
 
     @property
     def commands(self) -> Path:
@@ -43,7 +50,7 @@ class RunningStack(NamedTuple):
     @property
     def label(self) -> str:
         """Description of the stack for messages."""
-        return f"{self.arm} (process {self.pid}{f', {self.folder}' if self.folder else ''})"
+        return f"{self.name} (process {self.pid}{f', {self.folder}' if self.folder else ''})"
 
 
 def live_folder() -> Path:
@@ -53,7 +60,7 @@ def live_folder() -> Path:
 
 
 def make_live_folder() -> Path:
-    """Create this user's folder, readable by this user only. Raises LiveError if it belongs to another user."""
+    """Create this user's folder, readable by this user only. Raises LiveError if the folder belongs to another user."""
     folder = live_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -65,9 +72,10 @@ def make_live_folder() -> Path:
     return folder
 
 
-def socket_path(arm: str, pid: int) -> Path:
+def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
     """Return the path of a stack's socket. Its folder may not exist yet."""
-    return live_folder() / f"{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
+    owner = f"{namespace[1:].replace('/', '.')}@" if namespace else ""
+    return live_folder() / f"{owner}{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
 
 
 def running_stacks() -> list[RunningStack]:
@@ -75,32 +83,43 @@ def running_stacks() -> list[RunningStack]:
     return sorted(_answering())
 
 
-def find_stack(arm: str | None = None) -> RunningStack:
+def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningStack:
     """Find a running stack.
 
     Args:
-        arm: Name of the arm, its folder or the process ID of the stack. None: the only running stack.
+        arm: Name of the arm, its folder or the process ID of the stack. None: any arm.
+        namespace: ROS namespace of the stack, such as ``/left``; empty for the root namespace. None: any namespace.
 
     Raises:
-        LiveError: No stack matches, or several do.
+        LiveError: No stack matches, or several stacks match.
     """
     running = running_stacks()
-    found = [stack for stack in running if arm is None or _is_of(stack, arm)]
+    found = [stack for stack in running if _is_of(stack, arm, namespace)]
     if len(found) == 1:
         return found[0]
     if not running:
         raise LiveError("no stack is running: start one with `servoloop up`, with virtual servos if no --port is given")
     names = ", ".join(stack.label for stack in running)
     if not found:
-        raise LiveError(f"no stack of {arm} is running. Running stacks: {names}")
+        wanted = (f" of {arm}" if arm is not None else "") + (
+            f" in the namespace {namespace or '/'}" if namespace is not None else ""
+        )
+        raise LiveError(f"no stack{wanted} is running. Running stacks: {names}")
     raise LiveError(
-        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process number), or end the "
-        "others"
+        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process number) or "
+        "--namespace, or end the others"
     )
 
 
-def _is_of(stack: RunningStack, arm: str) -> bool:
-    """Return whether a stack belongs to an arm, given by name, folder or process ID. A path is never read as a name."""
+def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:
+    """Return whether a stack belongs to an arm, given by name, folder or process ID, and to a namespace.
+
+    A path is never read as a name.
+    """
+    if namespace is not None and namespace != stack.namespace:
+        return False
+    if arm is None:
+        return True
     if "/" in arm:
         return stack.folder is not None and stack.folder == Path(arm).resolve()
     return arm in (stack.arm, str(stack.pid))
@@ -121,7 +140,8 @@ def _answering() -> Iterator[RunningStack]:
                 continue
             except OSError:
                 pass  # the stack runs, but is paused or too busy to accept another connection
-        yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path))
+        namespace = "/" + parts["namespace"].replace(".", "/") if parts["namespace"] else ""
+        yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path), namespace)
 
 
 def _folder_of(path: Path) -> Path | None:
@@ -167,7 +187,7 @@ def open_live(stack: RunningStack) -> MessageStream:
 
     def close() -> None:
         try:
-            connection.shutdown(socket.SHUT_RDWR)  # wakes up the thread that reads
+            connection.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that reads.
         except OSError:
             return
         finally:

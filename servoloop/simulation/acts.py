@@ -39,15 +39,15 @@ class Waypoints(_Act):
 
     kind: Literal["waypoints"] = "waypoints"
     points: Annotated[tuple[dict[str, Position], ...], Field(min_length=1)]
-    """Positions of some joints at each point. The other joints stay at their previous point."""
+    """Positions of some joints at each point. The other joints keep the position of the previous point."""
     seconds: Duration = 1.0
     """Time between two points."""
     delay_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
-    """Time from now to the stamp of the trajectory, in seconds; 0 sends no stamp."""
+    """Time from the action to the stamp of the trajectory, in seconds; 0 sends no stamp."""
 
 
 class Stream(_Act):
-    """Stream points on a straight line to ``positions`` to the controller's topic, in every second cycle."""
+    """Stream points on a straight line towards ``positions`` to the controller's topic, in every second cycle."""
 
     kind: Literal["stream"] = "stream"
     positions: dict[str, Position]
@@ -61,7 +61,7 @@ class Cancel(_Act):
 
 
 class MoveHand(_Act):
-    """Move the hand. ``share`` 0 is its lower limit and 1 its upper limit."""
+    """Move the hand. A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit."""
 
     kind: Literal["hand"] = "hand"
     share: Chance = 0.5
@@ -75,14 +75,14 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware with its torque on. Activate it and its controllers again after ``for_s``."""
+    """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``."""
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Duration = 0.5
 
 
 class Jog(_Act):
-    """Jog one joint as with a held key in ``servoloop jog``: stream points to the topic for ``for_s``."""
+    """Jog one joint, as a held key in ``servoloop jog`` does, by streaming points to the topic for ``for_s``."""
 
     kind: Literal["jog"] = "jog"
     joint: str
@@ -102,7 +102,7 @@ class GuideArm(_Act):
 
 
 CONNECTIONS: Final = 3
-"""Maximum number of programs of a schedule that are connected to the command socket at once."""
+"""Maximum number of programs of a schedule that are connected to the command socket at the same time."""
 
 STREAM_AGE_S: Final = 0.2
 """Maximum time between two targets of a stream over the command socket, in seconds."""
@@ -111,8 +111,8 @@ STREAM_AGE_S: Final = 0.2
 class SocketAct(_Act):
     """Action of a program that is connected to the command socket.
 
-    Before an action that moves the arm, the program asks for the motion. A program whose connection has ended connects
-    again.
+    Before an action that moves the arm, the program requests control of the arm. A program whose connection has ended
+    connects again.
     """
 
     connection: Annotated[int, NoTruth, Field(ge=1, le=CONNECTIONS)] = 1
@@ -136,13 +136,16 @@ class SocketStream(SocketAct):
     for_s: Duration = 1.0
     op: Literal["targets", "set_point"] = "targets"
     leaps: bool = False
-    """Whether the first target is ``positions`` itself, however far from the arm."""
+    """Whether the first target is ``positions`` itself, regardless of its distance from the arm."""
     closes: bool = True
-    """Whether the program closes the stream of targets. Otherwise it falls silent."""
+    """Whether the program closes the stream of targets. Otherwise it stops sending targets."""
 
 
 class SocketRequest(SocketAct):
-    """Send one message about the motion as a whole. ``seize`` takes the motion by force."""
+    """Send one message about the control, the motions or the state of the arm.
+
+    ``seize`` takes control of the arm by force.
+    """
 
     kind: Literal["socket_request"] = "socket_request"
     op: Literal["take", "seize", "release", "stop", "cancel", "state"]
@@ -175,7 +178,10 @@ class SocketNonsense(SocketAct):
 
 
 class SocketStall(SocketAct):
-    """Send the first half of a motion, and the rest after ``for_s``. Meanwhile the program does nothing else."""
+    """Send the first half of a message that moves the arm, and the rest after ``for_s``.
+
+    In between, the program does nothing else.
+    """
 
     kind: Literal["socket_stall"] = "socket_stall"
     positions: dict[str, Position]
@@ -187,7 +193,7 @@ class SocketDeath(SocketAct):
 
     kind: Literal["socket_death"] = "socket_death"
     half: bool = False
-    """Whether the program dies within a message."""
+    """Whether the program dies in the middle of a message."""
 
 
 Act = Annotated[

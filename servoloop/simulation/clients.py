@@ -34,9 +34,9 @@ from servoloop.simulation.stack import SimulatedStack
 LOG = logging.getLogger("servoloop")
 
 TABLE_S: Final = 0.1
-"""Time between two points of a planner's trajectory."""
+"""Time between two points of a planner's trajectory, in seconds."""
 AHEAD_S: Final = 0.2
-"""Time from start of each streamed point, in seconds."""
+"""``time_from_start`` of each streamed point, in seconds."""
 JOG_SHARE: Final = 0.3
 """Maximum jogging velocity, as a share of the velocity limit."""
 PULL_SHARE: Final = 0.5
@@ -54,7 +54,7 @@ class SocketPrograms(Protocol):
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that owns the motion although it has died; empty if there is none."""
+        """Name of a program that has control of the arm although it has died; empty if there is none."""
         ...
 
     def carry_out(self, act: SocketAct) -> None:
@@ -82,7 +82,7 @@ class SimulatedClients:
             stack: The stack.
             arm: Trajectory controller that receives the goals.
             acts: Actions of the clients.
-            programs: Carries out the actions on the command socket. Required if there are any.
+            programs: Programs that carry out the actions on the command socket. Required if there are such actions.
         """
         self.programs = programs
         """Programs on the command socket, if there are any."""

@@ -19,7 +19,7 @@ ROUNDING_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CycleRecord:
-    """Record of one cycle, made when its commands were written."""
+    """Record of one cycle, created when the commands of the cycle were written."""
 
     time_s: float
     """Time on the stack's clock, in seconds."""

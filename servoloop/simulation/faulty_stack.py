@@ -18,7 +18,7 @@ from sim_backend.faults.targets import FaultTargets
 
 
 class FaultyStack(SimulatedStack):
-    """Simulated stack with a fault ``player``. Without faults, it behaves exactly as a SimulatedStack.
+    """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
     ``options`` are the options of SimulatedStack.
     """
@@ -43,6 +43,10 @@ class FaultyStack(SimulatedStack):
         self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
 
+    def controller(self, name: str) -> Controller | None:
+        """Return the wrapper of the controller with this name, or None."""
+        return cast(Controller | None, self.controllers.get(name))
+
     @property
     def hand(self) -> ForwardCommandController:
         return cast(ForwardCommandController, self.controllers[super().hand.name])
@@ -61,7 +65,7 @@ class FaultyStack(SimulatedStack):
         return self
 
     def _client_dies(self) -> None:
-        """Remove the client, so that nothing reacts to the stack until another client connects."""
+        """Remove the client. No client then reacts to the stack until another client connects."""
         self.after_cycle = lambda: None
         if self.clients is not None:
             self.clients.die()

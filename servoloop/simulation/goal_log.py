@@ -25,7 +25,7 @@ class GoalLog:
     """All goals in the order in which they were sent, and all refused goals with the reasons."""
 
     now: Callable[[], float]
-    """Returns the time of the stack's clock, in seconds."""
+    """Function that returns the time of the stack's clock, in seconds."""
     goals: list[LoggedGoal] = field(default_factory=list)
     open: list[LoggedGoal] = field(default_factory=list)
     """Goals that have not ended."""

@@ -1,10 +1,16 @@
-"""Run the job of the pick-and-place node on a simulated stack without ROS. Steps, poses and messages are identical."""
+"""Run the job of the pick-and-place node on a simulated stack without ROS.
+
+The steps, poses and messages are those of the node.
+"""
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 from controller.action_goals import GoalStatus
+from controller.forward.forward_command_controller import ForwardCommandController
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
 from pick_place.joint_motions import JointMotions
 from pick_place.settings import JobSettings
@@ -32,23 +38,25 @@ class SimulatedArm:
     """Implementation of pick_place.job.JobArm with the controllers of a simulated stack."""
 
     def __init__(self, stack: SimulatedStack, settings: JobSettings) -> None:
-        self._stack = stack
+        arm, hand = (stack.controller(name) for name in (settings.arm_controller, settings.hand_controller))
+        self._arm = stack.arm if arm is None else cast(JointTrajectoryController, arm)
+        self._hand = stack.hand if hand is None else cast(ForwardCommandController, hand)
         self._settings = settings
         self._goal: GoalHandle | None = None
 
     def hand(self, position_m: float) -> None:
-        self._stack.hand.submit([position_m])
+        self._hand.submit([position_m])
 
     def stop(self) -> None:
         if self._goal is not None:
-            self._stack.arm.cancel(self._goal)
+            self._arm.cancel(self._goal)
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         point = GoalPoint(tuple(positions_rad), self._settings.move_time_s)
         goal = TrajectoryGoal(self._settings.joints, (point,))
-        if reason := self._stack.arm.check(goal):
+        if reason := self._arm.check(goal):
             return JobOutcome(False, f"the arm rejected the goal: {reason}")
-        handle = self._goal = self._stack.arm.submit(goal)
+        handle = self._goal = self._arm.submit(goal)
         while not handle.done:
             await _NextCycle()
         if handle.status is GoalStatus.SUCCEEDED:
@@ -97,7 +105,7 @@ def run_job(stack: SimulatedStack, settings: JobSettings, grade: str, number: in
                 steps.send(None)
             except StopIteration as end:
                 results.append(end.value)
-        if found := stack.world.cube_bin():
+        if found := stack.world.cube_bin(settings.joints[0]):
             bins.append(found)
 
     stack.after_cycle = after_cycle

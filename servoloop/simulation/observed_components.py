@@ -7,24 +7,24 @@ from hal.types import FloatArray, JointState
 
 
 class ObservedComponents(ComponentSet):
-    """Set of components that calls observers in each cycle, and also while the program ends."""
+    """Set of components that calls observers in each cycle, even while the program ends."""
 
     on_read: Callable[[JointState], None] | None = None
-    """Called with each measurement."""
+    """Function called with each measurement."""
     on_command: Callable[[FloatArray], None] | None = None
-    """Called with each command before it is written."""
+    """Function called with each command before it is written."""
     on_written: Callable[[], None] | None = None
-    """Called when a command was written."""
+    """Function called when a command was written."""
 
     def read(self, deadline_s: float | None = None) -> JointState:
-        """Read all components, as ComponentSet does, and call ``on_read``."""
+        """Read all components, as in ComponentSet, and call ``on_read``."""
         state = super().read(deadline_s)
         if self.on_read is not None:
             self.on_read(state)
         return state
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write commands, as ComponentSet does, and call ``on_command`` before and ``on_written`` after it."""
+        """Write commands, as in ComponentSet. Call ``on_command`` before and ``on_written`` after the write."""
         if self.on_command is not None:
             self.on_command(values)
         super().write(values, period_s)

@@ -70,7 +70,7 @@ class Pace:
     def __init__(self, factor: float, paused: bool = False, wall: Wall | None = None) -> None:
         self.paused = paused
         self.on_done: Callable[[], None] = lambda: None
-        """Called in the loop thread when the steps of a request are done."""
+        """Function called in the loop thread when the steps of a request are done."""
         self._factor = factor
         self._wall = wall or MachineWall()
         self._lock = threading.Lock()
@@ -91,7 +91,7 @@ class Pace:
         return f"{simulated_s:.1f} s simulated in {self._running_s:.1f} s{times}"
 
     def pause(self, paused: bool) -> None:
-        """Pause after the current cycle, or resume without catching up."""
+        """Pause after the current cycle, or resume without catching up on the pause."""
         with self._lock:
             self.paused = paused
             self._anchor = None
@@ -134,7 +134,7 @@ class Pace:
                 self._steps.popleft()[1].refuse(RuntimeError(ENDED))
 
     def _take_step(self) -> bool:
-        """Use one cycle of the first open request, and complete requests without remaining cycles.
+        """Deduct one cycle from the first open request, and complete requests without remaining cycles.
 
         Return whether a cycle may run.
         """

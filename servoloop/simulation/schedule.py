@@ -18,7 +18,7 @@ from sim_backend.faults.script import plain
 
 
 class ScheduleError(DriverError):
-    """Raised when a schedule has mistakes. The message lists all of them with their lines."""
+    """Raised when a schedule has mistakes. The message lists all mistakes with their lines."""
 
 
 class Schedule(BaseModel):
@@ -33,9 +33,9 @@ class Schedule(BaseModel):
     job: tuple[str, ...] = ()
     """Grade of each job."""
     seconds: Time = 0.0
-    """Time the arm stays active after its last job, in seconds."""
+    """Time for which the arm stays active after its last job, in seconds."""
     faults: tuple[FaultEvent, ...] = ()
-    """Faults. Their times count from the moments that they name, in seconds."""
+    """Faults of the run. Each fault names the event from which its time counts, in seconds."""
     clients: tuple[Act, ...] = ()
     """Actions of clients other than the jobs. Their times count from the activation of the arm."""
     on_exit: ExitPolicy | None = None
@@ -58,9 +58,9 @@ def read_schedule(path: Path) -> Schedule:
 
 
 def after_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
-    """Return the position and a message for each fault or action that starts after the end of the run.
+    """Return the keys and a message for each fault or action that starts after the end of the run.
 
-    Return nothing for schedules with jobs, as the length of their runs is unknown.
+    Return nothing for schedules with jobs, because the length of their runs is unknown.
     """
     if schedule.job:
         return []

@@ -1,4 +1,4 @@
-"""Run the whole stack in simulated time, with jobs or for a time, and return statistics and a digest of the run."""
+"""Run the whole stack in simulated time, with jobs or for a given time, and return statistics and a digest."""
 
 import hashlib
 from collections import Counter
@@ -80,7 +80,7 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
 
 
 SETTLED_S = 2.5
-"""Time for a limp arm to sink and rise again after its activation, in seconds."""
+"""Time for a limp arm to sink and to rise again after its activation, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class SimulationResult:
     """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
 
     joints: tuple[str, ...]
-    """Joints of the arm controller, in the order of all values."""
+    """Joints of the arm controller. All values by joint have this order."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int

@@ -40,7 +40,10 @@ MOVE_S = 2.0
 
 
 class SimulatedStack:
-    """Stack in simulated time. It is inactive until ``up`` is called. Clients react to cycles in ``after_cycle``."""
+    """Stack in simulated time. The stack is inactive until ``up`` is called.
+
+    Clients react to cycles in ``after_cycle``.
+    """
 
     def __init__(
         self,
@@ -56,10 +59,10 @@ class SimulatedStack:
 
         Args:
             files: Files of the robot. None: the default arm.
-            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
+            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until it is driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
-            compensation: Creates the gravity compensation.
+            compensation: Function that creates the gravity compensation.
             wire: Whether to simulate servos and buses. Otherwise MuJoCo drives the arm directly, as with ``servoloop up
                 --hardware mujoco``, and there is no trace between the cycles.
         """
@@ -76,7 +79,7 @@ class SimulatedStack:
             for name, line in self.lines.items()
         }
         self.tap: Callable[[Port], Port] = lambda port: port
-        """Wraps each port when its bus is opened."""
+        """Function that wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
         """Components with servos."""
         self.outputs = Outputs(self.files.component.outputs)
@@ -91,21 +94,24 @@ class SimulatedStack:
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
-        """Indices of the arm joints, without the hand, in the world's positions. They are used every millisecond."""
+        """Indices of the arm joints, without the hand, in the position array of the world.
+
+        They are used every millisecond.
+        """
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
-        """Called with the joint state of each cycle."""
+        """Function called with the joint state of each cycle."""
         self.on_step: Callable[[float], None] = lambda time_s: None
-        """Called after each step of the physics."""
+        """Function called after each step of the physics."""
 
     def add_controller(self, controller: Controller) -> None:
-        """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""
+        """Load a controller. The controller stays inactive until ``up`` is called or the controller is switched."""
         self.manager.registry.add(self.wrapped(controller))
 
     def wrapped(self, controller: Controller) -> Controller:
-        """Return the controller to load. Subclasses wrap it, for example to inject faults."""
+        """Return the controller to load. Subclasses wrap the controller, for example to inject faults."""
         return controller
 
     def up(self) -> "SimulatedStack":
@@ -113,6 +119,10 @@ class SimulatedStack:
         configure_all(self.loop.hardware)
         self.loop.activate(keep_alive=False)
         return self
+
+    def controller(self, name: str) -> Controller | None:
+        """Return the controller with this name, or None."""
+        return next((controller for controller in self._built if controller.name == name), None)
 
     @property
     def hand(self) -> ForwardCommandController:
@@ -190,7 +200,7 @@ class SimulatedStack:
 
 
 def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
-    """Return the first controller of a class. Raises ControllersFileError if there is none."""
+    """Return the first controller of a class. Raises ControllersFileError if there is no such controller."""
     for controller in built:
         if isinstance(controller, kind):
             return controller

@@ -33,7 +33,7 @@ GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tol
 def inventory_of(files: ServoFiles) -> Inventory:
     """Return the servos and the controllers of an arm.
 
-    Buses and controllers are sorted by name, so that a seed gives the same faults whatever the order in the files.
+    Buses and controllers are sorted by name, so that a seed gives the same faults regardless of the order in the files.
     """
     robot = files.robot
     servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
@@ -78,7 +78,7 @@ class Upsettable:
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
-        """Active faults: kind and offset of the commands."""
+        """Active faults, each with its kind and its offset of the commands."""
         self.newest: GoalHandle | None = None
         """Latest goal, if the controller has goals that end."""
         self.forwarded: tuple[float, ...] | None = None
@@ -149,7 +149,7 @@ class StackFaults:
             clock: Clock of the stack.
             controllers: All controllers of the stack, by name.
             arm: Name of the controller whose client misbehaves.
-            client_dies: Removes the client.
+            client_dies: Function that removes the client.
         """
         self.answers: list[str | None] = []
         """Reason for refusing each invalid goal, or None if the goal was accepted."""

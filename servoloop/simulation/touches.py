@@ -1,4 +1,4 @@
-"""Track which joints are affected by injected faults, and when. Invariants may excuse only these joints."""
+"""Track which joints are affected by injected faults, and when. Invariants may excuse only affected joints."""
 
 import math
 from collections.abc import Iterable, Sequence

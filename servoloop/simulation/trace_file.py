@@ -19,7 +19,7 @@ ANY_SIZE = frozenset(range(1, 256))
 
 
 class PacketText:
-    """Converts the packets of one bus to text. Packets must be passed in order."""
+    """Converter of the packets of one bus to text. Packets must be passed in order."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
         """``joints`` are the joints with a servo on the bus; there must be at least one."""

@@ -92,7 +92,8 @@ def arms(folder: Path = ARMS) -> list[ArmFolder]:
 
 def find_arm(name: str = OWN) -> ArmFolder:
     """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
-    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is a folder of the user
+    # A name with a slash, such as ./so101, is a folder of the user.
+    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))
@@ -120,7 +121,7 @@ def read_arm(folder: Path) -> ArmFolder:
     """Read ``arm.yaml`` of a folder, but not the files that it names.
 
     Raises:
-        ArmFileError: The file has mistakes. The message lists all of them.
+        ArmFileError: The file has mistakes. The message lists all mistakes.
     """
     home = folder.resolve()
     own = load(folder / ARM_FILE, ArmFile, ArmFileError)
@@ -143,12 +144,16 @@ def read_arm_files(
     controllers: Path | None = None,
     robot: Path | None = None,
     xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
+    namespace: str = "",
 ) -> Files:
-    """Read and check the files of an arm. A file given as an argument replaces the file of the arm.
+    """Read and check the files of an arm for a stack in a namespace.
+
+    A file given as an argument replaces the file of the arm.
 
     Raises the same errors as read_files.
     """
-    return with_controllers(read_arm_servos(arm, urdf, robot, xacro_arguments), controllers or arm.controllers)
+    servos = read_arm_servos(arm, urdf, robot, xacro_arguments)
+    return with_controllers(servos, controllers or arm.controllers, namespace)
 
 
 def read_arm_servos(
@@ -159,8 +164,8 @@ def read_arm_servos(
 ) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
-    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given too. The poses are
-    then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
+    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given as well. The poses
+    are then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
     read_servo_files.
     """
     own = None if urdf else arm.robot

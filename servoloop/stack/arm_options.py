@@ -8,6 +8,7 @@ from typing import Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from nodes.namespace import parse_namespace
 from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm, read_arm_files, read_arm_servos
 from servoloop.stack.robot_files import Files, ServoFiles
 
@@ -32,6 +33,47 @@ SeedOption = Annotated[
         help="Seed for random variations of up to 10 % in friction, motors, masses and supply of the virtual arm.",
     ),
 ]
+
+
+def _checked_namespace(text: str | None) -> str | None:
+    """Return the absolute namespace, or None if the option is not given. Raises typer.BadParameter."""
+    try:
+        return None if text is None else parse_namespace(text)
+    except DriverError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+NamespaceOption = Annotated[
+    str,
+    typer.Option(
+        "--namespace",
+        metavar="NAME",
+        callback=_checked_namespace,
+        help="Namespace of all ROS nodes, so that several stacks can share one domain.",
+    ),
+]
+RunningArm = Annotated[
+    str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
+]
+RunningNamespace = Annotated[
+    str | None,
+    typer.Option(
+        "--namespace",
+        metavar="NAME",
+        callback=_checked_namespace,
+        help="ROS namespace of the running arm if several are running.",
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class RunningChoice:
+    """Options that choose a running arm. None matches every arm or namespace."""
+
+    arm: str | None = None
+    namespace: str | None = None
+
+
 BACKLASH_DEG: Final = 1.0
 """Typical backlash that users measure at the shaft of an STS3215, in degrees."""
 
@@ -76,8 +118,9 @@ class ControlledArm:
     urdf: UrdfOption = None
     robot: RobotOption = None
     xacro_arg: XacroOption = None
+    namespace: NamespaceOption = ""
 
     def read(self) -> Files:
         """Read and check the files of the arm. Raises HalError or ControllersFileError."""
         arguments = xacro_arguments(self.xacro_arg)
-        return read_arm_files(find_arm(self.arm), self.urdf, self.controllers, self.robot, arguments)
+        return read_arm_files(find_arm(self.arm), self.urdf, self.controllers, self.robot, arguments, self.namespace)

@@ -36,7 +36,10 @@ class BackgroundWorker:
 
 
 class SameThreadWorker(BackgroundWorker):
-    """Worker for simulated time, in which only the loop thread advances the clock. It runs each task immediately."""
+    """Worker for simulated time, in which only the loop thread advances the clock.
+
+    This worker runs each task immediately.
+    """
 
     def __call__(self, work: Callable[[], None]) -> None:
         work()

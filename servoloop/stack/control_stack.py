@@ -47,7 +47,7 @@ class ControlStack:
             setup: Hardware, not yet configured.
             files: Files of the robot.
             clock: Clock of the loop.
-            worker: Function that runs tasks longer than a cycle. The default runs them in the loop thread.
+            worker: Worker for tasks that take longer than a cycle. The default runs them in the loop thread.
             keep_alive: Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()

@@ -26,7 +26,7 @@ def chosen_devices(
         kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos, if a component uses servos.
         files: Files of the robot.
-        signals: Returns the number of signals received so far, as for ``virtual_servos``.
+        signals: Function that returns the number of signals received so far, as for ``virtual_servos``.
 
     Yields:
         Device paths by bus name.

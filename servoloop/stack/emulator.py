@@ -90,7 +90,7 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
             for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():
                 servo.memory.save(registers[name], value)
             if joint.settings:
-                servo.power_cycle()  # a servo copies its limits into RAM at power-on
+                servo.power_cycle()  # A servo copies its limits into RAM at power-on.
     return line
 
 
@@ -118,7 +118,7 @@ def _count_as_calibrated(servo: Any, joint: Joint) -> None:
 
 
 def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:
-    """Return the virtual buses of the robot file by name. All of them share one plant."""
+    """Return the virtual buses of the robot file by name. All buses share one plant."""
     names = list(robot.file.lines())
     if len(names) == 1:
         return {names[0]: virtual_bus(robot, plant, names[0], spread)}
@@ -163,7 +163,7 @@ class EmulatedArm:
         # All servos of a new box share one ID, so a fault cannot target a single servo.
         self.player = FaultPlayer(FaultTargets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
-        """Executes the requests of the control socket's clients."""
+        """Function that executes the requests of the clients of the control socket."""
 
     def serve(
         self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
@@ -215,8 +215,8 @@ def emulate(
         link: Path of the bus.
         options: Options of the virtual arm.
         faults: Faults to inject. Their times count from the moment the emulator is ready.
-        stop: Returns whether to end.
-        on_ready: Called when clients can open the buses.
+        stop: Function that returns whether to end.
+        on_ready: Function called when clients can open the buses.
 
     Raises:
         PortBusy: Another program uses one of the paths.

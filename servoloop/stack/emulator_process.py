@@ -37,8 +37,8 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
 
     Args:
         files: Files of the arm.
-        signals: Returns the number of signals received so far. The first signal interrupts the start of the emulator;
-            the second signal kills the emulator.
+        signals: Function that returns the number of signals received so far. The first signal interrupts the start of
+            the emulator; the second signal kills the emulator.
 
     Yields:
         Device paths by bus name.

@@ -187,7 +187,10 @@ class _ComponentBuilder:
     """Buses opened so far, by name."""
 
     def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:
-        """Build one component without opening a device. Raises DescriptionError if its robot file is missing."""
+        """Build one component without opening a device.
+
+        Raises DescriptionError if the robot file of the component is missing.
+        """
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if kind is HardwareKind.MOCK:
             return MockHardware.of(component, self.clock, self.outputs)
@@ -236,8 +239,8 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     try:
         hardware: Hardware = point.load()(component, clock)
     except HalError:
-        raise  # the message already explains how to correct the error
-    except Exception as error:  # a user's module may raise anything when it is imported
+        raise  # The message already explains how to correct the error.
+    except Exception as error:  # A user's module may raise any exception when it is imported.
         raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
     _check_names(hardware, component)
     if missing := [name for name in component.outputs if name not in outputs_of(hardware)]:
@@ -330,7 +333,7 @@ def open_buses(
             buses[name] = _driven(robot, port, clock, name)
     except BaseException:
         for bus in buses.values():
-            with suppress(PortError):  # a device that was unplugged cannot be closed
+            with suppress(PortError):  # A device that was unplugged cannot be closed.
                 bus.close()
         raise
     return buses

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from controller.manager.node_parameters import names, parameters_of
-from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import PARAMETERS
+from controller.manager.sections import Sections
 from hal.errors import ArmFileError
 from hal.plausible import Position
 from hal.yaml_file import mistakes
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NODE: Final = "vision_pick_place_controller"
 ARM: Final = "arm_controller"
 HAND: Final = "hand_controller"
-"""Fixed names of the controllers that the node uses."""
+"""Names of the controllers that the node uses by default."""
 Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
@@ -41,6 +41,8 @@ class PickPlace(BaseModel):
     hand_open_m: Position
     """Position of the open hand, in m, or in rad if the hand has a revolute joint."""
     hand_closed_m: Position
+    arm_controller: str = ARM
+    hand_controller: str = HAND
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -50,7 +52,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} must have {len(self.joints)} numbers, one per joint" for name in short]
             raise ValueError("; ".join(problems))
-        self.settings()  # raises ValueError if the node would reject the parameters
+        self.settings()  # This raises ValueError if the node would reject the parameters.
         return self
 
     def all_poses(self) -> dict[str, Pose]:
@@ -69,20 +71,42 @@ class PickPlace(BaseModel):
             bins_rad={grade: self.bins[grade] for grade in self.grades},
             hand_open_m=self.hand_open_m,
             hand_closed_m=self.hand_closed_m,
+            arm_controller=self.arm_controller,
+            hand_controller=self.hand_controller,
         )
 
 
-def load_pick_place(path: Path) -> PickPlace:
-    """Read the parameter file. Raises ArmFileError with the file and line of every mistake."""
+def load_pick_place(path: Path, namespace: str = "") -> PickPlace:
+    """Read the parameters of the node of an arm in a namespace, or of the first arm of several.
+
+    Raises ArmFileError with the file and line of every mistake.
+    """
+    return next(iter(load_pick_places(path, namespace).values()))
+
+
+def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
+    """Read the parameters of all nodes in a namespace, by the name of the node, in alphabetical order.
+
+    A robot with several arms has one node for each arm, such as ``left_vision_pick_place_controller``. Raises
+    ArmFileError with the file and line of every mistake.
+    """
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing: demo, simulate and bench arm need its poses. Write the file as described in "
             "docs/arms/README.md, or use servoloop up, which does not need the file"
         )
-    file, content = read_parameter_file(path, ArmFileError)
-    if not names(content, NODE) and ALL not in content:
-        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
+    sections = Sections.read(path, namespace, ArmFileError)
+    if sections.concerns(NODE):
+        return {NODE: _read(sections, NODE)}
+    nodes = sorted(node for node in sections.nodes() if node.endswith(f"_{NODE}"))
+    if not nodes:
+        name = f"/**/{NODE}" if namespace else NODE
+        raise ArmFileError(f"{path}:1: {namespace}/{NODE} is missing: put the parameters under '{name}: {PARAMETERS}:'")
+    return {node: _read(sections, node) for node in nodes}
+
+
+def _read(sections: Sections, node: str) -> PickPlace:
     try:
-        return PickPlace.model_validate(parameters_of(content, NODE))
+        return PickPlace.model_validate(sections.of(node))
     except ValidationError as error:
-        raise ArmFileError("\n".join(mistakes(file, error, (NODE, PARAMETERS), NODE))) from error
+        raise ArmFileError("\n".join(mistakes(sections, error, (node, PARAMETERS), node))) from error

@@ -12,7 +12,7 @@ from hal.compensation.joint_offset import LARGEST_LOAD
 from hal.errors import ArmFileError
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_file.robot import Robot
-from servoloop.stack.pick_place import ARM, HAND, PickPlace
+from servoloop.stack.pick_place import PickPlace
 
 POSE_RAD: Final = 1e-3
 """Largest accepted difference between the ready pose and the keyframe of the scene, in rad."""
@@ -30,9 +30,9 @@ def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[s
 def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
     """Yield a problem if the joints differ from those of the arm controller or the hand would exceed its limits."""
     driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
-    if driven.get(ARM) != pick_place.joints:
-        yield f"joints must list the joints of {ARM} in {controllers.path}, in the same order"
-    for joint in driven.get(HAND, ()):
+    if driven.get(pick_place.arm_controller) != pick_place.joints:
+        yield f"joints must list the joints of {pick_place.arm_controller} in {controllers.path}, in the same order"
+    for joint in driven.get(pick_place.hand_controller, ()):
         yield from _outside("hand_open_m", description.joints[joint], pick_place.hand_open_m)
         yield from _outside("hand_closed_m", description.joints[joint], pick_place.hand_closed_m)
 
@@ -55,7 +55,7 @@ def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
         places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}
         ready = model.key(READY).qpos
     except (ArmFileError, KeyError):
-        return  # the check of the scene reports this problem
+        return  # The check of the scene reports this problem.
     for joint, position in zip(pick_place.joints, pick_place.poses.ready, strict=True):
         there = ready[places[joint]]
         if abs(there - position) > POSE_RAD:

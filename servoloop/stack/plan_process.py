@@ -48,7 +48,8 @@ def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
 def _begin() -> None:
     end_with_parent()
     os.nice(NICENESS)
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # drop the real-time priority inherited from the stack
+    # This drops the real-time priority inherited from the stack.
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _watch(process: "subprocess.Popen[bytes]", ending: threading.Event) -> None:

@@ -40,7 +40,10 @@ def end_with_parent() -> None:
 
 
 def end(process: "subprocess.Popen[Any]", timeout_s: float = END_S, hurry: Callable[[], bool] = lambda: False) -> int:
-    """End a process and return its exit status. Kill it after the timeout or as soon as ``hurry`` returns true."""
+    """End a process and return its exit status.
+
+    Kill the process after the timeout or as soon as ``hurry`` returns true.
+    """
     clock = MonotonicClock()
     deadline_s = clock.now() + timeout_s
     process.terminate()
@@ -149,9 +152,9 @@ def claim_realtime_priority(priority: int = PRIORITY) -> bool:
 def realtime_priority(priority: int = LOOP_PRIORITY) -> Iterator[None]:
     """Run with a real-time priority, if the system grants it, for the duration of the context.
 
-    Afterward, restore the previous priority, or ordinary priority if the system does not grant the previous one. Use
-    this context for programs with long computations before or after their real-time part. At real-time priority, these
-    computations would block the loops of other programs. Threads that start in the context keep its priority.
+    Afterward, restore the previous priority, or ordinary priority if the system does not grant the previous priority.
+    Use this context for programs with long computations before or after their real-time part. At real-time priority,
+    these computations would block the loops of other programs. Threads that start in the context keep its priority.
 
     ``PRIORITY`` is too low for a real-time part in the calling thread: the program would share the processor with
     starting stacks in turns of 0.1 s. Servos that answer so late count as lost.

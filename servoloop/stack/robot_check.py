@@ -15,7 +15,7 @@ from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_folders import ARM_FILE, ArmFile, ArmFolder, read_arm
-from servoloop.stack.pick_place import PickPlace, load_pick_place
+from servoloop.stack.pick_place import PickPlace, load_pick_places
 from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
 
@@ -32,7 +32,10 @@ class _Check:
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
-        """``names_known`` tells whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
+        """``names_known`` is whether ``arm.yaml`` was readable.
+
+        If the file was not readable, a missing file may have another name.
+        """
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known
@@ -42,7 +45,7 @@ class _Check:
         """Check all files and return the problems."""
         description = self._description()
         robot_file = self._robot_file()
-        pick_place = self._pick_place()
+        pick_places = self._pick_places()
         self._report(self._arm.robot, unprotected(robot_file) if robot_file else [])
         component = merged(description.components) if description else _component_of(robot_file)
         if component and self._names_known:
@@ -57,7 +60,7 @@ class _Check:
         robot = self._robot(robot_file, description, component) if robot_file else None
         if robot:
             self._report(self._arm.urdf, servo_problems(robot.joints))
-        if pick_place:
+        for pick_place in pick_places:
             self._check_pick_place(pick_place, description, controllers, robot)
         return self.problems
 
@@ -100,7 +103,10 @@ class _Check:
         return path.exists()
 
     def _needed(self, name: str) -> bool:
-        """Return whether to read a required file. If its name is unknown, the default name must exist."""
+        """Return whether to read a required file.
+
+        If the name of the file is unknown, a file with the default name must exist.
+        """
         return self._names_known or self._exists(name)
 
     def _report(self, path: Path, problems: Iterable[str]) -> None:
@@ -139,14 +145,14 @@ class _Check:
             except ArmFileError as error:
                 self._failed(error)
 
-    def _pick_place(self) -> PickPlace | None:
+    def _pick_places(self) -> list[PickPlace]:
         if not self._wanted("pick_place"):
-            return None
+            return []
         try:
-            return load_pick_place(self._arm.pick_place)
+            return list(load_pick_places(self._arm.pick_place).values())
         except ArmFileError as error:
             self._failed(error)
-            return None
+            return []
 
     def _robot(self, file: RobotFile, description: Description, component: HardwareInfo) -> Robot | None:
         try:

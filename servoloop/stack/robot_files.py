@@ -40,7 +40,7 @@ class ServoFiles:
 
     description: Description
     component: HardwareInfo
-    """All components, merged into one."""
+    """All hardware components of the robot, merged into one component."""
     robot: Robot
     """Servos of all components, merged into one robot."""
     limits: dict[str, JointLimits]
@@ -49,7 +49,7 @@ class ServoFiles:
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
     """Arguments of the URDF by name, if it is written in xacro."""
     robot_paths: dict[str, Path]
-    """Robot file of each component that needs one."""
+    """Robot file of each component that needs a robot file."""
     scene: Path = SCENE
     """Scene of the simulated world."""
     arm: str = "robot_arm"
@@ -61,7 +61,7 @@ class ServoFiles:
 
     @property
     def robot_path(self) -> Path:
-        """Robot file of the first component that has one."""
+        """Robot file of the first component that has a robot file."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
     @property
@@ -84,9 +84,15 @@ class Files(ServoFiles):
     controllers: ControllersFile
 
     @property
+    def namespace(self) -> str:
+        """Namespace of all ROS nodes of the stack; empty for the root namespace."""
+        return self.controllers.namespace
+
+    @property
     def options(self) -> tuple[str, ...]:
         """Options with which ``servoloop up`` reads these files in another process."""
-        return (*self.servo_options, *_options({"controllers": self.controllers.path}))
+        namespace = ("--namespace", self.namespace) if self.namespace else ()
+        return (*self.servo_options, *_options({"controllers": self.controllers.path}), *namespace)
 
 
 def _options(paths: Mapping[str, Path]) -> tuple[str, ...]:
@@ -113,11 +119,17 @@ def read_files(
     return with_controllers(servos, controllers)
 
 
-def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
-    """Read a controllers file and check that it fits these servos. Raises ControllersFileError."""
+def with_controllers(servos: ServoFiles, controllers: Path, namespace: str = "") -> Files:
+    """Read a controllers file and check that it fits these servos. Raises ControllersFileError.
+
+    Args:
+        servos: Files of the servos.
+        controllers: Path of the controllers file.
+        namespace: Namespace of all ROS nodes of the stack; empty for the root namespace.
+    """
     defaults = servos.robot.file.controller_defaults
     origin = compose(servos.robot_path, ControllersFileError) if defaults else None
-    loaded = load_controllers_file(controllers, defaults, servos.component, origin)
+    loaded = load_controllers_file(controllers, defaults, servos.component, origin, namespace)
     known = {one.name: getattr(servos, one.name) for one in fields(servos)}
     return Files(**known, controllers=loaded)
 
@@ -233,7 +245,7 @@ def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> d
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder for results if necessary. Raises DriverError if it is not writable."""
+    """Create a folder for results if necessary. Raises DriverError if the folder is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Count SIGINT, SIGTERM and SIGHUP. The first signal requests a shutdown; a second one ends the program within 1 s.
+"""Count SIGINT, SIGTERM and SIGHUP. The first signal requests a shutdown; a second signal ends the program within 1 s.
 
 SIGHUP never counts as the second signal: when a terminal is closed, the kernel and the shell each send one.
 """
@@ -24,7 +24,7 @@ def end_signals() -> list[signal.Signals]:
 
 
 class Signals:
-    """Counter of signals within its context. The previous handlers are restored at its end.
+    """Counter of signals within its context. The previous handlers are restored at the end of the context.
 
     A thread counts the signals. Signal handlers would run too late, when the main thread returns from a library to
     Python. The thread reads the wakeup descriptor, to which Python writes the number of each signal immediately.

@@ -71,7 +71,7 @@ def split_keys(text: str) -> Iterator[str]:
 
 
 def typed(wait_s: float) -> list[str]:
-    """Wait for keys, and return those pressed. A closed terminal returns q, the key to quit."""
+    """Wait for keys, and return the pressed keys. A closed terminal returns q, the key to quit."""
     descriptor = sys.stdin.fileno()
     if not select.select([descriptor], [], [], wait_s)[0]:
         return []
@@ -86,7 +86,7 @@ def typed(wait_s: float) -> list[str]:
 def raw_keys(keep: bool = False) -> Iterator[None]:
     """Read each key as it is pressed, without echo. Restore the terminal settings at the end.
 
-    ``keep``: whether to keep earlier input. Otherwise it is discarded.
+    ``keep``: whether to keep earlier input instead of discarding it.
     """
     descriptor = sys.stdin.fileno()
     before = _before[descriptor] = termios.tcgetattr(descriptor)
@@ -101,9 +101,9 @@ def raw_keys(keep: bool = False) -> Iterator[None]:
 
 def restore_terminals() -> None:
     """Restore all terminals changed by ``raw_keys``, in a program that ends without leaving its contexts."""
-    for descriptor, before in list(_before.items()):  # a copy, as the main thread may remove entries
+    for descriptor, before in list(_before.items()):  # This is a copy, because the main thread may remove entries.
         with suppress(termios.error, OSError):
-            if os.tcgetpgrp(descriptor) == os.getpgrp():  # a background program would be stopped by this call
+            if os.tcgetpgrp(descriptor) == os.getpgrp():  # This call would stop a background program.
                 termios.tcsetattr(descriptor, termios.TCSANOW, before)
 
 
@@ -131,7 +131,7 @@ def outlive_terminal() -> None:
 
 
 def colors_wanted() -> bool:
-    """Return whether text may have colors. It may not if NO_COLOR is set to any value (https://no-color.org)."""
+    """Return whether text may have colors. Colors are off if NO_COLOR is set to any value (https://no-color.org)."""
     return not os.environ.get("NO_COLOR")
 
 
@@ -144,8 +144,8 @@ def print_styled(text: str, err: bool = False, **style: Any) -> None:
 def complete_output() -> Iterator[None]:
     """Flush stdout at the end of the context.
 
-    If stdout cannot be written, as on a full disk, end the program with a message. If its reader has ended, as with a
-    pipe to ``head``, end the program without a message.
+    If stdout cannot be written, as on a full disk, end the program with a message. If the reader of stdout has ended,
+    as with a pipe to ``head``, end the program without a message.
     """
     try:
         try:
@@ -154,7 +154,7 @@ def complete_output() -> Iterator[None]:
             _flush()
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EPIPE) or _takes_output():
-            raise  # the error comes from another file
+            raise  # The error comes from another file.
         _discard_output()
         if error.errno == errno.ENOSPC:
             with suppress(OSError):
@@ -168,7 +168,10 @@ def _flush() -> None:
 
 
 def _takes_output() -> bool:
-    """Return whether stdout is writable. This writes an empty line, as Python discards data that it failed to write."""
+    """Return whether stdout is writable.
+
+    The function writes an empty line, because Python discards data that it failed to write.
+    """
     try:
         os.write(sys.stdout.fileno(), b"\n")
     except (OSError, ValueError):

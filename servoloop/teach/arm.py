@@ -63,9 +63,9 @@ def build_arm(
         side: Files and devices of the arm.
         rate_hz: Rate of the loop.
         clock: Clock of the loop.
-        worker: Runs tasks that take longer than a cycle.
-        soft: Whether the arm is guided by hand with compensated gravity.
-        tap: Wraps each port, for example to record its bytes.
+        worker: Worker for tasks that take longer than a cycle.
+        soft: Whether the arm is guided by hand while gravity is compensated.
+        tap: Function that wraps each port, for example to record its bytes.
     """
     files, buses = side.files, dict[str, Bus]()
     joints = files.robot.joints
@@ -121,7 +121,10 @@ def add_trajectory(arm: TeachArm) -> JointTrajectoryController:
 
 
 def _constraints(files: Files) -> dict[str, JointConstraints]:
-    """Return the constraints of all trajectory controllers. A hand has none, as an object may hold it open."""
+    """Return the constraints of all trajectory controllers.
+
+    A hand has no constraints, because an object may hold the hand open.
+    """
     found: dict[str, JointConstraints] = {}
     for spec in files.controllers.controllers:
         if isinstance(spec.parameters, TrajectoryParameters):

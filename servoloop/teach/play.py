@@ -23,7 +23,7 @@ APPROACH: Final = 0.25
 
 
 READY_S: Final = FADE_IN_S + 0.5
-"""Time after torque on until the servos carry the arm and have corrected its sag, in seconds."""
+"""Time from enabling the torque until the servos carry the arm and have corrected its sag, in seconds."""
 
 
 class PlayPhase(StrEnum):
@@ -84,7 +84,7 @@ class Play:
                 raise TeachError(f"the motion cannot be played, and the arm has not moved: {error}") from error
 
     def begin(self) -> None:
-        """Enable torque at the current position. The arm moves only once its weight is carried."""
+        """Enable torque at the current position. The arm moves only once the servos carry its weight."""
         self._follow.scaling.ask(0.0)
         self._arm.loop.activate()
         self._ready_s = self._arm.loop.clock.now() + READY_S

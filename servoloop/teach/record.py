@@ -55,7 +55,7 @@ class TeachRecording:
             arm: Arm to record.
             freedrive: Freedrive controller of a soft arm. None: the arm is limp.
             poses: Whether to record poses marked with a key instead of the path.
-            keep: Saves the motion.
+            keep: Function that saves the motion.
         """
         self.phase = RecordPhase.READYING
         self.error: Exception | None = None
@@ -106,7 +106,7 @@ class TeachRecording:
         self.phase = RecordPhase.HOLDING
         try:
             self._keep(*self.shown())
-        except DriverError as error:  # raised later, once the arm holds its position
+        except DriverError as error:  # The error is raised later, once the arm holds its position.
             self.error = error
         if self._freedrive is not None:
             self._freedrive.holds = True

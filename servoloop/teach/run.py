@@ -1,4 +1,7 @@
-"""Run a recording or a playback from start to end. The loop has its own thread; the user interface runs in this one."""
+"""Run a recording or a playback from start to end.
+
+The loop has its own thread; the user interface runs in the calling thread.
+"""
 
 import time
 from collections.abc import Callable, Sequence
@@ -23,7 +26,7 @@ Show = Callable[[str, TeachArm], None]
 
 
 class TeachOperator(Protocol):
-    """User interface of a recording. Within its context, keys are read and the arm is displayed."""
+    """User interface of a recording. Within the context of the interface, keys are read and the arm is displayed."""
 
     def confirm(self, question: str) -> None:
         """Ask a question. Raise an error unless the answer is yes."""
@@ -38,7 +41,7 @@ class TeachOperator(Protocol):
         ...
 
     def show(self, phase: str, arm: TeachArm) -> None:
-        """Display the state of the arm. Called many times per second."""
+        """Display the state of the arm. The method is called many times per second."""
         ...
 
 
@@ -51,10 +54,10 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
     Args:
         side: Files and devices of the arm.
         rate_hz: Rate of the loop.
-        limp: Whether to record a limp arm instead of a soft one.
+        limp: Whether to record a limp arm instead of a soft arm.
         poses: Whether to record marked poses instead of the path.
         person: User interface.
-        keep: Saves the motion. Called before torque is enabled again.
+        keep: Function that saves the motion. The function is called before torque is enabled again.
 
     Returns:
         Exit status.
@@ -86,7 +89,7 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
             try:
                 _run(arm, run, stack_recording, recording.begin, poll)
             finally:
-                recording.stop()  # saves the motion even after an error
+                recording.stop()  # This saves the motion even after an error.
     if recording.error is not None:
         raise recording.error
     return 1 if run.failed else 0
@@ -103,7 +106,7 @@ def play(side: Side, rate_hz: int, motion: RecordedMotion, speed: float, permiss
         motion: Motion to play.
         speed: Share of the recorded speed, from 0 to 1.
         permission: Dead-man switch.
-        show: Displays the state of the arm.
+        show: Function that displays the state of the arm.
 
     Returns:
         Exit status.
@@ -131,7 +134,7 @@ def play(side: Side, rate_hz: int, motion: RecordedMotion, speed: float, permiss
 def _run(
     arm: TeachArm, run: LoopThread, recording: StackRecording, begin: Callable[[], None], poll: Callable[[], None]
 ) -> None:
-    """Call ``begin``, then run the loop and call ``poll`` until the end. Serve the live feed meanwhile."""
+    """Call ``begin``, then run the loop and call ``poll`` until the end, while the live feed is served."""
     offset_s = wall_offset_s(arm.loop.clock, time.time)
     with recording.of(arm.loop, arm.files, offset_s, lambda: run.failed):
         claim_realtime_priority()

@@ -1,4 +1,4 @@
-"""Play a motion on an arm whose control loop already runs, while a key is held."""
+"""Play a motion on an arm whose control loop is already running, while a key is held."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -15,14 +15,14 @@ from servoloop.teach.play import APPROACH, PlayPhase
 from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 AHEAD_S: Final = 1.0
-"""Time by which the arm can be further along the path than the time since its start, in seconds."""
+"""Maximum time by which the arm can be ahead of the time since the start of the path, in seconds."""
 
 
 class RunningPlay:
     """Playback of one motion on a running arm, used in the thread of the user interface.
 
-    When the key is released, the joints slow down within their limits and hold. When it is held again, the arm moves
-    slowly to the next point of the path and continues.
+    When the key is released, the joints slow down within their limits and hold. When the key is held again, the arm
+    moves slowly to the next point of the path and continues.
     """
 
     def __init__(self, arm: Arm, motion: RecordedMotion, speed: float, permission: Permission) -> None:
@@ -76,7 +76,7 @@ class RunningPlay:
         return True
 
     def _pause(self) -> None:
-        """Stop the arm, and continue from there later."""
+        """Stop the arm, so that the motion can continue from there later."""
         if self._running is None:
             return
         state = self._arm.state
@@ -87,7 +87,7 @@ class RunningPlay:
 
 
 class _Leg:
-    """Part of a motion between two rests: a path, or a single pose."""
+    """Part of a motion from rest to rest: a path, or a single pose."""
 
     def __init__(self, joints: Sequence[str], times_s: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
         """Create a path with k points: times (k,), positions (k, n) and velocities (k, n)."""
@@ -95,7 +95,7 @@ class _Leg:
         self._times_s, self._position, self._velocity = times_s, position, velocity
 
     def begin(self, arm: Arm, speed: float) -> ArmMotion:
-        """Start to move along the path. The arm first moves slowly to its first point."""
+        """Start to move along the path. The arm first moves slowly to the first point of the path."""
         if len(self._times_s) == 1:
             pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
             return arm.move_to(pose, speed=APPROACH * speed, wait=False)
@@ -116,7 +116,7 @@ class _Leg:
 
 
 def _legs(arm: Arm, motion: RecordedMotion, speed: float) -> list[_Leg]:
-    """Return the parts of a motion. Raises TeachError if it takes too long."""
+    """Return the parts of a motion. Raises TeachError if the motion takes too long."""
     joints, limits = arm.joints, [arm.limits[joint] for joint in arm.joints]
     if motion.path is None:
         rest = np.zeros((1, len(joints)))

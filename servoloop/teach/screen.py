@@ -47,7 +47,10 @@ class Teacher(TeachScreen):
         self._raw.close()
 
     def pressed(self) -> Sequence[str]:
-        """Return the keys pressed since the last call. Without a terminal, input is read by line and its end is a q."""
+        """Return the keys pressed since the last call.
+
+        Without a terminal, input is read by line, and the end of the input counts as q.
+        """
         return typed(0.0)
 
 

@@ -36,7 +36,7 @@ DIGITS: Final = 5
 
 
 class PointFile(BaseModel):
-    """One point, in the order of the file's joints, in rad or m and per second.
+    """Point of a motion, in the order of the file's joints, in rad or m and per second.
 
     Only points of a path have ``at_s`` and velocities.
     """
@@ -49,7 +49,7 @@ class PointFile(BaseModel):
 
 
 class MotionFile(BaseModel):
-    """Contents of a motion file. They do not depend on the order of a mapping's keys."""
+    """Contents of a motion file. The contents do not depend on the order of a mapping's keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -124,7 +124,10 @@ class RecordedMotion:
         return replace(self, joints=tuple(joints), position=self.position[:, order], path=path)
 
     def check(self, limits: Sequence[JointLimits], source: str) -> None:
-        """Check that all positions are within the limits, in the order of the joints. Raises TeachError otherwise."""
+        """Check that all positions are within the limits, in the order of the joints.
+
+        Raises TeachError if the check fails.
+        """
         wrong = [
             self._too_far(index, int(point), limit)
             for index, limit in enumerate(limits)
@@ -137,7 +140,7 @@ class RecordedMotion:
             _check_path(self, self.path, limits, source)
 
     def check_units(self, joints: Sequence[Joint], source: str) -> None:
-        """Check that the file has the units of these joints. Raises TeachError otherwise."""
+        """Check that the file has the units of these joints. Raises TeachError if the check fails."""
         wrong = [
             f"{joint.name} is in {self.units[joint.name]}, but the arm's joint is in {_unit(joint)}"
             f"{self._line('units', joint.name)}"
@@ -166,7 +169,10 @@ def _unit(joint: Joint) -> str:
 
 
 def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLimits], source: str) -> None:
-    """Check that a path has no jumps and stays within the limits between its points. Raises TeachError otherwise."""
+    """Check that a path has no jumps and stays within the limits between its points.
+
+    Raises TeachError if the check fails.
+    """
     units = [motion.units.get(name, "rad") for name in motion.joints]
     spans_s = np.diff(path.times_s)
     speeds = np.abs(np.diff(path.position, axis=0)) / spans_s[:, None]
@@ -192,7 +198,7 @@ def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLi
 
 
 def check_duration(duration_s: float, source: str) -> None:
-    """Check that a motion is not longer than the longest trajectory goal. Raises TeachError otherwise."""
+    """Check that a motion is not longer than the longest trajectory goal. Raises TeachError if the check fails."""
     if duration_s > LONGEST_GOAL_S:
         raise TeachError(
             f"{source} would take {duration_s:.0f} s, but a motion may take at most {LONGEST_GOAL_S:.0f} s: play it "

@@ -119,8 +119,8 @@ def build_teleop(
         leader: Files and devices of the leader.
         follower: Files and devices of the follower.
         clock: Clock of the loop.
-        worker: Runs tasks that take longer than a cycle.
-        tap: Wraps each port, for example to record its bytes.
+        worker: Worker for tasks that take longer than a cycle.
+        tap: Function that wraps each port, for example to record its bytes.
 
     Raises:
         TeleopError: The leader lacks a joint of the follower.
@@ -148,11 +148,12 @@ def build_teleop(
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
     """Make the leader limp.
 
-    If its servos hold torque, ask ``confirm`` first, as the ports of leader and follower may be swapped.
+    If the servos of the leader hold torque, ask ``confirm`` first, because the ports of leader and follower may be
+    swapped.
 
     Args:
         both: Leader and follower.
-        confirm: Asks a question and raises an error unless the answer is yes.
+        confirm: Function that asks a question and raises an error unless the answer is yes.
 
     Raises:
         DriverError: The leader cannot be reached.
@@ -166,8 +167,8 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
     """Map each joint of the follower to the leader's joint with the same name.
 
-    A hand follows the leader's trigger by the share of its range, all other joints by the angle. Raises TeleopError if
-    the leader lacks a joint.
+    A hand follows the leader's trigger as a share of the range; all other joints follow the angle of the leader's
+    joint. Raises TeleopError if the leader lacks a joint.
     """
     leaders = {joint.name: joint for joint in leader.robot.joints}
     if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:

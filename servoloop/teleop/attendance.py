@@ -30,7 +30,7 @@ class TeleopOperator(Keys, Protocol):
         ...
 
     def show(self, both: Teleop, notes: list[str]) -> None:
-        """Display both arms and additional notes. Called many times per second."""
+        """Display both arms and additional notes. The method is called many times per second."""
         ...
 
 
@@ -61,7 +61,7 @@ class Attendance:
         person.show(both, list(self._notes()))
 
     def _limp(self) -> list[Component]:
-        """Return the follower components with released servos, or inactive after a failed attempt."""
+        """Return the components of the follower that have released servos, or are inactive after a failed attempt."""
         state = self._both.latency.state
         limp = {joint for joint, fault in state.faults.items() if fault.kind == "no_torque"} if state else set()
         return [
@@ -71,7 +71,7 @@ class Attendance:
         ]
 
     def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
-        """Yield the requests of a reactivation one by one. Servos with torque keep it."""
+        """Yield the requests of a reactivation one by one. Servos with torque keep their torque."""
         loop = self._both.loop
         for one in components:
             yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)

@@ -37,7 +37,7 @@ class TeleopScreen(LiveTable):
         Args:
             console: Console of the terminal.
             keys: Context in which the keys of the terminal are read.
-            confirm: Asks a question and raises an error unless the answer is yes.
+            confirm: Function that asks a question and raises an error unless the answer is yes.
             hint: Instruction for enabling torque again.
         """
         super().__init__(console)

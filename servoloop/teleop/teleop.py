@@ -1,4 +1,4 @@
-"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in this one."""
+"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in the calling thread."""
 
 import time
 from dataclasses import replace
@@ -17,7 +17,7 @@ from servoloop.teleop.attendance import Attendance, TeleopOperator
 
 
 class Leading(TeleopOperator, Protocol):
-    """Terminal user interface. Within its context, keys are read and the arms are displayed."""
+    """Terminal user interface. Within the context of the interface, keys are read and the arms are displayed."""
 
     def confirm(self, question: str) -> None:
         """Ask a question. Raise an error unless the answer is yes."""

@@ -42,7 +42,7 @@ class VirtualArm:
 
         Args:
             files: Values of the options arm, urdf, robot and controllers of ``servoloop up``.
-            seed: Seed of the servos' spread and of random faults. None: the nominal arm.
+            seed: Seed for random variations of the arm and for random faults. None: the nominal arm.
             backlash_deg: Backlash of each servo, in degrees.
             also: Additional invariants.
             without: Names of invariants to leave out.
@@ -98,7 +98,7 @@ class VirtualArm:
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
 
     def up(self) -> "VirtualArm":
-        """Activate the hardware and the controllers. The times of planned faults count from here.
+        """Activate the hardware and the controllers. The times of planned faults count from this call.
 
         Raises:
             DriverError, HalError: A fault prevents the activation.
@@ -173,11 +173,11 @@ class VirtualArm:
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
-        """Plan faults before ``up``. Their times count from ``up``, the start or the end of the program."""
+        """Plan faults before ``up``. The times of the faults count from ``up``, the start or the end of the program."""
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:
-        """Plan random faults from the arm's seed, as ``servoloop campaign`` does, but none during the activation."""
+        """Plan random faults from the arm's seed, as ``servoloop campaign`` does, but not during the activation."""
         there = replace(self.stack.player.targets.inventory, start_s=None)
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 

@@ -11,14 +11,17 @@ from servoloop.testing.errors import ArmTestError
 IDLE = (
     "the condition of this invariant never occurred: make it occur in the test, or remove the name from `examined`. {}"
 )
-OWN = "Your own invariants must count in `self.examined`."
+OWN = "Your own invariants must count their examinations in `self.examined`."
 
 
 class ChosenInvariants:
     """All invariants of campaigns except for those in ``without``, and the additional ones in ``also``."""
 
     def __init__(self, also: tuple[type[Invariant], ...], without: tuple[str, ...], examined: tuple[str, ...]) -> None:
-        """Choose the invariants. Raises ArmTestError if one is unknown, or in both ``without`` and ``examined``."""
+        """Choose the invariants.
+
+        Raises ArmTestError if an invariant is unknown, or in both ``without`` and ``examined``.
+        """
         _require_known(without, ALL)
         _require_known(examined, (*ALL, *also))
         if both := [name for name in examined if name in without]:

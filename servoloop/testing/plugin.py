@@ -1,6 +1,7 @@
 """Pytest plugin with the fixtures ``virtual_arm``, ``virtual_bus`` and ``ros_stack`` and the markers for them.
 
-Pytest loads this plugin in every environment with servoloop. Therefore it imports nothing until a fixture is used.
+Pytest loads this plugin in every environment with servoloop. Therefore the plugin imports nothing until a fixture is
+used.
 """
 
 from collections.abc import Iterator
@@ -68,7 +69,7 @@ def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["V
         arm.draw(*marker.args, **marker.kwargs)
     node.stash[ARM] = arm
     yield arm
-    arm.end()  # ends the arm of a failed test; other tests have already ended it
+    arm.end()  # This ends the arm of a failed test; other tests have already ended their arm.
 
 
 @pytest.hookimpl(wrapper=True)
@@ -83,7 +84,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
 
 @pytest.fixture
 def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBusProcess"]:
-    """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a process of their own."""
+    """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a separate process."""
     _require_simulation("virtual_bus")
     from servoloop.testing.processes import VirtualBusProcess
 

@@ -1,4 +1,4 @@
-"""Run a virtual bus on a pseudo-terminal, or the ROS stack, in a process of its own for tests."""
+"""Run a virtual bus on a pseudo-terminal, or the ROS stack, in a separate process for tests."""
 
 import fcntl
 import os
@@ -17,7 +17,10 @@ from drivers.errors import DriverError
 from nodes.discovery import stay_on_this_machine
 
 DOMAINS = range(1, 98, 4)
-"""ROS domain IDs for tests. A run may also use the next two IDs. From 102 on, Linux may use the ports of a domain."""
+"""ROS domain IDs for tests. A run may also use the next two IDs.
+
+From 102 on, other programs may use the network ports of a domain.
+"""
 
 
 @contextmanager
@@ -61,7 +64,7 @@ POLL_S = 0.02
 
 
 class ProcessTestError(DriverError):
-    """Raised when a servoloop process did not start. The message has its output."""
+    """Raised when a servoloop process did not start. The message contains the output of the process."""
 
 
 class _Process:
@@ -136,7 +139,7 @@ class RosStack(_Process):
 
     @contextmanager
     def running(self) -> Iterator[Self]:
-        """Run the stack within the context. Nodes and processes created by the test can reach it."""
+        """Run the stack within the context. Nodes and processes created by the test can reach the stack."""
         ready = self._folder / "ready"
         settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
         with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):

@@ -19,8 +19,7 @@ FRICTION: Final = (0.8, 0.01, 0.002)
 """Sliding friction (a coefficient), and torsional and rolling friction in meters. The rolling friction represents that
 an apple is not perfectly round."""
 STAND_FRICTION: Final = (0.2, 0.005, 0.004)
-"""Friction on the stand. An apple at rest can lie as far from the point below its center as the rolling friction
-allows."""
+"""Friction on the stand. Rolling friction determines how far from the middle of the stand an apple can come to rest."""
 ALL_FRICTION: Final = 6
 """Contact dimension of MuJoCo that includes rolling friction."""
 BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)

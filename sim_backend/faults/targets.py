@@ -112,7 +112,7 @@ class Inventory:
     def require_bus(self, bus: str | None) -> None:
         """Raise FaultError if the line does not exist. None means all lines."""
         if not self.servos:
-            raise FaultError("there is no line here whose servos could be named (all servos from a box have one ID)")
+            raise FaultError("servos cannot be selected here, because all servos of a box have the same ID")
         if bus is not None and bus not in self.servos:
             raise FaultError(f"there is no bus {bus!r}: known buses: {', '.join(map(repr, self.servos))}")
 
@@ -127,7 +127,7 @@ def _ids(servos: Mapping[int, ServoModel]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlace:
-    """Position of a servo as it was mounted, whatever its current ID is."""
+    """Position of a servo as it was mounted, regardless of its current ID."""
 
     line: ServoLine[Any]
     number: int

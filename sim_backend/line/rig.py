@@ -132,7 +132,7 @@ class Rig(Generic[AnyServo]):
         return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
 
     def _one_by_one(self) -> None:
-        """Advance all servos by one timestep, whatever their kind is."""
+        """Advance servos of any kind by one timestep."""
         dt_s, plant = self.timestep_s, self.plant
         for supply, loads in self._loads:
             total_a = 0.0

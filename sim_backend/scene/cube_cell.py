@@ -1,7 +1,8 @@
 """Cell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
 
 A scene must have all parts of the cell or none: the freejoint and geom `cube`, the geoms `stand` and `cube_place`, and
-for each bin a body `bin_A` and a site `bin_A_inside`.
+for each bin a body `bin_A` and a site `bin_A_inside`. In a scene with several arms, each arm can have a cell, whose
+names begin with the prefix of the arm.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_of_tray, resize
 from sim_backend.mechanics.plant import JointArrays
+from sim_backend.scene.arm_names import arm_prefixes, prefix_of
 
 FloatArray = NDArray[np.float64]
 
@@ -36,9 +38,10 @@ class Pose:
     quaternion_xyzw: tuple[float, float, float, float]
 
 
-def has_cell(model: Any) -> bool:
-    """Whether a scene has the cube, and therefore needs the rest of the cell."""
-    return CUBE in [model.joint(i).name for i in range(model.njnt)]
+def cell_prefixes(model: Any) -> list[str]:
+    """Return the prefix of each arm whose cell has the cube, and therefore needs the rest of the cell."""
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    return [prefix for prefix in arm_prefixes(model) if f"{prefix}{CUBE}" in joints]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +58,26 @@ class CubeCell:
     """The cube, its stand and the bins of a world. With a tray, apples replace the cube."""
 
     def __init__(
-        self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_], tray: Tray | None = None
+        self,
+        model: Any,
+        data: Any,
+        arrays: JointArrays,
+        of_arm: NDArray[np.bool_],
+        tray: Tray | None = None,
+        prefix: str = "",
     ) -> None:
-        """Find the parts of the cell. ``of_arm`` marks the geoms that are part of the arm, (ngeom,)."""
+        """Find the parts of the cell.
+
+        Args:
+            model: The compiled scene.
+            data: State of the scene.
+            arrays: Positions and velocities of the scene.
+            of_arm: Whether each geom is part of an arm, (ngeom,).
+            tray: Apples that take the place of the cube.
+            prefix: Beginning of all names of the cell, in a scene with several arms.
+        """
         self.tray = tray
+        self.prefix = prefix
         self.apple: Apple | None = None
         """The apple that is being sorted; None for a cube."""
         self.fed = 0
@@ -66,36 +85,41 @@ class CubeCell:
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
         self.laid = True
         """Whether stand, bins and cube are present."""
-        cube = model.joint(CUBE)
+        cube = model.joint(self.name(CUBE))
         self.qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self.qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self.home: FloatArray = model.qpos0[self.qpos].copy()
-        self._cube_geom = model.geom(CUBE).id
-        self._place_geom = model.geom("cube_place").id
-        width, depth, _ = model.geom("stand").size
+        self._cube_geom = model.geom(self.name(CUBE)).id
+        self._cube_body = int(model.geom_bodyid[self._cube_geom])
+        self._place_geom = model.geom(self.name("cube_place")).id
+        width, depth, _ = model.geom(self.name("stand")).size
         self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
         if tray is not None:
             mujoco.mj_kinematics(model, data)
-            stand = data.geom("stand")
-            self._stand_m = float(stand.xpos[2] + model.geom("stand").size[2])
+            stand = data.geom(self.name("stand"))
+            self._stand_m = float(stand.xpos[2] + model.geom(self.name("stand")).size[2])
             self._place_apple(tray)
+
+    def name(self, part: str) -> str:
+        """Return the name of a part of this cell in the scene, such as ``left_cube`` for ``cube``."""
+        return f"{self.prefix}{part}"
 
     def locate(self) -> None:
         """Store the poses of the bins. Call this method when the kinematics are up to date."""
-        bodies = {f"bin_{name}": self._data.body(f"bin_{name}") for name in BINS}
-        self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
-        sites = [(name, f"bin_{name}_inside") for name in BINS]
+        bodies = [self._data.body(self.name(f"bin_{name}")) for name in BINS]
+        self._bin_poses = {body.name: _pose(body.xpos, body.xquat) for body in bodies}
+        sites = [(name, self.name(f"bin_{name}_inside")) for name in BINS]
         self._insides = [
             (name, self._data.site(site).xpos.copy(), self._model.site(site).size.copy()) for name, site in sites
         ]
 
     def poses(self) -> dict[str, Pose]:
-        """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C".
+        """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", by their names in the scene.
 
         The pose of a bin is that of the center of its floor.
         """
         cube = self._data.qpos[self.qpos]
-        return {CUBE: _pose(cube[:3], cube[3:]), **self._bin_poses}
+        return {self.name(CUBE): _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
         """Whether the cube is at rest, on a surface or in the hand."""
@@ -135,7 +159,7 @@ class CubeCell:
         self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
         model.geom_contype[things] = model.geom_conaffinity[things] = 0
         model.geom_rgba[things, 3] = 0.0
-        model.body_gravcomp[model.body(CUBE).id] = 1.0
+        model.body_gravcomp[self._cube_body] = 1.0
         self.laid = False
 
     def lay(self) -> None:
@@ -145,13 +169,20 @@ class CubeCell:
         model, things = self._model, self._things()
         model.geom_contype[things], model.geom_conaffinity[things] = self._cleared
         model.geom_rgba[things, 3] = 1.0
-        model.body_gravcomp[model.body(CUBE).id] = 0.0
+        model.body_gravcomp[self._cube_body] = 0.0
         self.laid = True
         self.feed_cube()
 
     def _things(self) -> NDArray[np.int64]:
-        """Return the geoms on the table."""
-        return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self._model.geom("table").id])
+        """Return the geoms on the table that belong to this cell."""
+        table, prefixes = self._model.geom("table").id, arm_prefixes(self._model)
+        things = [g for g in np.flatnonzero(~self._of_arm).tolist() if g != table]
+        return np.array([g for g in things if prefix_of(self._owner(g), prefixes) == self.prefix])
+
+    def _owner(self, geom: int) -> str:
+        """Return the name of the body of a geom, or of the geom itself if it is fixed to the world."""
+        body = int(self._model.geom_bodyid[geom])
+        return str(self._model.body(body).name if body else self._model.geom(geom).name)
 
     def feed_cube(self) -> None:
         """Place the cube, or the next apple, at rest in the middle of the stand."""

@@ -1,4 +1,4 @@
-"""Put a new cube on the stand after the last cube is done, when the arm starts to move again.
+"""Put a new cube on each stand after its last cube is done, when its arm starts to move again.
 
 Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
 
@@ -10,6 +10,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_backend.scene.cube_cell import CubeCell, FloatArray
 from sim_backend.scene.world import World
@@ -40,13 +41,33 @@ SHOWN_S: Final = 1.5
 
 
 class Feeder:
-    """Feeds cubes to one world.
-
-    Call `update` after every step. The feeder records since when the arm has been at rest, and whether a cube is due.
-    """
+    """Places cubes in all cells of one world. Call `update` after every step."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
+        self._cells: tuple[CellFeeder, ...] = ()
+
+    @property
+    def due(self) -> bool:
+        """Whether the next motion of an arm brings a new cube."""
+        return any(cell.due for cell in self._cells)
+
+    def update(self, world: World, time_s: float) -> None:
+        """Feed cubes if it is time. `time_s` is the world's time."""
+        if time_s < self._next_s or not world.cells:
+            return
+        self._next_s = time_s + LOOK_S
+        self._cells = self._cells or tuple(CellFeeder(cell, world.joints_of(cell)) for cell in world.cells)
+        for cell in self._cells:
+            cell.update(world, time_s)
+
+
+class CellFeeder:
+    """Places cubes in one cell. It records how long the arm has been at rest, and whether a cube is due."""
+
+    def __init__(self, cell: CubeCell, joints: NDArray[np.int64]) -> None:
+        """``joints`` are the indices of the arm's joints in the order of the world. The last one is the hand."""
+        self._cell, self._joints = cell, joints
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at: FloatArray | None = None
         self._shown_until_s = math.inf
@@ -55,16 +76,16 @@ class Feeder:
         motion."""
 
     def update(self, world: World, time_s: float) -> None:
-        """Place a cube if it is due and the scene has a stand. `time_s` is the time of the world."""
-        if time_s < self._next_s or world.cell is None or not world.cell.laid:
+        """Place a cube if it is due and the cell has a stand."""
+        if not self._cell.laid:
             return
-        self._next_s = time_s + LOOK_S
-        if self.due and world.cell.tray is not None:
-            self._feed_apple(world, world.cell, time_s)
+        arm = _Arm(world, self._joints)
+        if self.due and self._cell.tray is not None:
+            self._feed_apple(time_s)
         elif self.due:
-            self._feed(world, world.cell)
-        elif _done(world, world.cell):
-            self._rest(world, time_s)
+            self._feed(arm)
+        elif _done(arm, self._cell):
+            self._rest(arm, time_s)
         else:
             self._begin()
 
@@ -72,67 +93,83 @@ class Feeder:
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at = None
 
-    def _rest(self, world: World, time_s: float) -> None:
+    def _rest(self, arm: "_Arm", time_s: float) -> None:
         """Check whether the arm has been at rest long enough."""
-        self._slow_since_s = min(self._slow_since_s, time_s) if _slow(world) else math.inf
-        if self._stays_at is None or not _stays(self._stays_at, world):
-            self._stays_at, self._stays_since_s = world.position(), time_s
+        self._slow_since_s = min(self._slow_since_s, time_s) if arm.slow else math.inf
+        if self._stays_at is None or not arm.stays_at(self._stays_at):
+            self._stays_at, self._stays_since_s = arm.position, time_s
         slow_s, stays_s = time_s - self._slow_since_s, time_s - self._stays_since_s
-        if _at_ready(world):
+        if arm.at_ready:
             self.due = slow_s >= REST_S or stays_s >= SWINGING_REST_S
         else:
             self.due = max(slow_s, stays_s) >= LONG_REST_S
         self._shown_until_s = time_s + SHOWN_S
 
-    def _feed(self, world: World, cell: CubeCell) -> None:
+    def _feed(self, arm: "_Arm") -> None:
         """Place a cube when the arm leaves and the stand is free.
 
         A hand that only opens or closes does not start a job.
         """
-        if self._stays_at is not None and _set_out(self._stays_at, world) and cell.stand_free():
-            self._lay_next(cell)
+        if self._stays_at is not None and arm.has_left(self._stays_at) and self._cell.stand_free():
+            self._lay_next()
 
-    def _feed_apple(self, world: World, cell: CubeCell, time_s: float) -> None:
-        """Place an apple when the last one has been in its bin for a while, even if the arm is at rest in another pose.
+    def _feed_apple(self, time_s: float) -> None:
+        """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
 
         The arm of a failed job holds its pose. The next job starts by moving to the ready pose.
         """
-        if time_s >= self._shown_until_s and cell.stand_free():
-            self._lay_next(cell)
+        if time_s >= self._shown_until_s and self._cell.stand_free():
+            self._lay_next()
 
-    def _lay_next(self, cell: CubeCell) -> None:
-        cell.feed_cube()
+    def _lay_next(self) -> None:
+        self._cell.feed_cube()
         self.due = False
         self._begin()
 
 
-def _slow(world: World) -> bool:
-    speed = np.abs(world.velocity())
-    return bool(speed[:-1].max() < SLOW_RAD_S and speed[-1] < SLOW_HAND_1_S * world.hand_travel)
+class _Arm:
+    """Present state of the arm at one cell."""
+
+    def __init__(self, world: World, joints: NDArray[np.int64]) -> None:
+        self.position = world.position()[joints]
+        self._world, self._joints = world, joints
+        self._hand_travel = float(world.travel[joints[-1]])
+
+    @property
+    def slow(self) -> bool:
+        """Whether no joint moves."""
+        speed = np.abs(self._world.velocity()[self._joints])
+        return bool(speed[:-1].max() < SLOW_RAD_S and speed[-1] < SLOW_HAND_1_S * self._hand_travel)
+
+    @property
+    def at_ready(self) -> bool:
+        """Whether the arm is near its ready pose, regardless of the hand."""
+        return bool(np.abs((self.position - self._ready)[:-1]).max() < AT_READY_RAD)
+
+    @property
+    def hand_open(self) -> bool:
+        """Whether the hand is open."""
+        return bool(abs(self.position[-1] - self._ready[-1]) < OPEN * self._hand_travel)
+
+    @property
+    def _ready(self) -> FloatArray:
+        ready: FloatArray = self._world.ready[self._joints]
+        return ready
+
+    def has_left(self, rest: FloatArray) -> bool:
+        """Whether the arm has left its place of rest, regardless of the hand."""
+        return bool(np.abs((self.position - rest)[:-1]).max() > STAYS_RAD)
+
+    def stays_at(self, rest: FloatArray) -> bool:
+        """Whether arm and hand are still at their place of rest."""
+        return not self.has_left(rest) and bool(abs(self.position[-1] - rest[-1]) < STAYS_HAND * self._hand_travel)
 
 
-def _set_out(rest: FloatArray, world: World) -> bool:
-    """Whether the arm has left the pose in which it was at rest, regardless of the hand."""
-    return bool(np.abs((world.position() - rest)[:-1]).max() > STAYS_RAD)
-
-
-def _stays(rest: FloatArray, world: World) -> bool:
-    return not _set_out(rest, world) and bool(abs(world.position()[-1] - rest[-1]) < STAYS_HAND * world.hand_travel)
-
-
-def _done(world: World, cell: CubeCell) -> bool:
+def _done(arm: _Arm, cell: CubeCell) -> bool:
     """Whether the cube is done: in a bin or lost, but not on the stand and not in the hand.
 
     After a failed job, the cube can lean against the open fingers around the stand.
     """
     if not cell.cube_at_rest() or cell.cube_on_stand():
         return False
-    return not cell.cube_touched() or (_at_ready(world) and _open(world))
-
-
-def _at_ready(world: World) -> bool:
-    return bool(np.abs((world.position() - world.ready)[:-1]).max() < AT_READY_RAD)
-
-
-def _open(world: World) -> bool:
-    return bool(abs(world.position()[-1] - world.ready[-1]) < OPEN * world.hand_travel)
+    return not cell.cube_touched() or (arm.at_ready and arm.hand_open)

@@ -15,6 +15,7 @@ import numpy as np
 from hal.errors import DescriptionError
 from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
 from sim_backend.scene.cube_cell import FloatArray
+from sim_backend.scene.overview import overview_camera
 from sim_backend.scene.picture import CAMERA
 from sim_backend.scene.world import READY, place_followers
 
@@ -138,7 +139,7 @@ def _finished(spec: Any, pose: FloatArray) -> Any:
     table.pos = [0.0, 0.0, _table_m(model, data)]
     table.contype, table.conaffinity, table.rgba = 0, 1, TABLE_RGBA
     spec.worldbody.add_light(pos=[*(middle[:2] + size), middle[2] + 2.0 * size])
-    spec.worldbody.add_camera(name=CAMERA, fovy=FOVY_DEG, **_camera(middle, CAMERA_REACHES * size))
+    spec.worldbody.add_camera(name=CAMERA, fovy=FOVY_DEG, **overview_camera(middle, CAMERA_FROM, CAMERA_REACHES * size))
     spec.add_key(name=READY, qpos=pose)
     return spec.compile()
 
@@ -149,14 +150,3 @@ def _table_m(model: Any, data: Any) -> float:
     moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     lowest = (data.geom_xpos[moving, 2] - model.geom_rbound[moving]).min(initial=0.0)
     return float(min(0.0, lowest))
-
-
-def _camera(middle: FloatArray, distance_m: float) -> dict[str, Any]:
-    """Return the settings of a camera that looks at the center of the arm."""
-    back = CAMERA_FROM / np.linalg.norm(CAMERA_FROM)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(back, right), back], axis=1)
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
-    return {"pos": middle + distance_m * back, "quat": quaternion}

@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
-from sim_backend.scene.cube_cell import BINS, FloatArray, has_cell
+from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.scene.cube_cell import BINS, FloatArray, cell_prefixes
 from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY
 
@@ -26,14 +27,12 @@ APART_RAD: Final = 1e-3
 APART_SHARE: Final = 0.01
 """Maximum relative difference of a mass or an inertia."""
 NEEDED: Final = {
-    "key": (READY,),
     "joint": ("cube",),
     "geom": ("cube", "stand", "cube_place"),
     "body": tuple(f"bin_{name}" for name in BINS),
     "site": tuple(f"bin_{name}_inside" for name in BINS),
-    "cam": ("overview",),
 }
-"""Names that the pick-and-place cell and its pictures require, by kind."""
+"""Names that a cell of the pick-and-place job needs, by kind. They begin with the prefix of the arm, if it has one."""
 
 
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
@@ -100,12 +99,13 @@ def names(model: Any, kind: str) -> list[str]:
 
 
 def _needed(model: Any, cell: bool) -> Iterator[str]:
-    if not (cell or has_cell(model)):
-        return
-    for kind, needed in NEEDED.items():
-        there = names(model, kind)
-        what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
-        yield from (f"the scene has no {what} {name}" for name in needed if name not in there)
+    prefixes = arm_prefixes(model) if cell else cell_prefixes(model)
+    parts = [(kind, f"{prefix}{name}") for prefix in prefixes for kind, some in NEEDED.items() for name in some]
+    needed = [("key", READY), *parts, ("cam", "overview")] if prefixes else []
+    for kind, name in needed:
+        if name not in names(model, kind):
+            what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
+            yield f"the scene has no {what} {name}"
 
 
 def _missing(model: Any, driven: Sequence[str], cell: bool) -> Iterator[str]:

@@ -1,9 +1,8 @@
-"""The simulated world in MuJoCo: the arm and, if the scene has them, one cube, its stand and three bins.
+"""The simulated world in MuJoCo: one or several arms, each with a cube, its stand and three bins if the scene has them.
 
-The world takes joint efforts and returns joint positions and velocities. The world does not model servos, which convert
-goals to efforts. It has no wall clock: `step` always advances it by one timestep. The origin of the world frame is the
-base of the arm. Joints are always in the order of `World.joints`, which is the order of the actuators in the scene; the
-joint of the hand is the last one.
+The world takes joint efforts and returns joint positions and velocities. It does not model servos, which convert goals
+to efforts, and it has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
+always in the order of `World.joints`, which is that of the scene's actuators; the hand's joint is the last of its arm.
 
 For each driven joint, a scene needs an actuator with the name of the joint. The scene may have the keyframes `ready`
 and `rest`, and all parts that `sim_backend.scene.cube_cell` lists.
@@ -24,8 +23,9 @@ from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
+from sim_backend.scene.arm_names import arm_prefixes, prefix_of
 from sim_backend.scene.backlash import motor_name, with_gaps
-from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, Tray, has_cell
+from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, Tray, cell_prefixes
 from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
@@ -77,17 +77,29 @@ class World:
         self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
         self._arm_geoms = self._of_arm()
-        self.cell: CubeCell | None = None
-        """The cube with its stand and bins; None if the scene has only the arm."""
-        if has_cell(self.model):
-            self.cell = CubeCell(self.model, self.data, self.arrays, self._arm_geoms, self._tray)
-        self._cube_geoms = np.array([self.model.geom(geom).name == CUBE for geom in range(self.model.ngeom)])
+        self.cells = tuple(self._cell(prefix) for prefix in cell_prefixes(self.model))
+        """The cubes with their stands and bins; empty if the scene has only the arm."""
+        cubes = [cell.name(CUBE) for cell in self.cells]
+        self._cube_geoms = np.array([self.model.geom(geom).name in cubes for geom in range(self.model.ngeom)])
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
         self.ready: FloatArray = first[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
         self._held: FloatArray | None = None
         """MuJoCo's positions, except those of the cube, while the arm is held; otherwise None."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
+
+    def _cell(self, prefix: str) -> CubeCell:
+        return CubeCell(self.model, self.data, self.arrays, self._arm_geoms, self._tray, prefix)
+
+    @property
+    def cell(self) -> CubeCell | None:
+        """The cell of the first arm that has one; None if no arm has one."""
+        return self.cells[0] if self.cells else None
+
+    def joints_of(self, cell: CubeCell) -> NDArray[np.int64]:
+        """Return the indices in `joints` of the arm that works at a cell. The hand's joint is the last."""
+        prefixes = arm_prefixes(self.model)
+        return np.array([i for i, joint in enumerate(self.joints) if prefix_of(joint, prefixes) == cell.prefix])
 
     def _find_joints(self) -> None:
         """Look up the indices of all names once, because `position` and `velocity` are called in every step."""
@@ -99,9 +111,8 @@ class World:
         self.arrays = JointArrays(
             self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, range(self.model.nu)
         )
-        low, high = joints[-1].range
-        self.hand_travel = float(high - low)
-        """Range of motion of the hand's joint, in rad or m."""
+        self.travel = np.array([float(joint.range[1] - joint.range[0]) for joint in joints])
+        """Range of motion of each joint, in rad or m."""
 
     @property
     def lies(self) -> bool:
@@ -111,7 +122,7 @@ class World:
     @property
     def laid(self) -> bool:
         """Whether stand, bins and cube are present."""
-        return self.cell is not None and self.cell.laid
+        return bool(self.cells) and all(cell.laid for cell in self.cells)
 
     def _keyframes(self) -> list[str]:
         return [self.model.key(i).name for i in range(self.model.nkey)]
@@ -121,9 +132,9 @@ class World:
         return at_rest
 
     def _of_arm(self) -> Any:
-        """Whether each geom is part of the arm, (ngeom,)."""
-        arm = self.model.body_rootid[self.model.jnt_bodyid[self.model.joint(self.joints[0]).id]]
-        return self.model.body_rootid[self.model.geom_bodyid] == arm
+        """Whether each geom is part of an arm, (ngeom,)."""
+        arms = self.model.body_rootid[[self.model.joint(joint).bodyid[0] for joint in self.joints]]
+        return np.isin(self.model.body_rootid[self.model.geom_bodyid], arms)
 
     def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
@@ -131,8 +142,8 @@ class World:
         for joint, motor in self._motors.items():
             self.data.joint(motor).qpos = self.data.joint(joint).qpos
         mujoco.mj_forward(self.model, self.data)
-        if self.cell is not None:
-            self.cell.locate()
+        for cell in self.cells:
+            cell.locate()
 
     @property
     def time_s(self) -> float:
@@ -193,12 +204,10 @@ class World:
         if self.data.ctrl.any() or self.data.qfrc_applied.any():
             self._held = None
             return
-        if self.cell is None:
-            self.data.qpos[:], self.data.qvel[:] = held, 0.0
-            return
-        at, cube, speed = self.data.qpos, self.cell.qpos, self.cell.qvel
-        at[: cube.start], at[cube.stop :] = held[: cube.start], held[cube.stop :]
-        self.data.qvel[: speed.start] = self.data.qvel[speed.stop :] = 0.0
+        still, slow = held.copy(), np.zeros_like(self.data.qvel)
+        for cell in self.cells:
+            still[cell.qpos], slow[cell.qvel] = self.data.qpos[cell.qpos], self.data.qvel[cell.qvel]
+        self.data.qpos[:], self.data.qvel[:] = still, slow
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
         """Advance by one timestep under the given joint efforts, shape (n,), in N m or N."""
@@ -206,12 +215,21 @@ class World:
         self.advance()
 
     def poses(self) -> dict[str, Pose]:
-        """Return the poses of the objects of the cell by name; the mapping is empty without a cell."""
-        return {} if self.cell is None else self.cell.poses()
+        """Return the poses of the objects of all cells by name, or none without a cell."""
+        return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 
-    def cube_bin(self) -> str | None:
-        """Return the bin in which the cube is at rest; None if it moves, is in no bin, or does not exist."""
-        return None if self.cell is None else self.cell.cube_bin()
+    def cube_bin(self, joint: str = "") -> str | None:
+        """Return the bin in which a cube is at rest; None if it moves, is in no bin, or does not exist.
+
+        ``joint`` is a joint of the arm at the cell of the cube, if the robot has several arms.
+        """
+        prefix = prefix_of(joint, arm_prefixes(self.model))
+        cell = next((cell for cell in self.cells if cell.prefix == prefix), self.cell)
+        return None if cell is None else cell.cube_bin()
+
+    def cube_bins(self) -> dict[str, str | None]:
+        """Return the bin in which each cube is at rest, by the name of the cube; None if it moves or is in no bin."""
+        return {cell.name(CUBE): cell.cube_bin() for cell in self.cells}
 
     def arm_contacts(self) -> set[str]:
         """Return the contacts of the arm with anything except the cube, each as "link and object"."""
@@ -232,14 +250,14 @@ class World:
         return None if self.cell is None else self.cell.apple
 
     def clear_table(self) -> None:
-        """Remove the stand, the bins and the cube, if they exist."""
-        if self.cell is not None:
-            self.cell.clear()
+        """Remove stands, bins and cubes, if there are any."""
+        for cell in self.cells:
+            cell.clear()
 
     def lay_table(self) -> None:
         """Restore what ``clear_table`` removed."""
-        if self.cell is not None:
-            self.cell.lay()
+        for cell in self.cells:
+            cell.lay()
 
     def configuration(self) -> FloatArray:
         """Return a copy of MuJoCo's positions of arm and cube, which is all that a picture needs."""

@@ -59,7 +59,7 @@ class SeenWorld(Protocol):
 
     def poses(self) -> Mapping[str, SeenPose]: ...
 
-    def cube_bin(self) -> str | None: ...
+    def cube_bins(self) -> Mapping[str, str | None]: ...
 
     def arm_contacts(self) -> set[str]: ...
 
@@ -75,7 +75,7 @@ def feed_path(link: Path) -> Path:
 def snapshot(
     world: SeenWorld, dropped_s: float, trace: Sequence[Any] = (), contacts: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Return one publication: world time, poses, the cube's bin, joint positions (rad, m), and time lost to stalls.
+    """Return one publication: world time, poses, bins of the cubes, joint positions (rad, m), and time lost to stalls.
 
     A world with apples also publishes seed and diameter of the apple, whose pose and bin are those of the cube.
     ``trace`` contains the motion of the joints since the last publication: pairs of the emulator's clock (s; the same
@@ -90,7 +90,7 @@ def snapshot(
             name: {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             for name, pose in world.poses().items()
         },
-        "cube_bin": world.cube_bin(),
+        "cube_bins": dict(world.cube_bins()),
         "joints": dict(zip(world.joints, world.position().tolist(), strict=True)),
         "dropped_s": round(dropped_s, 6),
         "trace": list(trace),

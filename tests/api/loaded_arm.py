@@ -1,4 +1,4 @@
-"""Virtual arm on simulated time whose world a test can change."""
+"""Virtual arm in simulated time whose world a test can change."""
 
 from servoloop import Arm
 from servoloop.api.options import ArmOptions

@@ -1,4 +1,4 @@
-"""``Arm`` in real time, on virtual servos in a process of their own: the contract, and programs that are ended."""
+"""``Arm`` in real time, on virtual servos in a separate process: the contract, and programs that are terminated."""
 
 import os
 import re
@@ -31,7 +31,7 @@ def served_arm() -> Iterator[Arm]:
 
 
 class TestServedArm(ArmContract):
-    """The contract in real time."""
+    """The contract of ``Arm`` in real time."""
 
     @pytest.fixture
     def arm(self, served_arm: Arm) -> Arm:
@@ -39,7 +39,7 @@ class TestServedArm(ArmContract):
 
 
 def test_a_policy_at_fifty_hertz_loses_no_target_and_waits_at_most_a_cycle(served_arm: Arm) -> None:
-    """Each target is commanded within one cycle after the call, plus the time until the state shows it."""
+    """Each target is commanded within one cycle after the call, plus the time until the state shows the command."""
     arm = served_arm
     arm.move_to({PAN: 0.0}, speed=0.5)
     sent: dict[float, float] = {}

@@ -1,4 +1,4 @@
-"""``Arm.simulated``: the contract of all arms on simulated time, and what simulated time adds."""
+"""``Arm.simulated``: the contract of all arms in simulated time, and the features of simulated time."""
 
 import math
 import runpy
@@ -43,7 +43,7 @@ def simulated_arm() -> Iterator[Arm]:
 
 
 class TestSimulatedArm(ArmContract):
-    """The contract on simulated time."""
+    """The contract of ``Arm`` in simulated time."""
 
     @pytest.fixture
     def arm(self, simulated_arm: Arm) -> Arm:

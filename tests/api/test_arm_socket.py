@@ -43,7 +43,7 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 class TestConnectedArm(ArmContract):
-    """The contract over the socket."""
+    """The contract of ``Arm`` over the socket."""
 
     @pytest.fixture
     def arm(self, stack: None) -> Iterator[Arm]:
@@ -54,7 +54,7 @@ class TestConnectedArm(ArmContract):
 def test_two_programs_do_not_move_the_arm_at_once(stack: None) -> None:
     with Arm.connect("so101") as first, Arm.connect() as second:
         first.move_to({PAN: 0.0}, speed=0.5)
-        with pytest.raises(ArmBusyError, match="has taken the motion"):
+        with pytest.raises(ArmBusyError, match="has control of the arm"):
             second.move_to({PAN: 0.1})
         with first.stream(max_age=5.0) as stream:
             stream.send({PAN: 0.0})
@@ -81,7 +81,7 @@ def test_the_end_of_the_stack_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_policy_at_fifty_hertz_loses_no_target(stack: None) -> None:
-    """No target is refused, and each is on its way within one cycle of the loop."""
+    """No target is refused, and each target takes effect within one cycle of the loop."""
     with Arm.connect() as arm:
         arm.move_to({PAN: 0.0}, speed=0.5)
         sent: dict[float, float] = {}

@@ -13,7 +13,7 @@ PAGE = "python.md"
 
 
 class VirtualArmOnPort(LoadedArm):
-    """Virtual arm on simulated time in place of an arm on a port."""
+    """Virtual arm in simulated time that replaces an arm on a port."""
 
     def __init__(self, name: str, port: str) -> None:
         assert (name, port) == ("so101", "/dev/ttyACM0")
@@ -21,10 +21,10 @@ class VirtualArmOnPort(LoadedArm):
 
 
 class ConnectedArm(servoloop.Arm):
-    """Arm whose ``connect`` returns a virtual arm in place of that of a running stack."""
+    """Arm whose ``connect`` returns a virtual arm instead of that of a running stack."""
 
     @classmethod
-    def connect(cls, arm: str | None = None) -> Any:
+    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Any:
         return LoadedArm()
 
 

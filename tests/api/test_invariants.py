@@ -1,4 +1,4 @@
-"""The invariants of campaigns hold while a program moves the arm with ``Arm``: there is no second path."""
+"""The invariants of campaigns hold while a program moves the arm with ``Arm``: no motion bypasses the checks."""
 
 import random
 from collections.abc import Iterator
@@ -69,7 +69,7 @@ def test_motions_streams_and_torque_keep_the_invariants(arm: WatchedArm) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_random_programs_keep_the_invariants(seed: int) -> None:
-    """A program that does everything at the wrong time gets errors, and the arm stays within its rules."""
+    """A program that calls every method at the wrong time gets errors, and no invariant is violated."""
     arm, draw = WatchedArm(), random.Random(seed)
     arm.move_to(FREE, duration=2.0)
     actions = [

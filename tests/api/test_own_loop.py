@@ -1,4 +1,4 @@
-"""A loop that a script runs itself must define how the arm is shut down."""
+"""If a script runs the loop itself, it must define how the arm is shut down."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""`servoloop arms show`: picture of the arm with the places and directions of its joints."""
+"""`servoloop arms show`: a picture of the arm with the positions and directions of its joints."""
 
 from itertools import pairwise
 from pathlib import Path

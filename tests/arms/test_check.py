@@ -1,4 +1,4 @@
-"""``arms check`` finds every mistake in a folder, also several at once, and none in the included arms."""
+"""``arms check`` finds every mistake in a folder, even several at once, and finds none in the included arms."""
 
 import re
 import shutil
@@ -166,7 +166,7 @@ def test_each_mistake_is_found(tmp_path: Path, fault: str) -> None:
     edit, says = FAULTS[fault]
     problems = check_arm(folder_with(tmp_path, FILES, edit))
     assert any(says in problem for problem in problems), problems
-    assert all(str(tmp_path) in problem for problem in problems)  # each problem names its file
+    assert all(str(tmp_path) in problem for problem in problems)  # each message names the file
 
 
 MIMIC: dict[str, tuple[Edit, str]] = {
@@ -245,7 +245,7 @@ BROKEN = {
     "controllers.yaml": ("update_rate: 20", "update_rate: 0", "controllers.yaml:4: controller_manager.update_rate"),
     "pick_place.yaml": ("[A, B, C]", "[A, B, C, D]", "grade D has no pose under bins"),
 }
-"""One mistake per file that makes the file unreadable."""
+"""One mistake for each file, which makes the file unreadable."""
 
 
 def test_six_broken_files_are_reported_together(tmp_path: Path) -> None:

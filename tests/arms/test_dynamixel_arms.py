@@ -1,6 +1,6 @@
 """Dynamixel arms from random zeros to sorted cubes, in simulated time.
 
-Their servos were turned by two turns before, and one of them is silent for 0.2 s again and again.
+The servos were turned by two turns before, and one of them falls silent for 0.2 s repeatedly.
 """
 
 from math import tau
@@ -58,7 +58,7 @@ def turn_by_hand(line: Line, clock: Clock) -> None:
 
 
 def interrupt(line: Line, clock: Clock, servo_id: int) -> None:
-    """Silence a servo for 0.2 s, again and again."""
+    """Silence a servo for 0.2 s repeatedly."""
     line.faults.on_instruction.append(lambda heard: heard != servo_id or clock.now() % EVERY_S >= SILENT_S)
 
 
@@ -76,7 +76,7 @@ def calibrate_by_hand(robot: Path, name: str, silent: int) -> None:
 
 
 def started(robot: Path, name: str, silent: int) -> SimulatedStack:
-    """Start the stack of a calibrated arm whose servos are mounted as they were during the calibration."""
+    """Start the stack of a calibrated arm whose servos are mounted as during the calibration."""
     build = Build(BACKLASH_DEG, practice_seed=SEED)
     rig = SimulatedStack(files=read_arm_files(find_arm(name), robot=robot), build=build)
     turn_by_hand(rig.bus, rig.clock)

@@ -19,7 +19,14 @@ RUNNER = CliRunner()
 
 def test_included_arms() -> None:
     so101 = ["so101", "so101_12v", "so101_leader"]
-    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", *so101]
+    assert [arm.name for arm in arms()] == [
+        "bimanual_so101",
+        "koch",
+        "robot_arm",
+        "robot_arm_dynamixel",
+        "so100",
+        *so101,
+    ]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
     assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
 
@@ -74,7 +81,8 @@ def test_a_private_arm_needs_neither_source_nor_license(tmp_path: Path) -> None:
 
 def test_error_for_unknown_arm_lists_the_known_arms() -> None:
     with pytest.raises(
-        ArmFileError, match=r"no arm so102: choose one of koch, .*, so101_leader, or give the path of a folder"
+        ArmFileError,
+        match=r"no arm so102: choose one of bimanual_so101, koch, .*, so101_leader, or give the path of a folder",
     ):
         find_arm("so102")
 
@@ -115,7 +123,7 @@ def test_dynamixel_arm_differs_only_in_its_efforts() -> None:
     effort = re.compile(r'effort="[^"]*"')
     one, other = (effort.sub("", path.read_text()) for path in (URDF, find_arm("robot_arm_dynamixel").urdf))
     changed = [pair for pair in zip(one.splitlines(), other.splitlines(), strict=True) if pair[0] != pair[1]]
-    assert len(changed) == 2  # the comment, and the name of the robot file
+    assert len(changed) == 2  # a comment, and the name of the robot file
 
 
 def test_leader_differs_only_in_its_gears_and_has_no_camera() -> None:

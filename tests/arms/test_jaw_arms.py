@@ -20,7 +20,7 @@ GRADES = ["A", "B", "C"]
 ACTIVATED_S = 2.5
 LARGEST_RAD, RMS_RAD = 0.06, 0.02
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, CYCLES // 500 if CYCLES > 1000 else 1))]
-"""One seed, and twenty in make soak."""
+"""One seed; ``make soak`` uses twenty."""
 
 
 def pick_place(name: str) -> PickPlace:
@@ -79,7 +79,7 @@ def test_its_servos_hold_the_ready_pose(name: str) -> None:
 
 
 class SeenJob(UnpacedJob):
-    """Job that checks the bins in each cycle, as a cube may be removed before the arm returns."""
+    """Job that checks the bins in each cycle, because a cube may be removed before the arm returns."""
 
     def __init__(self, rig: SimulatedStack, grade: str, settings: JobSettings) -> None:
         super().__init__(rig, grade, settings)
@@ -111,10 +111,10 @@ def test_cube_lands_in_the_bin_of_its_grade(name: str, grade: str) -> None:
     rig = SimulatedStack(files=read_arm_files(find_arm(name))).up()
     rig.run(ACTIVATED_S)
     held: list[float] = []
-    """Return the reduced drive of the jaw."""
+    """Return the reduced drive of the jaw's servo."""
     rig.on_state = lambda state: held.extend(abs(one.load) for one in state.health.values() if one.stall)
     sorted_into(rig, name, grade)
-    if name != "koch":  # the gain of its servo is too low to press with the full torque limit
+    if name != "koch":  # the gain of the servo is too low to press with the full torque limit
         assert held and min(held) < 0.2
     error = rig.trace.following(since_s=ACTIVATED_S)
     assert max(error.largest_rad) < LARGEST_RAD
@@ -125,7 +125,7 @@ def test_cube_lands_in_the_bin_of_its_grade(name: str, grade: str) -> None:
 @pytest.mark.parametrize("name", ["so101", *(pytest.param(name, marks=pytest.mark.slow) for name in ARMS[1:])])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_any_arm_with_backlash_sorts_cube_after_cube(name: str, seed: int) -> None:
-    """The arm is limp at first, as in the demo before the stack starts. There is no pause between the jobs."""
+    """The arm is limp at first, as in the demo before the stack starts. The jobs follow each other without a pause."""
     rig = SimulatedStack(files=read_arm_files(find_arm(name)), build=Build(1.0, seed))
     for now_s in (0.0, 5.0):
         rig.bus.advance(now_s)

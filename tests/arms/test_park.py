@@ -1,4 +1,4 @@
-"""An arm is stable in the pose in which it is released."""
+"""Each arm is stable in the pose in which it is released."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pick-place parameters of an arm: values that the node would refuse are reported as mistakes in the file."""
+"""Pick-and-place parameters of an arm: values that the node would refuse are reported as mistakes in the file."""
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""The poses of the tool in the files of the arms: the same places as the joint positions, and reachable from above."""
+"""The tool poses in the files of the arms are at the same places as the joint positions, and can be reached from
+above."""
 
 from typing import Any
 
@@ -21,7 +22,7 @@ ARMS = ("robot_arm", "so101")
 
 def parameters_of(arm: str) -> dict[str, Any]:
     content = yaml.safe_load(find_arm(arm).pick_place_poses.read_text())
-    parameters: dict[str, Any] = content[NODE]["ros__parameters"]
+    parameters: dict[str, Any] = content[f"/**/{NODE}"]["ros__parameters"]
     assert parameters["motion"] == "poses"
     return parameters
 

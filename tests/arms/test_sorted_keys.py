@@ -1,4 +1,4 @@
-"""The files of an arm keep their meaning if another program saves them with their keys in another order."""
+"""The files of an arm keep their meaning if another program saves them with the keys in a different order."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,7 @@
 """A plain, single-threaded bus simulator that shares no code with the driver.
 
-Usage: ``python foreign_bus.py LINK MANNER``. MANNER is whole, each, dribble, slow or echo. It simulates seven STS3215.
-If MANNER begins with "x_", it simulates XL430 that do not support fast sync reads.
+Usage: ``python foreign_bus.py LINK MANNER``. MANNER is whole, each, dribble, slow or echo. The simulator serves seven
+STS3215. If MANNER begins with "x_", the simulator serves XL430 that do not support fast sync reads.
 """
 
 import os

@@ -31,7 +31,7 @@ GOALS = {i: ServoGoal(2048) for i in IDS}
 
 
 class Interrupted(VirtualPort):
-    """Port whose servos receive nothing between two times."""
+    """Port on which servos receive nothing between two times."""
 
     from_s = 0.5
     to_s = 0.55
@@ -61,7 +61,7 @@ def servos() -> VirtualBus:
 
 
 def test_an_interruption_costs_the_cycles_of_its_duration() -> None:
-    """A servo known to be silent is not asked. Cycles without any request must not take zero time."""
+    """A servo that is known to be silent gets no request. Cycles without any request must not take zero time."""
     figures = measured(Interrupted(servos(), SimulatedClock(0.0)))
     assert 0 < figures.faults["silent"] < 7 * 60
     assert 1.0 <= figures.ratio < 1.2
@@ -116,7 +116,7 @@ def test_a_slow_adapter_shows_in_the_figures(late_s: float) -> None:
 
 
 def test_a_slow_line_is_not_taken_for_a_silent_line() -> None:
-    """The transmission alone takes longer than the normal timeout of servos and adapter."""
+    """The transmission alone takes longer than the usual timeout of servos and adapter."""
     line = servos()
     for servo in line.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
@@ -149,7 +149,8 @@ def test_servos_with_another_table_are_refused_and_nothing_is_written(model: str
     clock = SimulatedClock(0.0)
     port = WatchedPort(servos(), clock)
     bus = Bus(port, clock, dict.fromkeys(IDS, MODELS[model]))
-    # At the addresses of the other table's state, these servos have other registers whose values look like a state.
+    # At the addresses of the state in the other table, these servos have other registers whose values look like a
+    # state.
     with pytest.raises(ServoRefused, match="is model"):
         stand_still(bus, IDS, MODELS[model])
     assert not goals_sent(port)
@@ -160,7 +161,7 @@ AX_12A, SCS15_TURNED, OF_NOBODY, TURNED = 12, 0x0F05, 4321, 0x0903
 
 @pytest.mark.parametrize(("number", "servo_id"), [(AX_12A, 7), (SCS15_TURNED, 7), (OF_NOBODY, 8)])
 def test_a_servo_of_another_model_gets_no_goal(number: int, servo_id: int, caplog: pytest.LogCaptureFixture) -> None:
-    """The servo has another model number, or its ID register is not where this table has it."""
+    """The servo has another model number, or its ID register is not at the address of this table."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     read = line.servo(7).read
@@ -222,7 +223,7 @@ def test_a_servo_at_an_invalid_goal_position_gets_no_goal(model: str, caplog: py
         )
     )
     assert set(stand_still(bus, IDS, MODELS[model])) == set(IDS) - {3}
-    assert "servo 3 gets no goal, because its position 1500 is outside the goal range" in caplog.text
+    assert "servo 3 is sent no goal, because its position 1500 is outside the goal range" in caplog.text
 
 
 class Numberless(WatchedPort):
@@ -293,7 +294,7 @@ def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
     plant, clock = BenchPlant(IDS), SimulatedClock(0.0)
     line = VirtualBus.of(plant)
     bus = Bus(VirtualPort(line, clock), clock)
-    bus.write_goals({1: GOALS[1], 2: GOALS[2]})  # this enables their torque; the third servo stays limp
+    bus.write_goals({1: GOALS[1], 2: GOALS[2]})  # this enables the torque of these servos; the third servo stays limp
     clock.sleep_until(0.1)
     plant.load_nm[0] = plant.load_nm[2] = 0.8
     clock.sleep_until(1.0)
@@ -304,7 +305,7 @@ def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
 
 
 def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
-    """The mapped block is read in one fast sync read."""
+    """The mapped block is read with one fast sync read."""
     model: ServoModel = x_series.XL430_W250
     clock = SimulatedClock(0.0)
     port = WatchedPort(VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, model)), clock)

@@ -1,4 +1,4 @@
-"""Tests that the benchmarks run, all their clients read the servos, and their output is complete.
+"""Tests that the benchmarks run, that all their clients read the servos, and that their output is complete.
 
 Times are not checked.
 """
@@ -118,7 +118,7 @@ def test_a_program_without_the_right_to_real_time_priority_gets_none() -> None:
 
 
 def test_the_largest_step_is_relative_to_the_velocity_limit() -> None:
-    """The joint moves at half its limit at first.
+    """At first, the joint moves at half its velocity limit.
 
     The feed then publishes 0.2 s late, and the average speed in that time is three quarters of the limit.
     """

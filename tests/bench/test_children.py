@@ -55,7 +55,7 @@ def test_a_killed_simulator_ends_the_benchmark_with_a_message(bench: str, simula
         next(one for one in psutil.Process(process.pid).children() if simulator in one.cmdline()).kill()
         _, words = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert words.splitlines()[-1].startswith("the bench ends: ")
+    assert words.splitlines()[-1].startswith("the benchmark ends: ")
     assert "Traceback" not in words
 
 
@@ -75,7 +75,7 @@ def measuring(*command: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def open_files(process_id: int) -> list[str]:
-    """Return the open files without the standard streams, which may be a terminal."""
+    """Return the open files except for the standard streams, which may be a terminal."""
     found = []
     for descriptor in Path(f"/proc/{process_id}/fd").iterdir():
         with suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""The virtual Dynamixels beside the facts about real ones."""
+"""The virtual Dynamixels are compared with the facts about real Dynamixels."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a silent servo costs the other servos of its bus, as ``benchmarks.bus`` measures it."""
+"""Effect of a silent servo on the other servos of its bus, as ``benchmarks.bus`` measures it."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Tests that the benchmark of the simulation is complete, whatever its figures are."""
+"""Tests that the benchmark of the simulation is complete, regardless of the figures."""
 
 import io
 import json

@@ -13,7 +13,7 @@ from sim_backend.clock import SimulatedClock
 
 
 class Lying:
-    """Arm in the initial pose of its scene. It records the highest joint speeds with torque enabled."""
+    """Arm in the initial pose of its scene. The arm records the highest joint speeds while torque is enabled."""
 
     def __init__(self, name: str = "so101", backlash_deg: float = 0.0) -> None:
         self.arm: ArmFolder = find_arm(name)

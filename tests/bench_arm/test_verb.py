@@ -1,4 +1,4 @@
-"""``servoloop bench arm`` on the command line: it asks first, and it measures all figures with ROS."""
+"""``servoloop bench arm`` on the command line: it asks for confirmation, and it measures all figures with ROS."""
 
 import errno
 import json

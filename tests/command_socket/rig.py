@@ -1,4 +1,4 @@
-"""Simulated stack with its command socket. A thread of its own runs the cycles as fast as possible."""
+"""Simulated stack with its command socket. A separate thread runs the cycles as fast as possible."""
 
 import math
 import threading
@@ -32,7 +32,7 @@ class SocketRig:
 
     @cached_property
     def running(self) -> RunningStack:
-        """The stack as its clients find it."""
+        """The stack as clients see it."""
         (found,) = running_stacks()
         return found
 

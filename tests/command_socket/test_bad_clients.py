@@ -1,4 +1,5 @@
-"""Clients that are killed, stall, flood or belong to another user end neither the stack nor the service for others."""
+"""Clients that are killed, stall, flood the socket or belong to another user affect neither the stack nor other
+clients."""
 
 import os
 import signal
@@ -47,7 +48,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[SocketRig]:
 
 
 def child(move: str, then: str = "time.sleep(60)") -> "subprocess.Popen[str]":
-    """Start a client in a process of its own, and wait until it moves the arm."""
+    """Start a client in a separate process, and wait until it moves the arm."""
     program = PROGRAM.format(move=move, then=then)
     process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline() == "moves\n"
@@ -121,7 +122,7 @@ def test_commands_that_waited_in_the_socket_of_a_stalled_stack_are_stale(
 
 def test_clients_of_other_users_are_refused(rig: SocketRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "peer_user", lambda connection: (4711, os.getuid() + 1))
-    with pytest.raises(CommandError, match="belongs to another user than process 4711") as caught:
+    with pytest.raises(CommandError, match="process 4711 and this stack belong to different users") as caught:
         rig.client()
     assert caught.value.kind == "foreign_user"
 

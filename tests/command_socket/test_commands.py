@@ -186,7 +186,7 @@ def test_only_one_client_owns_the_motion(client: CommandClient, rig: SocketRig) 
     client.request("take")
     goal(client, [*READY[:5], READY[5] + 1.0], 5.0)
     with rig.client("other") as other:
-        with refused("owned", r"test \(process \d+\) has taken the motion"):
+        with refused("owned", r"test \(process \d+\) has control of the arm"):
             other.request("take")
         with refused("not_owner", r"test \(process \d+\) has it"):
             goal(other)

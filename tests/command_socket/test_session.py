@@ -1,4 +1,4 @@
-"""A session of the command server needs neither a thread nor a socket, and all of its times come from one clock."""
+"""A session of the command server needs neither a thread nor a socket, and takes all times from one clock."""
 
 import json
 from typing import Any

@@ -1,4 +1,4 @@
-"""``servoloop up`` without ROS, and clients of its command socket that do what they should not."""
+"""``servoloop up`` without ROS, and clients of its command socket that break the rules."""
 
 import signal
 import socket

@@ -224,7 +224,7 @@ def over_current(patient: Patient) -> None:
 
 
 def stall(patient: Patient, torque: int, protection_current: int = 310) -> None:
-    """Block the hand and command its servo far beyond, with the factory protections."""
+    """Block the hand and command its servo to a goal far beyond the obstacle, with the factory protections."""
     patient.hold()
     protections = {sts.max_torque: 1000, sts.overload_torque: 80, sts.protection_current: protection_current}
     for register, value in protections.items():
@@ -350,7 +350,7 @@ def pulled_plug(patient: Patient) -> None:
 
 
 def slow_adapter(patient: Patient) -> None:
-    """A port whose adapter buffers bytes for 16 ms."""
+    """A port whose adapter buffers received bytes for 16 ms."""
 
     class Slow(VirtualPort):
         def read(self, size: int, deadline_s: float) -> bytes:

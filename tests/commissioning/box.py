@@ -34,7 +34,7 @@ class Port(VirtualPort):
 
 
 class Bench:
-    """A box of six servos with a bus. Servo n in the box is meant for the n-th joint."""
+    """A box of six servos, with a bus. Servo n of the box is meant for the n-th joint."""
 
     def __init__(self, seed: int = 0, model: ServoModel = sts.STS3215, supply_v: float | None = None) -> None:
         self.clock = SimulatedClock(10.0)
@@ -43,7 +43,7 @@ class Bench:
         self.open()
 
     def open(self) -> None:
-        """Open the bus, also again after a lost port."""
+        """Open the bus; it can be opened again after the port was lost."""
         self.port = Port(self.box.line, self.clock)
         self.bus = Bus(self.port, self.clock)
 
@@ -67,7 +67,7 @@ class Bench:
 
 @dataclass
 class Hands:
-    """Hands that connect the requested servo, or the servos that ``instead`` returns."""
+    """Hands that connect the requested servo, or the servos that ``instead`` returns instead."""
 
     bench: Bench
     asked: list[SetUpTask] = field(default_factory=list)
@@ -86,5 +86,5 @@ class Hands:
 
     @property
     def problems(self) -> list[str]:
-        """Problems reported with repeated tasks."""
+        """Problems that were reported when a task was repeated."""
         return [task.problem for task in self.asked if task.problem]

@@ -19,7 +19,7 @@ STEP_RAD = 0.2
 
 
 class HeldArm:
-    """The arm, its hand, and its bus in one object."""
+    """The arm, its hand and its bus, combined in one object."""
 
     def __init__(self, seed: int, name: str) -> None:
         arm = find_arm(name)
@@ -45,7 +45,7 @@ class HeldArm:
         self._targets[joint] = position
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has arrived. A stop may hold the joint back."""
+        """Whether the hand has reached its target. A stop may keep the joint from reaching the target."""
         found = next(one for one in self.joints if one.name == joint)
         return self._positions[joint] == self._held_back(found, self._targets[joint])
 

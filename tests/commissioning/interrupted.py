@@ -1,4 +1,4 @@
-"""Three servos in simulated time, of which one is silent for a moment."""
+"""Three servos in simulated time, one of which is silent for a moment."""
 
 from typing import Any, Final
 

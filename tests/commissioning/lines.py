@@ -43,7 +43,7 @@ class ToolLine:
     ) -> "ToolLine":
         """Return a bus with one servo with ID 1 and ``count`` servos with ID 2.
 
-        With ``apart`` the latter have different positions, which is their only difference.
+        With ``apart``, the servos with ID 2 have different positions, which is their only difference.
         """
         places = (1, *range(100, 100 + count))
         line, chance = cls(dict.fromkeys(places, model)), random.Random(seed)
@@ -69,6 +69,6 @@ class ToolLine:
     def scan(
         self, models: Mapping[int, ServoModel] | None = None, progress: Progress | None = None, **scope: Any
     ) -> ScanReport:
-        """Scan the bus. ``scope`` has the fields of a ScanScope."""
+        """Scan the bus. ``scope`` contains the fields of a ScanScope."""
         seen: dict[str, Any] = {"progress": progress} if progress else {}
         return scan(self.port, self.clock, ScanScope(**scope), models=models, **seen)

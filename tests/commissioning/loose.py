@@ -20,7 +20,8 @@ from tests.commissioning.box import Port
 
 
 class Plant(BenchPlant):
-    """A shaft that records its highest speed and its outermost angles, in rad. It turns freely between its stops."""
+    """A shaft that records its highest speed and its outermost angles, in rad. The shaft turns freely between its
+    stops."""
 
     def __init__(self, angle_rad: float) -> None:
         super().__init__([1])
@@ -43,7 +44,7 @@ class Plant(BenchPlant):
 
 
 class Loose:
-    """A loose servo; ``seed`` selects its production tolerances, ``counts`` its position."""
+    """A loose servo; ``seed`` selects the production tolerances, and ``counts`` the position."""
 
     def __init__(
         self, model: ServoModel, seed: int | None = None, supply_v: float | None = None, counts: int = 2048

@@ -1,4 +1,4 @@
-"""A virtual arm in simulated time for the doctor, healthy and calibrated until a test adds a problem."""
+"""A virtual arm in simulated time for the doctor, which is healthy and calibrated until a test adds a problem."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -69,13 +69,20 @@ class Patient:
         return self.port(line, self.clock, baud=baud, name=device)
 
     def bus(self) -> Bus:
-        """Return another bus object, as of another program."""
+        """Return a second bus object, like that of another program."""
         models = {joint.servo_id: joint.model for joint in self.robot.joints}
         return Bus(VirtualPort(self.line, self.clock), self.clock, models)
 
+    def _buses(self) -> dict[str, Bus]:
+        return {name: self._bus(name) for name in self.lines}
+
+    def _bus(self, name: str) -> Bus:
+        models = {joint.servo_id: joint.model for joint in self.robot.joints if joint.bus == name}
+        return Bus(VirtualPort(self.lines[name], self.clock), self.clock, models)
+
     def hold(self) -> None:
-        """Enable torque, as a program with ``on_exit: hold`` leaves it."""
-        hardware = ServoHardware("arm", self.robot.joints, self.bus, self.clock)
+        """Enable the torque and leave it on, like a program with ``on_exit: hold``."""
+        hardware = ServoHardware("arm", self.robot.joints, self._buses, self.clock)
         hardware.configure()
         hardware.activate()
         self.wait(1.0)
@@ -102,7 +109,7 @@ class Patient:
         )
 
     def findings(self) -> dict[str, Finding]:
-        """Return the first finding of each id, by id."""
+        """Return the first finding of each kind, by its ID."""
         found: dict[str, Finding] = {}
         for finding in self.examine().findings:
             found.setdefault(finding.id, finding)

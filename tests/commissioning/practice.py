@@ -15,7 +15,7 @@ SWEEP = [
     *[("shoulder_pan", 2.0), ("shoulder_pan", -2.0), ("shoulder_pan", 0.0)],
     *[("wrist_roll", 2.9), ("wrist_roll", -2.8), ("wrist_roll", 0.5), ("gripper", 1.8), ("gripper", -0.2)],
 ]
-"""Sweep that never touches the table."""
+"""Sweep during which the arm never touches the table."""
 
 
 def tell(link: Path, do: str, *joints: str) -> None:

@@ -21,7 +21,7 @@ from tests.servoloop.served import served as served_line
 
 @contextmanager
 def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[Any]]:
-    """Serve a bus at ``link`` in a thread. Tests may only read its memory."""
+    """Serve a bus at ``link`` in a thread. Tests must only read the memory of the bus."""
     of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.XModel) else VirtualBus.of
     bus: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
     with served_line(bus, link):
@@ -29,7 +29,7 @@ def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[A
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str, answer: str = "") -> int:
-    """Run a command with this standard input and return its exit status."""
+    """Run a command with a given standard input and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
     monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
     with pytest.raises(SystemExit) as exit_:

@@ -78,7 +78,7 @@ def test_set_id_reports_a_second_servo_that_kept_the_old_id(monkeypatch: pytest.
     memory = line.servos.servos[2].memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
-    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another one still answers with ID 2"):
+    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another servo still answers with ID 2"):
         told(line, set_id, 2, 5)
 
 
@@ -106,7 +106,7 @@ def test_id_and_baud_rate_are_not_changed_while_torque_is_on(model: ServoModel) 
 @every_make
 def test_set_baud_is_verified_persistent_and_reversible(model: ServoModel) -> None:
     line = line_of(model)
-    # Virtual servos of protocol 1.0 are at the exact rate, not at its usual name.
+    # Virtual servos of protocol 1.0 use the exact baud rate, not the nominal one.
     rate = 200_000 if series_of(model).name == "Dynamixel protocol 1.0" else 115_200
     assert told(line, set_baud, 3, rate).old_baud == 1_000_000
     servo = line.servos.servo(3)

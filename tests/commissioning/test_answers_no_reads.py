@@ -1,4 +1,4 @@
-"""Servos that answer pings, but no reads or no group reads: their cause is found, and no factory reset is advised."""
+"""Servos that answer pings, but no reads or no group reads: the cause is found, and no factory reset is advised."""
 
 from pathlib import Path
 from typing import Any

@@ -23,7 +23,7 @@ ZERO_RAD = 0.02
 
 
 class LeftWatcher:
-    """A person who sees the joint turn to the left first."""
+    """A person who first sees the joint turn to the left."""
 
     def __init__(self) -> None:
         self.heard: list[str] = []

@@ -32,7 +32,7 @@ SEED = 7
 
 @pytest.fixture(params=["so101", "so101_leader"])
 def arm(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    """A copy of an arm folder beside the folder that it refers to."""
+    """A copy of an arm folder, next to the folder to which it refers."""
     for name in {"so101", request.param}:
         shutil.copytree(ARMS / name, tmp_path / name)
     return Path(tmp_path / request.param)
@@ -53,7 +53,7 @@ def bus(arm: Path) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.runs("servoloop calibrate --arm so101_leader --port /dev/ttyACM1")
 def test_an_interrupted_calibration_stores_nothing(arm: Path, bus: Path) -> None:
-    """The base installation is enough to calibrate."""
+    """The base installation is sufficient to calibrate an arm."""
     base = [sys.executable, "-m", "tests.servoloop.without", ",".join(EXTRAS)]
     command = [*base, "calibrate", "--arm", str(arm), "--port", str(bus)]
     pipe = subprocess.PIPE

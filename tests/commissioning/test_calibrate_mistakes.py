@@ -26,11 +26,11 @@ class Clumsy(Person):
     share: Mapping[str, float] = field(default_factory=dict)
     """Share of the travel through which a joint is swept, from its lower stop."""
     wrong_ways: dict[str, int] = field(default_factory=dict)
-    """Number of times that a joint is moved in the wrong direction."""
+    """Number of times that a joint is first moved in the wrong direction."""
     wrong_poses: dict[str, list[float]] = field(default_factory=dict)
-    """Distances from the marked pose, one for each time that it is shown."""
+    """Distances from the marked pose, one for each time that the user shows the pose."""
     instead: Mapping[str, str] = field(default_factory=dict)
-    """Joint that is moved instead of another one."""
+    """Joint that the user moves instead of the requested one."""
     tasks: list[CalibrationTask] = field(default_factory=list)
 
     def until_done(self, task: CalibrationTask, update: object) -> None:

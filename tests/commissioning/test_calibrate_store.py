@@ -1,4 +1,4 @@
-"""A calibration is stored in the file, then in the servos, and verified with a slow motion."""
+"""A calibration is stored in the file and then in the servos, and is verified with a slow motion."""
 
 import errno
 import itertools
@@ -17,7 +17,7 @@ from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
-from hal.robot_file.calibration_file import calibration_path
+from hal.robot_file.calibration_file import calibration_path, load_calibration
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
@@ -74,6 +74,21 @@ def test_the_previous_calibration_is_kept(robot: Path) -> None:
     store(robot, arm.bus, JOINTS, made, arm.clock)
     assert calibration_path(robot).with_name("robot.calibration.yaml.1").read_text() == first
     assert not list(robot.parent.glob("*.part"))
+
+
+def test_joints_on_other_buses_keep_their_calibration(robot: Path) -> None:
+    arm = UnalignedArm(TURNED_SEED)
+    made = arm.as_mounted()
+    store(robot, arm.bus, JOINTS, made, arm.clock)
+    before = load_calibration(robot)
+    assert before is not None
+    some, others = JOINTS[:2], [joint.name for joint in JOINTS[2:]]
+    turned = {**made, some[0].name: replace(made[some[0].name], zero_counts=made[some[0].name].zero_counts + 5)}
+    store(robot, arm.bus, some, turned, arm.clock, others)
+    after = load_calibration(robot)
+    assert after is not None and set(after.joints) == set(before.joints)
+    assert {name: after.joints[name] for name in others} == {name: before.joints[name] for name in others}
+    assert after.joints[some[0].name] != before.joints[some[0].name]
 
 
 def test_an_arm_with_a_half_stored_calibration_refuses_to_start(robot: Path) -> None:
@@ -149,7 +164,7 @@ def test_dynamixel_seams_are_moved_in_extended_position_mode(tmp_path: Path) -> 
     shutil.copytree(ARMS / "koch", tmp_path / "koch")
     arm, robot = UnalignedArm(2, name="koch"), tmp_path / "koch" / "robot.yaml"
     for servo in arm.line.servos:
-        servo.memory.save(x.homing_offset, 1500)  # which position mode ignores
+        servo.memory.save(x.homing_offset, 1500)  # position mode ignores this offset
     made = arm.as_mounted()
     crossing = [name for name, one in made.items() if one.extended]
     assert crossing and crossing != list(made), "this arm has the seam of some of its servos within their travel"

@@ -1,4 +1,4 @@
-"""The command that the doctor recommends removes the finding."""
+"""The command that the doctor recommends fixes the problem, so the finding disappears."""
 
 import shlex
 from collections.abc import Callable

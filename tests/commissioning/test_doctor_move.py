@@ -45,7 +45,7 @@ def test_healthy_arms_have_no_motion_findings_and_are_released(arm: str) -> None
     ("gear", "servo_id", "seed"), [("1:191", 5, None), ("1:191", 7, 1), ("1:147", 5, 1), ("1:147", 7, None)]
 )
 def test_a_wrong_gear_in_a_joint_is_found(gear: str, servo_id: int, seed: int | None) -> None:
-    """Gears can be identified only in the wrist and the hand. Other joints move too much of the arm."""
+    """Gears can be identified only in the wrist and the hand. The motion of other joints moves too much of the arm."""
     patient = Patient(build=Build(seed=seed))
     states = patient.line.servo(servo_id).firmware._states
     for constant in ("torque_constant_nm_a", "back_emf_v_s"):
@@ -62,7 +62,7 @@ def test_a_joint_that_sags_too_much_is_found() -> None:
 
 
 def test_a_joint_that_shakes_is_found() -> None:
-    """The joint must not be held at one end of its backlash by gravity."""
+    """Gravity must not hold the joint at one end of its backlash."""
     patient = Patient(build=Build(backlash_deg=3.0))
     patient.put(PAN, sts.position_p, 254)
     patient.put(PAN, sts.position_d, 0)
@@ -146,7 +146,7 @@ def test_no_joint_is_faster_than_tools_may_be() -> None:
 
     def watch(time_s: float) -> None:
         if first.get(sts.torque_limit) < 999 or not first.get(sts.torque_enable):
-            return  # the arm is limp before the test, or is being lowered after it
+            return  # the arm is limp before the test, or is lowered after it
         for at, joint in enumerate(patient.plant.joints.velocity_at):
             fastest[at] = max(fastest[at], abs(float(patient.plant.joints.velocity[joint])))
 

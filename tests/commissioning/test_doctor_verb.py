@@ -66,7 +66,7 @@ def test_a_report_that_cannot_be_written_hides_no_findings(
 def test_a_command_of_the_page_reports_a_healthy_arm(
     command: str, link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``--move`` is declined here; test_doctor_move.py moves an arm."""
+    """``--move`` is declined in these tests; test_doctor_move.py moves an arm."""
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     monkeypatch.chdir(tmp_path)
     robot = read_arm_files(find_arm("so101" if "so101" in command else "robot_arm")).robot

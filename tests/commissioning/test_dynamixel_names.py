@@ -46,7 +46,7 @@ def test_a_scan_names_a_servo_without_a_supported_table() -> None:
     line.servos.servo(1).memory.put(x.model_number, 2010)
     (servo,) = line.scan().servos
     (problem,) = [one for one in servo.problems if one.kind == "unknown_model"]
-    assert problem.text.startswith("PH54-100-S500: read only; its table is not supported")
+    assert problem.text.startswith("PH54-100-S500: read only, because its control table is not supported")
 
 
 def test_both_models_of_a_wrong_servo_are_named() -> None:
@@ -60,7 +60,7 @@ def test_both_models_of_a_wrong_servo_are_named() -> None:
 def test_the_doctor_names_a_servo_without_a_supported_table() -> None:
     (found,) = judged(ServoSnapshot(JOINT, "well", {"model_number": 2010}, (STATE,), "/dev/ttyUSB0"))
     assert found.id == "wrong_model"
-    assert "2010 (PH54-100-S500; its table is not supported, so it is read only)" in found.cause
+    assert "2010 (PH54-100-S500; its control table is not supported, so it can only be read)" in found.cause
 
 
 def test_the_doctor_reports_that_a_pair_has_two_ids() -> None:

@@ -1,4 +1,4 @@
-"""The gear test of a loose servo identifies gears with small slow motions and releases the torque."""
+"""The gear test of a loose servo identifies gears with small, slow motions and then releases the torque."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +18,7 @@ from tests.commissioning.loose import Cut, Loose, Plant, interrupt
 
 GEARS = (sts.STS3215_C001, sts.STS3215_C044, sts.STS3215_C046)
 STARTS = {None: 2048, 0: 3, 1: 4090}
-"""Position of the horn, by seed: in the middle, and on both sides of the encoder seam."""
+"""Position of the horn, by seed: in the middle of the turn, and on both sides of the encoder seam."""
 LEFT_AS_IT_WAS = (0, 1000)
 
 

@@ -1,4 +1,4 @@
-"""LeRobot's calibration file is imported and exported without loss, but its zero is not used for the URDF."""
+"""LeRobot's calibration file is imported and exported without loss, but its zero is not used as the URDF's zero."""
 
 import json
 from math import tau
@@ -138,7 +138,7 @@ def test_drive_mode_reverses_the_joint() -> None:
     mirrored = BUILT | {"elbow_flex": -1}
     made = {one.joint.name: one.made for one in from_lerobot(theirs(entries), JOINTS, mirrored, PLANS)}
     assert (made["shoulder_pan"].sign, made["elbow_flex"].sign, made["gripper"].sign) == (1, 1, -1)
-    # The closed stop is the lower stop of the joint, and has the highest counts.
+    # The closed stop is the lower stop of the joint, but has the highest counts.
     assert made["gripper"].zero_counts == round(2080 - 0.175 * 4096 / tau)
 
 
@@ -174,7 +174,7 @@ def test_import_then_export_gives_the_same_or_is_refused(
 
 @given(st.integers(-2047, 2047), st.integers(-400, 200), st.integers(-200, 200), st.sampled_from((1, -1)))
 def test_every_homing_offset_of_an_arm_that_works_is_imported(offset: int, low: int, high: int, sign: int) -> None:
-    """A travel about as long as the URDF's range gives a zero in its middle, with any offset."""
+    """If the travel is about as long as the range in the URDF, the zero is in its middle, regardless of the offset."""
     ends = 2047 - 1252 + low, 2047 + 1252 + high
     entries = {"shoulder_pan": (1, 0 if sign > 0 else 1, offset, *ends)}
     (one,) = from_lerobot(theirs(entries), JOINTS[:1], BUILT, PLANS)
@@ -191,7 +191,7 @@ calibrated = st.builds(
 
 @given(st.lists(calibrated, min_size=6, max_size=6))
 def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, int, int, int, int]]) -> None:
-    """A zero from a pose, which LeRobot's file cannot contain, is kept if the file is unchanged."""
+    """A zero that was measured in a pose, which LeRobot's file cannot contain, is kept if the file is unchanged."""
     calibration = CalibrationFile(
         joints={
             joint.name: CalibratedJoint(
@@ -210,7 +210,7 @@ def test_a_calibration_survives_export_and_import(robot: Path) -> None:
     import_text(robot, json.dumps(content()))
     stored = load_calibration(robot)
     assert stored is not None
-    # Calibrate measures this zero at the marked pose
+    # `calibrate` measures this zero at the marked pose
     roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})
     changed = CalibrationFile(joints=stored.joints | {"wrist_roll": roll})
     calibration_path(robot).write_text(json.dumps(changed.model_dump()))
@@ -283,7 +283,7 @@ def test_a_servo_without_a_homing_offset_cannot_be_exported() -> None:
 
 
 def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) -> None:
-    """The file of LeKiwi has such a prefix, and wheels."""
+    """The file of LeKiwi has such a prefix, and also contains wheels."""
     wheels = {"base_left_wheel": (7, 0, 0, 0, 4095), "base_right_wheel": (9, 0, 0, 0, 4095)}
     text = json.dumps(content({f"arm_{name}": entry for name, entry in PUBLISHED.items()} | wheels))
     with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):

@@ -50,7 +50,7 @@ class Port(VirtualPort):
 
 
 class Line:
-    """Virtual servos with their own settings, or factory-new ones."""
+    """Virtual servos with individual settings, or factory-new servos."""
 
     def __init__(self, ids: tuple[int, ...] = IDS, model: ServoModel = sts.STS3215, own: bool = True) -> None:
         self.clock = SimulatedClock(10.0)
@@ -184,7 +184,7 @@ def test_a_single_servo_can_be_restored() -> None:
 @pytest.mark.parametrize("others", [(), (1, 2), (1, 2, 8)])
 @pytest.mark.parametrize("new_id", [1, 3, 8, 9])
 def test_a_new_servo_replaces_an_old_one(new_id: int, others: tuple[int, ...]) -> None:
-    """The new servo may be alone with any ID, or among the others with an unknown ID."""
+    """The new servo may be alone with any ID, or in a chain with an ID that is not in use."""
     taken = passport_of(Line())
     line = Line((*others, new_id), own=False)
     taken_or_unclear = (new_id in (1, 3) and others) or 8 in others
@@ -357,7 +357,7 @@ def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),
-        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has another value"),
+        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has a different value"),
         ("\n...\n", "\n", "the file is truncated"),
         ("baud: 1000000", "baud: [", "is not YAML"),
     ],
@@ -394,7 +394,7 @@ def test_the_former_file_is_kept(tmp_path: Path) -> None:
 
 
 def test_only_writable_registers_are_in_a_plan() -> None:
-    """The servo differs in every register."""
+    """The servo differs from the passport in every register."""
     line = Line()
     taken = passport_of(line).model_dump()
     for name, register in persistent_registers(sts.STS3215).items():

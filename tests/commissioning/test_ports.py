@@ -206,7 +206,7 @@ def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> No
         assert machine.holders(str(device)) == ()  # ours do not count
         other = subprocess.Popen(["sleep", "60"], stdin=opened)
     try:
-        # At first the child has the name of this program
+        # At first, the child has the name of this program.
         eventually(lambda: machine.holders(str(device)) == (Holder(other.pid, "sleep"),))
         assert machine.runs("sleep") and not machine.runs("no such program")
     finally:

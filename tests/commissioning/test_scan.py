@@ -1,4 +1,4 @@
-"""A scan finds every servo at every baud rate, reports its problems, and changes nothing."""
+"""A scan finds every servo at every baud rate, reports problems, and changes nothing."""
 
 import random
 from functools import reduce
@@ -301,7 +301,7 @@ def test_an_echoed_ping_is_not_a_reply(packets: Any) -> None:
 
 
 def test_a_voltage_alarm_is_distinguished_from_an_echo() -> None:
-    """The echo and the reply are both FF FF id 02 01 checksum."""
+    """The echo and the reply are identical: FF FF id 02 01 checksum."""
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215}, EchoingPort)
     line.put(2, sts.max_voltage, 80)
     line.clock.sleep_until(line.clock.now() + 1.0)

@@ -1,4 +1,4 @@
-"""Six new servos with ID 1 are set up as an arm, in spite of wrong connections."""
+"""Six new servos with ID 1 are set up as an arm, even if the user connects wrong servos."""
 
 import re
 from collections.abc import Callable
@@ -102,7 +102,7 @@ def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
 
 
 def once(joint: str, *numbers: int) -> Callable[[SetUpTask], tuple[int, ...] | None]:
-    """Connect other servos when the joint is requested the first time."""
+    """Connect other servos when the joint is requested for the first time."""
     return lambda task: numbers if task.joint == joint and not task.problem else None
 
 
@@ -201,7 +201,7 @@ def test_a_wrong_supply_ends_the_set_up_without_writes(model: ServoModel, supply
 
 
 def test_a_servo_with_lower_voltage_limits_is_refused() -> None:
-    """Both have the same model number, but different voltage limits."""
+    """Both servos have the same model number, but different voltage limits."""
     bench = Bench(model=sts.STS3215_C001, supply_v=12.0)
     with pytest.raises(SetUpError, match=r"measures 12.0 V, but its own limits are 4.0 to 8.0 V"):
         SetUp(bench.bus, bench.clock, places(sts.STS3215), Hands(bench)).run()
@@ -248,7 +248,7 @@ def test_a_lossy_bus_only_takes_longer(seed: int) -> None:
 
 
 class Cut:
-    """Call a function in the n-th write instruction of a run."""
+    """Call a function at the n-th write instruction of a run."""
 
     def __init__(self, at: int, what: Callable[[], None]) -> None:
         self.left, self.what = at, what

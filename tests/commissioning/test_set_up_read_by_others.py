@@ -16,7 +16,7 @@ from drivers.servos import sts
 from sim_backend.box import VirtualBox
 from tests.servoloop.served import eventually, served
 
-# By name, because they have no types.
+# The modules are imported by name, because they have no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 PLACES = [
     ServoPlace("wrist", 5, sts.STS3215, (("position_p", 20),)),

@@ -26,7 +26,8 @@ NAMES = [place.joint for place in PLACES]
 
 @dataclass
 class Table:
-    """Two loose servos of a leader, and hands that connect the requested one or what ``instead`` returns."""
+    """Two loose servos of a leader, and hands that connect the requested servo or the servo that ``instead``
+    returns."""
 
     instead: Callable[[SetUpTask], int | None] = lambda task: None
     asked: list[SetUpTask] = field(default_factory=list)
@@ -78,7 +79,7 @@ def test_a_servo_with_a_wrong_gear_is_rejected() -> None:
         "an sts3215_c046 (7.4 V, gear 1:147) needs 0.58 V, so it is probably an sts3215_c001 (7.4 V, gear 1:345)"
         in problem
     )
-    assert "You can still use this one for another joint" in problem
+    assert "You can still use this servo for another joint" in problem
     assert held == [(1, 32, 1000)], "as it was delivered"
     assert [(one.joint, one.gear and one.gear.verdict) for one in audit] == [("lift", "fits"), ("jaw", "fits")]
     assert table.box.ids() == [2, 3]

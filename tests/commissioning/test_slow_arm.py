@@ -1,4 +1,4 @@
-"""The slow arm: interrupts while it enables its torque, and servos that are silent for a moment."""
+"""The slow arm: interruptions while it enables its torque, and servos that are silent for a moment."""
 
 import pytest
 
@@ -11,9 +11,9 @@ from tests.commissioning.interrupted import LIMITS, SILENT_S, Interrupted
 from tests.commissioning.loose import Cut, Loose, interrupt
 
 ENTERED = 60
-"""More packets than the activation needs."""
+"""A number that exceeds the number of packets of the activation."""
 MOMENTS_S = [share * PERIOD_S for share in (0.0, 0.25, 0.5, 0.75)]
-"""Beginnings of a silence within a cycle, in seconds."""
+"""Times within a cycle at which a silence begins, in seconds."""
 
 
 def test_an_interrupt_during_activation_releases_the_arm() -> None:

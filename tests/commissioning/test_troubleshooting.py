@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
     @property
     def ids(self) -> set[str]:
-        """Ids of the findings that the row names."""
+        """IDs of the findings that the row names."""
         return set(re.findall(r"`([a-z_]+)`", self.says))
 
 
@@ -76,7 +76,7 @@ def test_a_row_names_findings_that_its_tests_produce(row: Row) -> None:
 
 
 def test_every_simulated_problem_has_a_test() -> None:
-    """A kind of finding without a test may never be reported."""
+    """A kind of finding without a test might never be reported."""
     provoked = {case[1] for case in FIRST}
     sources = "".join(
         (HOME / "tests/commissioning" / f"test_doctor_{one}.py").read_text() for one in ("ports", "move", "judge")

@@ -1,4 +1,4 @@
-"""``tune`` leaves the arm as configured after success, a stop, a lost servo or port, or an obstacle."""
+"""``tune`` leaves the arm as configured after success, an interruption, a lost servo or port, or an obstacle."""
 
 from collections.abc import Sequence
 

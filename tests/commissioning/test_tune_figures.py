@@ -27,7 +27,7 @@ def times(seconds: float) -> FloatArray:
 
 
 def step(over: float, off: float, decay_s: float = 0.05, swing: float = 0.0, way: float = 0.15) -> TuneTrace:
-    """Return a ramp of 0.2 s with a decaying overshoot and an error ``off`` at rest."""
+    """Return a ramp of 0.2 s with a decaying overshoot and an error of ``off`` at rest."""
     time_s = times(1.7)
     command = np.clip(way * time_s / 0.2, min(way, 0.0), max(way, 0.0))
     since = np.maximum(time_s - 0.2, 0.0)
@@ -60,7 +60,7 @@ def test_overshoot_is_relative_to_the_position_at_rest(over: float, off: float, 
 
 
 def test_settling_ends_with_the_last_sample_outside_the_band() -> None:
-    """t / d * exp(1 - t / d) of 20 mm falls below 0.003 (2 % of the step) at 4.15 d."""
+    """The curve t / d * exp(1 - t / d) of 20 mm falls below 0.003 (2 % of the step) at 4.15 d."""
     found = response(step(0.02, 0.0, decay_s=0.05), COUNT)
     assert found.settling_s == pytest.approx(0.22, abs=PERIOD_S)
     assert response(step(0.0, 0.0), COUNT).settling_s == 0.0

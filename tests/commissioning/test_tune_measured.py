@@ -1,4 +1,4 @@
-"""``tune`` on virtual servos: gains have their known effects, and the predictions match the measurements."""
+"""``tune`` on virtual servos: gains have the known effects, and the predictions match the measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -64,7 +64,7 @@ def test_half_the_p_increases_the_delay(factory: Measurement, soft: Measurement)
 
 
 def test_predictions_match_measurements(factory: Measurement, soft: Measurement) -> None:
-    """Each measurement predicts the other."""
+    """Each of the two measurements is used to predict the other one."""
     for before, after in ((factory, soft), (soft, factory)):
         bench = TuneBench({sts.position_p: before.gains["P"]})
         law = Law(bench.tuner().joint, before.plan, before.figures)
@@ -112,7 +112,7 @@ def test_a_prismatic_joint_is_measured_too() -> None:
 
 
 def test_only_goals_are_written_by_default() -> None:
-    """Not even settings that differ from the robot file are written."""
+    """Even settings that differ from the robot file are not written."""
     bench = TuneBench({sts.position_p: 16}, joints=(replace(JOINTS[0], settings=(("position_p", 32),)), *JOINTS[1:]))
     before = bench.saved
     report = tune(bench.tuner())
@@ -161,7 +161,7 @@ def test_unchanged_gains_are_neither_written_nor_measured_again() -> None:
 
 @pytest.mark.slow
 def test_a_joint_with_backlash_shakes_with_the_factory_s_p_and_not_with_half_of_it() -> None:
-    """One that gravity does not hold at one end of its gap."""
+    """A joint that gravity does not hold at one end of its gap."""
     patient = Patient(build=Build(backlash_deg=1.0))
 
     def opened(joints: Sequence[Joint]) -> dict[str, Bus]:

@@ -36,7 +36,7 @@ PLAN = plan_for(JOINTS[0], 0.0)
 
 
 def held(changes: Mapping[str, int]) -> Joint:
-    """Return the joint with these settings, as from ``as_held``."""
+    """Return the joint with these settings, as ``as_held`` returns it."""
     return with_gains(JOINTS[0], {**FACTORY, **changes})
 
 

@@ -1,4 +1,4 @@
-"""``servoloop tune`` in real time on a pseudo-terminal, stopped during the motion."""
+"""``servoloop tune`` in real time on a pseudo-terminal, interrupted during the motion."""
 
 import signal
 import subprocess

@@ -32,7 +32,7 @@ LIFT = 2
 
 @pytest.fixture
 def arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Patient:
-    """An SO-101 in simulated time at every port, in a new working folder."""
+    """An SO-101 in simulated time on every port, in a new working folder."""
     patient = Patient("so101")
 
     def opened(file: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, Bus]:
@@ -96,7 +96,7 @@ def test_written_gains_are_shown_with_both_measurements(
 def test_json_output_and_applying_a_proposal(
     command: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Run the last command of the page; a wide dead zone always gives a proposal."""
+    """Run the last command of the page. A wide dead zone ensures that there is a proposal."""
     arm.put(LIFT, sts.cw_dead_zone, 6)
     assert typed(monkeypatch, command, answer="y\n") == 0
     told = json.loads(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""Servos whose model has no control table here: nothing is read or written by name, only by address."""
+"""Servos whose model has no control table: registers are read and written only by address, never by name."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -86,7 +86,7 @@ def test_the_commands_of_the_page_for_a_whole_arm_work(
     monkeypatch.chdir(tmp_path)  # folder with the files of the page
     arm = find_arm("so101")
     joints = read_arm_files(arm).robot.joints
-    shutil.copytree(arm.folder, "mine")  # a calibration is stored in it
+    shutil.copytree(arm.folder, "mine")  # a calibration is stored in this folder
     Path("my_arm.json").write_text(json.dumps({one.name: as_lerobot_has_it(one) for one in joints}))
     models = {joint.servo_id: joint.model for joint in joints}
     for command, there in zip(WHOLE_ARM, (models, models, {1: models[6]}, models), strict=True):
@@ -220,7 +220,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The EEPROM is locked even if more signals arrive meanwhile."""
+    """The EEPROM is locked even if more signals arrive in the meantime."""
     put, close, former = Eeprom._put, Eeprom.close, signal.getsignal(number)
     left = [times - 1]
 

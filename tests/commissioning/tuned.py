@@ -1,6 +1,7 @@
-"""Three joints with virtual servos on a bench in simulated time, and the tuner of one of them.
+"""Three joints with virtual servos on a test bench in simulated time, and the tuner of one of them.
 
-Each shaft carries the inertia of a link. The first one also carries a load, which is supported while the torque is off.
+Each shaft carries the inertia of a link. The first shaft also carries a load, which is supported while the torque is
+off.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Tests that the self-collision matrix of the SRDF is that of tools/collision_matrix.py, and hides no collision."""
+"""Tests that the self-collision matrix of the SRDF equals that of tools/collision_matrix.py and hides no collision."""
 
 import itertools
 import runpy
@@ -76,6 +76,6 @@ def test_the_tool_detects_meeting_fingers_and_a_folded_forearm(arm: LinkModel) -
 
 def test_the_poses_of_the_node_are_free_of_collisions(arm: LinkModel) -> None:
     node = read(CONFIG / "vision_pick_place_controller.yaml")
-    parameters = node["vision_pick_place_controller"]["ros__parameters"]
+    parameters = node["/**/vision_pick_place_controller"]["ros__parameters"]
     for pose in (*parameters["poses"].values(), *parameters["bins"].values()):
         assert arm.touching(np.array([*pose, 0.0, 0.0])) == set(), pose

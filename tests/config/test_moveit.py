@@ -45,7 +45,7 @@ def test_named_states_name_every_driven_joint_of_their_group_within_its_limits()
 
 
 def test_named_states_are_zero_the_park_pose_and_the_poses_of_the_node() -> None:
-    node = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
+    node = read(CONFIG / "vision_pick_place_controller.yaml")["/**/vision_pick_place_controller"]["ros__parameters"]
     assert states() == {
         ("arm", "ready"): dict(zip(ARM, node["poses"]["ready"], strict=True)),
         ("arm", "park"): read(CONFIG / "robot_arm.yaml")["park"]["pose"],

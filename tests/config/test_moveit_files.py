@@ -21,7 +21,8 @@ from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 
 SAMPLES: Final = 2000
-"""Number of random poses for the collision matrix. Relevant pairs touch in one of a hundred poses."""
+"""Number of random poses for the collision matrix. Pairs of links that matter touch in at least one of a hundred
+poses."""
 NAMES: Final = ("robot_arm", "so101", "so100", "koch")
 SERVOS_LEAVE_RAD: Final = 0.006
 
@@ -187,3 +188,10 @@ def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, FILES, ("robot.yaml", pose, folded))
     with pytest.raises(ArmFileError, match=r"park, hand open: .*moving_jaw_so101_v1_link - bin_C"):
         moveit_files(read_arm(folder), 100)
+
+
+def test_a_robot_with_several_arms_is_refused() -> None:
+    with pytest.raises(
+        ArmFileError, match=r"bimanual_so101 has several trajectory controllers, .* `servoloop plan-ser"
+    ):
+        moveit_files(find_arm("bimanual_so101"))

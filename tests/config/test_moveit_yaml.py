@@ -12,7 +12,7 @@ from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controller
 
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
-"""Share of the stack's acceleration limits that MoveIt plans with, as in joint_limits.yaml."""
+"""Share of the stack's acceleration limits with which MoveIt plans, as in joint_limits.yaml."""
 
 
 @pytest.mark.parametrize("name", ["robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses"])
@@ -34,7 +34,7 @@ def test_limits_are_shares_of_those_in_the_urdf_and_every_robot_file(name: str) 
 
 
 def test_numbers_are_written_as_floating_point_numbers() -> None:
-    """ROS parameters have types, and MoveIt rejects or ignores an integer here."""
+    """ROS parameters are typed, so MoveIt rejects or ignores an integer here."""
     limits = read(MOVEIT / "joint_limits.yaml")
     numbers = [value for joint in limits["joint_limits"].values() for key, value in joint.items() if "max" in key]
     numbers += [value for name, value in limits.items() if name.startswith("default_")]
@@ -45,16 +45,16 @@ def test_numbers_are_written_as_floating_point_numbers() -> None:
 
 
 def test_paths_are_checked_more_closely_than_links_are_padded() -> None:
-    """The hand of the stretched-out arm moves no further between two checks than the padding reaches.
+    """Between two checks, the hand of the stretched arm moves no further than the padding extends.
 
-    OMPL measures the size of the space, and a step in it, as the sum over the joints.
+    OMPL computes the size of the space, and a step in it, as the sum over all joints.
     """
     limits = read(MOVEIT / "joint_limits.yaml")
     size = sum(DESCRIPTION.joints[joint].upper - DESCRIPTION.joints[joint].lower for joint in ARM)
     step = size * read(MOVEIT / "ompl_planning.yaml")["arm"]["longest_valid_segment_fraction"]
     assert step == pytest.approx(0.0564, abs=1e-4)
     reach = 0.52  # m, from the shoulder to the fingertips
-    assert step * reach / 2 < limits["default_robot_padding"]  # from the middle of a step to its ends
+    assert step * reach / 2 < limits["default_robot_padding"]  # from the middle of a step to its two ends
 
 
 def test_moveit_uses_the_controllers_of_the_stack() -> None:

@@ -18,13 +18,13 @@ from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, stat
 
 REQUEST: Final = read(MOVEIT / "planning_scene.yaml")
 PADDING: Final = read(MOVEIT / "joint_limits.yaml")["default_robot_padding"]
-NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
+NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["/**/vision_pick_place_controller"]["ros__parameters"]
 POSES: Final = {**NODE["poses"], **{f"bin {name}": pose for name, pose in NODE["bins"].items()}}
 GIVES_WAY_RAD_PER_NM: Final = 30 * 2 * np.pi / 4096
 """Deflection of an STS3215 per N m.
 
 In a published bench test, a real servo with friction deflected by 20 to 30 counts at 1 N m. The virtual servo without
-friction deflects by 42 (docs/simulation.md).
+friction deflects by 42 counts (docs/simulation.md).
 """
 
 SERVOS_LEAVE_RAD: Final = 0.006
@@ -35,7 +35,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Box:
-    """A box parallel to the axes, with its middle and half its size in m."""
+    """An axis-aligned box, given by its center and half its size in m."""
 
     middle: Numbers
     half: Numbers
@@ -45,7 +45,7 @@ class Box:
         return round(self.middle[2] + self.half[2], 9)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether the point is above or below the box or its edges."""
+        """Whether the point is above or below the box or one of its edges."""
         offset = np.abs([x - self.middle[0], y - self.middle[1]])
         return bool((offset <= np.add(self.half[:2], 1e-9)).all())
 
@@ -115,14 +115,14 @@ def test_the_table_is_lower_than_in_the_world_only_below_the_foot_and_the_lying_
     for x, y in np.mgrid[-0.6:0.6:49j, -0.6:0.6:49j].reshape(2, -1).T:  # the fingers reach 0.52 m
         top = max(box.top for box in table if box.covers(x, y))
         below_foot = max(abs(x), abs(y)) < 0.085
-        behind = -0.36 < x < -0.08 and abs(y) < 0.08  # where a parked arm is released
+        behind = -0.36 < x < -0.08 and abs(y) < 0.08  # the pose in which a parked arm is released
         assert top == 0.0 or below_foot or behind, (x, y)
         tops.add(top)
     assert min(tops) >= -PADDING - 2 * ROOM_M
 
 
 def given_way(pose: Any) -> Any:
-    """Return the joint positions when the weight of the arm deflects servos with this goal."""
+    """Return the joint positions of servos with this goal when the weight of the arm deflects them."""
     world = World(initial_position=[*pose, 0.0])
     torque = [world.data.qfrc_bias[int(world.model.joint(name).dofadr[0])] for name in ARM]
     return np.array(pose) - np.multiply(torque, GIVES_WAY_RAD_PER_NM)
@@ -146,14 +146,14 @@ def test_moveit_accepts_the_poses_of_the_node(padded: PaddedArm, hand: float) ->
     """
     named = {name: list(values.values()) for (group, name), values in states().items() if group == "arm"}
     parked = named.pop("park")
-    assert distance(padded, parked, hand) > 0.001  # the table supports what deflects here
+    assert distance(padded, parked, hand) > 0.001  # the table supports the parts that deflect here
     for name, pose in {**POSES, **named}.items():
         for place in (pose, given_way(pose)):
             assert distance(padded, place, hand) > 0.001, name
 
 
 def test_moveit_rejects_poses_inside_stand_table_and_bins(padded: PaddedArm) -> None:
-    """Further down from the pick and bin poses, the arm touches a box. Padding makes this distance shorter."""
+    """Below the pick and bin poses, the arm touches a box. The padding reduces this distance."""
     for name in ("pick", *(name for name in POSES if name.startswith("bin"))):
         lower = np.add(POSES[name], [0, -0.25, -0.25, 0.25, 0.25, 0])
         assert distance(padded, lower, 0.0) < 0, name

@@ -1,4 +1,4 @@
-"""Test bench: controllers on a mock arm with two joints and a hand, in simulated time."""
+"""Test bench with controllers on a mock arm with two joints and a hand, in simulated time."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,7 +39,7 @@ class ScriptedHardware(MockHardware):
         self.objects: dict[str, float] = {}
         """Position at which an obstacle blocks a joint's upward motion, by joint name."""
         self.failing: dict[str, Exception] = {}
-        """Error that a call raises, by name of the call."""
+        """Error that a call raises, by the name of the call."""
         self.calls: list[str] = []
         self.written: list[FloatArray] = []
         self.deadlines: list[float | None] = []
@@ -111,7 +111,7 @@ class Bench:
         self.loop = ControlLoop(components, self.manager, LIMITS, self.clock, PERIOD_S)
 
     def up(self) -> "Bench":
-        """Configure and activate the hardware, at rest at zero."""
+        """Configure and activate the hardware with all joints at rest at zero."""
         self.hardware.configure()
         self.loop.activate()
         return self

@@ -17,7 +17,7 @@ STANDING = JointState(0.0, np.zeros(3), np.zeros(3), np.zeros(3))
 
 @dataclass
 class Interfaces:
-    """Interfaces of hardware on which all interfaces except ``lost`` are available."""
+    """Interfaces of hardware on which all interfaces except those in ``lost`` are available."""
 
     command_interfaces: tuple[str, ...] = tuple(f"{joint}/position" for joint in JOINTS)
     lost: str | None = None
@@ -30,7 +30,8 @@ class Interfaces:
 
 
 class Puppet:
-    """Controller that commands ``wanted`` for each of its joints. ``failing`` lists the calls that raise an error."""
+    """Controller that commands the value ``wanted`` for each of its joints. ``failing`` lists the calls that raise an
+    error."""
 
     kind = "test/Puppet"
     parameters = Parameters()
@@ -71,7 +72,7 @@ def managing(
     limits: Mapping[str, JointLimits] | None = None,
     hardware: Interfaces | None = None,
 ) -> ControllerManager:
-    """Return a manager of joints at rest, with these controllers. Only those in ``active`` are active."""
+    """Return a manager of joints at rest, with these controllers. Only the controllers in ``active`` are active."""
     made = ControllerManager(hardware or Interfaces(), limits or {})
     made.activate(STANDING, HELD)
     for puppet in puppets:

@@ -1,4 +1,4 @@
-"""Streamed goals are approached within the velocity and acceleration limits, however far and often they leap."""
+"""Streamed goals are approached within the velocity and acceleration limits, however far and often they jump."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from tests.controller.bench import ARM_LIMITS, PERIOD_S
 
 JOINT = "joint1"
 GOALS = st.lists(st.tuples(st.floats(-2.0, 2.0), st.integers(1, 40)), min_size=1, max_size=8)
-"""Goals in rad, each with the number of cycles for which it lasts."""
+"""Goals in rad, each with the number of cycles for which it is sent."""
 
 
 def commands(limits: JointLimits, goals: list[tuple[float, int]], period_s: float = PERIOD_S) -> FloatArray:
-    """Return the commands of a joint that rests at 0 until the first goal."""
+    """Return the commands of a joint that is at rest at 0 until the first goal."""
     controller = ForwardCommandController("stream", (JOINT,), (limits,), (JOINT,))
     state = JointState(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
     controller.activate(state, np.zeros(1))

@@ -48,7 +48,7 @@ def test_a_plan_at_the_limits_is_executed_and_a_cancel_stays_on_its_path(
 ) -> None:
     points = plan(curve, LIMITS, scale)
     whole = driven(points, method)
-    # Plans have no jerk limits, so the jerk-limited path cuts their sharpest bends.
+    # Plans have no jerk limits, so the jerk-limited path cuts the sharpest bends of a plan.
     assert off_path(whole, points) < (0.02 if scale == 1.0 else 0.005)
     for moment in MOMENTS:
         bench = Bench(arm_parameters(interpolation_method=method)).up()
@@ -135,7 +135,7 @@ def moving_paths(count: int) -> list[Path]:
 
 
 def test_a_stop_on_a_path_takes_little_longer_than_a_stop_off_the_path() -> None:
-    """In a former version, other joints continued for seconds while one joint braked at its limit."""
+    """In a former version, other joints continued to move for seconds while one joint braked at its limit."""
     for path in moving_paths(60):
         for share in (0.05, 0.15, 0.3, 0.5, 0.7):
             elapsed_s = share * path.duration_s

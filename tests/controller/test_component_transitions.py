@@ -1,4 +1,4 @@
-"""Test components that are lost or change their state while the others continue."""
+"""Test components that are lost or change their state while the other components continue."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,7 +30,7 @@ SPEED_RAD_S = 2.0
 
 
 class Breakable(MockHardware):
-    """Mock hardware that records its calls, which can be made to fail."""
+    """Mock hardware that records its calls, and whose calls can be made to fail."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)
@@ -69,7 +69,7 @@ class Breakable(MockHardware):
         self._call("write")
 
     def changes(self) -> list[str]:
-        """Return the recorded calls that change the state."""
+        """Return the recorded calls that change the life-cycle state."""
         return [call for call in self.calls if call not in ("read", "write")]
 
 
@@ -88,7 +88,7 @@ class Mover(Puppet):
 
 
 class Two:
-    """An arm with two joints and a hand with one joint, each a component with its own controllers."""
+    """An arm with two joints and a hand with one joint, each of them a component with its own controllers."""
 
     def __init__(self, keep_alive: bool = False, cycles_per_update: Sequence[int] = (1, 1)) -> None:
         self.clock = SimulatedClock(5.0)
@@ -131,7 +131,7 @@ class Two:
             self.loop.step()
 
     def work(self) -> None:
-        """Do the background work, then run the cycle in which the components return."""
+        """Do the background work, then run the cycle in which the components are controlled again."""
         for work in self.background:
             work()
         self.background.clear()
@@ -215,7 +215,7 @@ def test_the_loop_ends_when_the_last_component_is_lost() -> None:
     two.arm.failing["read"] = PortLost("/dev/arm is gone")
     with pytest.raises(PortLost, match="/dev/arm is gone"):
         two.cycle()
-    assert two.arm.state is ACTIVE  # The end of the loop must still be able to stop the arm.
+    assert two.arm.state is ACTIVE  # The shutdown must still be able to stop the arm.
 
 
 def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() -> None:
@@ -261,7 +261,7 @@ def test_a_component_whose_cleanup_fails_is_finalized() -> None:
 
 
 WAYS = {
-    # start, target: calls, final state
+    # start and target of the transition: expected calls and final state
     (UNCONFIGURED, UNCONFIGURED): ([], UNCONFIGURED),
     (UNCONFIGURED, INACTIVE): (["configure"], INACTIVE),
     (UNCONFIGURED, ACTIVE): (["configure", "activate"], ACTIVE),
@@ -398,7 +398,7 @@ def test_a_component_lost_during_its_deactivation_is_dropped() -> None:
 def test_a_slow_component_is_read_and_written_at_its_own_rate() -> None:
     two = Two(cycles_per_update=(1, 4)).up()
     two.cycle(16)
-    begin = 2  # readings that must agree before a component is commanded
+    begin = 2  # number of readings that must agree before a component is commanded
     assert two.arm.calls.count("read") == begin + 16
     assert two.hand.calls.count("read") == begin + 4
     assert len(two.hand.written) == 4
@@ -507,7 +507,7 @@ class Limping(Breakable):
 
 
 class Asking(Limping):
-    """Mock hardware that notices lost torque only after a torque check."""
+    """Mock hardware that detects lost torque only after a torque check."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)

@@ -98,7 +98,7 @@ def test_a_reactivated_component_forgets_old_readings() -> None:
 
 
 def test_only_new_readings_confirm_a_leap() -> None:
-    """A component that is read in every third cycle does not confirm a leap in the other cycles."""
+    """If a component is read only in every third cycle, the other cycles do not confirm an implausible position."""
     clock = SimulatedClock(5.0)
     hardware = MockHardware("slow", ("a",), clock)
     components = ComponentSet([hardware, MockHardware("other", ("b",), clock)], clock, [3, 1])

@@ -19,7 +19,7 @@ from sim_backend.clock import SimulatedClock
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S
 
 LIMITS = dict.fromkeys(ARM, replace(ARM_LIMITS, lower=-100.0, upper=100.0))
-"""Limits far away, because the safety gate brakes a joint before the end of its range."""
+"""Limits that are far away, because the safety gate brakes a joint before the end of its range."""
 
 
 @dataclass

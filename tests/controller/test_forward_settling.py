@@ -13,7 +13,7 @@ PERIOD_S = 0.05
 
 
 def state(position: float, velocity: float = 0.0) -> JointState:
-    """Return a state of two joints, of which the second is watched."""
+    """Return a state of two joints, the second of which is observed."""
     return JointState(0.0, np.array([9.0, position]), np.array([9.0, velocity]), np.zeros(2))
 
 

@@ -1,4 +1,4 @@
-"""Test which goals are rejected, and their texts, which are those of ros2_control if it has the same check."""
+"""Test which goals are rejected, and that the texts are those of ros2_control for checks that ros2_control has."""
 
 import dataclasses
 
@@ -47,7 +47,7 @@ ORDINARY = Allowed()
 
 
 def reason(asked: TrajectoryGoal, allowed: Allowed = ORDINARY) -> str | None:
-    """Return why a goal is rejected, by its own content or by the limits."""
+    """Return the reason why a goal is rejected, either because of its own content or because of the limits."""
     return reason_to_reject(asked, JOINTS, allowed) or limits_reason(asked, JOINTS, LIMITS)
 
 
@@ -273,7 +273,8 @@ def test_the_reason_shows_the_difference(value: float, shown: str) -> None:
 
 
 def from_where(stands: float, position: float) -> str | None:
-    """Return why a point at ``position`` is rejected for joint1 at its current position. Its lower limit is -2."""
+    """Return the reason why a point at ``position`` is rejected for joint1 at its current position. Its lower limit is
+    -2."""
     return limits_reason(goal(point((position, 0.0))), JOINTS, LIMITS, [np.array((stands, 0.0))])
 
 

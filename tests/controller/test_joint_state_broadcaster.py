@@ -209,7 +209,7 @@ def test_a_reactivated_broadcaster_has_no_old_state() -> None:
         (
             (2.005, 9.0, -1.006),
             (2.005, 2.112, -1.006, 9.0),
-        ),  # Further out than sag and the encoder's resolution explain.
+        ),  # The position is further outside than sag and the resolution of the encoder can explain.
     ],
 )
 def test_a_joint_slightly_beyond_its_limit_is_reported_at_the_limit(

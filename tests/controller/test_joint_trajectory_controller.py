@@ -198,7 +198,7 @@ def test_a_waypoint_that_cannot_be_passed_within_the_limits_is_rejected() -> Non
     assert reason.startswith("shoulder would swing to")
 
 
-# Preemption, cancel, deactivation
+# Replaced goals, cancels, deactivation
 
 
 def test_a_new_goal_starts_without_a_jump_and_aborts_the_old_goal() -> None:
@@ -256,7 +256,7 @@ def test_goals_may_arrive_while_the_loop_searches_for_a_canceled_goal() -> None:
     inbox = bench.arm._execution._inbox
 
     class Comes(tuple):  # type: ignore[type-arg]
-        """Goal during whose comparison another thread submits a goal."""
+        """Goal that lets another thread submit a goal while the two are compared."""
 
         def __getitem__(self, index: Any) -> Any:
             inbox.append(entry)
@@ -404,7 +404,7 @@ def test_a_goal_is_aborted_after_its_goal_time(goal_time_s: float) -> None:
     assert off == "elbow is off by 1.0000, allowed is 0.0100"
     text, seconds, unit = text.rsplit(" ", 2)
     assert (text, unit) == ("Aborted due to goal_time_tolerance exceeding by", "seconds")
-    assert 0.5 <= float(seconds) <= 0.5 + PERIOD_S + 1e-6  # Since the end of the path, as in ros2_control.
+    assert 0.5 <= float(seconds) <= 0.5 + PERIOD_S + 1e-6  # The time counts from the end of the path.
 
 
 def test_goal_time_minus_one_erases_the_default() -> None:
@@ -482,7 +482,7 @@ def test_a_short_servo_fault_does_not_affect_a_goal() -> None:
 
 
 def test_an_unmeasured_joint_does_not_violate_the_path_tolerance() -> None:
-    """The reference moves on while the last known position stays constant."""
+    """The reference continues to move while the last known position stays constant."""
     bench = Bench().up()
     handle = bench.send(to(1.0, 1.0, path={"elbow": 0.15}))
     bench.cycle(6)
@@ -523,7 +523,7 @@ def test_a_late_cycle_does_not_leap(late_s: float) -> None:
     assert handle.status is GoalStatus.SUCCEEDED
     step = np.abs(np.diff(bench.path()[:, 0])).max()
     assert step <= ARM_LIMITS.velocity * PERIOD_S + 1e-9
-    assert step <= 2.0 * 2.1 * PERIOD_S  # at most two periods of this motion's own velocity
+    assert step <= 2.0 * 2.1 * PERIOD_S  # at most two periods at the velocity of this motion
 
 
 # wait_for

@@ -79,7 +79,7 @@ def test_a_spline_with_zero_duration_does_not_leap() -> None:
 
 
 def test_accelerations_without_velocities_are_ignored() -> None:
-    """ros2_control stands still until the end, then steps to the goal."""
+    """ros2_control holds its position until the end, and then jumps to the goal."""
     paths = []
     for accelerations in ((), (1.0, 1.0)):
         bench = bench_with(interpolation_method="splines")
@@ -202,7 +202,7 @@ def test_a_cancel_applies_the_configured_deceleration() -> None:
         stops.append(bench.path()[-1][0])
         assert_gentle(bench.path())
     assert stops[1] > stops[0] + 0.1
-    assert stops[2] == pytest.approx(stops[0])  # never harder than the joint's own limit
+    assert stops[2] == pytest.approx(stops[0])  # never a higher deceleration than the joint's own limit
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_a_stop_near_a_limit_ends_there_and_the_joint_can_move_again(said: dict[
     bench.cycle(40)
     assert bench.arm.tracking is not None
     assert bench.arm.tracking.reference.position[0] <= 2.0
-    assert bench.arm.tracking.output == pytest.approx(bench.path()[-1][:2])  # The safety gate changes nothing.
+    assert bench.arm.tracking.output == pytest.approx(bench.path()[-1][:2])  # The safety gate changes no command.
     handle = bench.send(to(0.0, 0.0))
     finish(bench, handle)
     assert handle.status is GoalStatus.SUCCEEDED
@@ -394,7 +394,7 @@ def test_a_reactivated_controller_starts_at_the_current_positions() -> None:
 
 
 def restless_goal(dice: random.Random) -> TrajectoryGoal:
-    """Return a random goal: one or several points, some of the joints, or many points from a planner."""
+    """Return a random goal: one or several points, for some of the joints, or with many points as from a planner."""
     kind = dice.randint(0, 3)
     if kind == 0:
         return TrajectoryGoal(ARM[1:], (GoalPoint((dice.uniform(-2.0, 2.0),), dice.uniform(0.0, 2.0)),))

@@ -134,13 +134,13 @@ class Client(RuleBasedStateMachine):
     def teardown(self) -> None:
         self.bench.hardware.faults = {}
         self.bench.arm.scaling.ask(1.0)
-        self.bench.cycle(800)  # longer than any of these goals
+        self.bench.cycle(800)  # longer than any of these goals takes
         self.commands_are_sane()
         assert all(handle.done for handle in self.handles)
 
 
 class SplineClient(Client):
-    """The same test with ros2_control's splines."""
+    """Random goals and faults, as above, with ros2_control's splines."""
 
     method = "splines"
 

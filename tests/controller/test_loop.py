@@ -153,7 +153,7 @@ def test_a_measurement_may_take_the_time_that_other_steps_leave() -> None:
 
 @pytest.mark.parametrize(("late_s", "left_s"), [(0.0, 0.045), (0.01, 0.035), (0.04, 0.02), (0.2, 0.02)])
 def test_a_measurement_in_a_late_cycle_gets_at_least_half_a_period(late_s: float, left_s: float) -> None:
-    """Even of this half, a tenth of a period is reserved for the other steps."""
+    """A tenth of a period out of this half is reserved for the other steps."""
     _, loop, hardware, clock = puppet_loop()
     hardware.deadlines.clear()
     sleep = clock.sleep_until
@@ -246,7 +246,8 @@ def test_the_loop_starts_at_the_current_position_and_returns_slowly_to_the_limit
 
 
 def test_the_loop_does_not_start_with_an_unmeasured_joint() -> None:
-    """A joint that was never measured has no start position. Its torque is disabled and its name is reported."""
+    """A joint that was never measured has no start position. The torque of this joint is disabled, and its name is
+    reported."""
     bench = Bench()
     bench.hardware._position = np.array([0.3, NAN, 0.0])
     bench.hardware.configure()
@@ -364,7 +365,7 @@ def test_a_new_controller_starts_where_the_joints_come_to_rest() -> None:
 
 
 def test_the_gate_does_not_change_a_goal() -> None:
-    """The controller keeps the limits itself. The gate only catches bugs."""
+    """The controller keeps the limits itself. The safety gate only catches programming errors."""
     bench = Bench().up()
     handle = bench.send(to(1.9, -1.9, after_s=0.0))
     while not handle.done:
@@ -407,7 +408,7 @@ def test_a_report_of_missed_cycles_names_their_most_frequent_cause(caplog: pytes
 
 
 def test_a_report_of_missed_cycles_names_the_rate_that_the_loop_kept(caplog: pytest.LogCaptureFixture) -> None:
-    """Most cycles take 2.9 ms, so 400 Hz is too fast. A single longer stall does not count."""
+    """Most cycles take 2.9 ms, so a rate of 400 Hz is too high. A single longer stall does not count."""
     figures, due_s = LoopFigures(), 0.0
     for cycle in range(600):
         took_s = 0.5 if cycle == 10 else 0.0029 if cycle % 3 == 0 else 0.001
@@ -484,7 +485,7 @@ def test_a_velocity_brakes_before_the_end_of_the_measured_range() -> None:
     for _ in range(3):
         loop.step()
     assert 0.0 < loop.command[0] < 0.2
-    made.command = np.array([-4.0, 0.0])  # There is room in this direction.
+    made.command = np.array([-4.0, 0.0])  # In this direction, the joint has room.
     for _ in range(10):
         loop.step()
     assert loop.command[0] == -4.0

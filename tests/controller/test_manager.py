@@ -31,7 +31,7 @@ def test_a_controller_can_be_loaded_and_unloaded() -> None:
     assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (INACTIVE, {"p": puppet})
     manager.registry.cleanup("p")
     assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (UNCONFIGURED, {})
-    manager.registry.cleanup("p")  # ros2_control accepts this, too.
+    manager.registry.cleanup("p")  # ros2_control accepts this state, too.
     manager.registry.unload("p")
     assert states(manager) == {}
 

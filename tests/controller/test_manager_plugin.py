@@ -1,4 +1,4 @@
-"""Test the controller of docs/write-a-controller.md, installed as a user's package, in the manager."""
+"""Test the controller of docs/write-a-controller.md in the controller manager, installed as a user's package."""
 
 import sys
 import tomllib
@@ -38,7 +38,7 @@ PAGE = "write-a-controller.md"
 
 
 def block(language: str) -> str:
-    """Return the code of the document in a language."""
+    """Return the code of the document that is in a given language."""
     return code(PAGE, language)
 
 
@@ -53,9 +53,10 @@ def install(folder: Path, module: str, source: str, entry_points: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Create a folder at the end of Python's path, like pip's. Its packages are not found after the test.
+    """Create a folder at the end of Python's module search path, as pip does. Packages in this folder are no longer
+    found after the test.
 
-    Python keeps imported modules, so the module of each test needs its own name.
+    Python keeps imported modules, so the module of each test needs a name of its own.
     """
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     yield tmp_path

@@ -77,7 +77,7 @@ def test_a_controller_of_moving_joints_starts_where_they_come_to_rest() -> None:
     velocity = np.diff(path, axis=0) / PERIOD_S
     rested = (
         int(np.argmax(velocity[3:, 1] == 0.0)) + 3
-    )  # Joint b has no controller, so it shows the duration of the stop.
+    )  # Joint b has no controller, so its position shows the duration of the stop.
     assert (np.abs(np.diff(velocity[:rested], axis=0)) <= LIMITS.acceleration * PERIOD_S + 1e-6).all()
     assert path[rested, 0] - before[-1, 0] > 0.03
     np.testing.assert_allclose(velocity[rested + 1 :, 0], 1.0)  # The new controller continues from there.

@@ -1,4 +1,4 @@
-"""Test that a switch is done completely or not at all."""
+"""Test that a switch is executed completely or not at all."""
 
 import logging
 
@@ -16,7 +16,7 @@ UNKNOWN = "Could not activate controller with name 'nope' because no controller 
 
 
 def four(hardware: Interfaces | None = None) -> ControllerManager:
-    """Return a manager: arm is active on a and b, rival uses b, hand uses c, and raw is unconfigured."""
+    """Return a manager: arm is active on a and b, rival uses b, hand uses c, and the controller raw is unconfigured."""
     puppets = Puppet("arm", "a", "b"), Puppet("rival", "b"), Puppet("hand", "c"), Puppet("raw")
     manager = managing(*puppets, active=["arm"], hardware=hardware)
     manager.registry.cleanup("raw")

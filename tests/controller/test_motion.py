@@ -165,7 +165,7 @@ def test_a_motion_is_at_rest_before_its_start_and_after_its_end() -> None:
 
 
 def test_a_motion_never_swings_beyond_the_position_limits() -> None:
-    """A waypoint may lie within the limits but be passed too fast to stay within them."""
+    """A waypoint may be within the limits, but may be passed so fast that the joint cannot stay within them."""
     near_the_end = Kinematics(np.array([2.95]), np.array([4.0]), np.zeros(1))
     points = [(near_the_end, 3.0), (at_rest(0.0), 6.0)]
     with pytest.raises(MotionError, match=r"joint 1 would swing to 3\.\d+, outside its limits -3\.0+ to 3\.0+"):

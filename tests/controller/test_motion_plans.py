@@ -1,4 +1,4 @@
-"""Test that the plans of each interpolation method keep the limits and can be joined from any motion."""
+"""Test that the plans of each interpolation method keep the limits, and that they can begin during any motion."""
 
 import numpy as np
 import pytest

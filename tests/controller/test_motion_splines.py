@@ -1,4 +1,4 @@
-"""Test ros2_control's splines: their degrees, their ends, and limits that ros2_control does not check."""
+"""Test ros2_control's splines: their degrees, their ends, and limits that ros2_control itself does not check."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_a_segment_matches_all_values_at_both_ends(
 def test_the_degree_of_a_segment_depends_on_both_ends() -> None:
     path = spline(START, waypoints(GoalPoint((1.0, 0.0), 1.0, (0.0, 0.0)), GoalPoint((2.0, 0.0), 2.0)), LIMITS)
     assert path.sample(0.25).velocity[0] == pytest.approx(1.125)  # a cubic: 6 s (1 - s)
-    assert path.sample(1.25).velocity[0] == pytest.approx(1.0)  # Linear, because the last point has no velocity.
+    assert path.sample(1.25).velocity[0] == pytest.approx(1.0)  # linear, because the last point has no velocity
 
 
 def test_a_spline_rests_at_its_first_and_last_points() -> None:
@@ -71,7 +71,7 @@ def test_random_splines_keep_the_limits_or_are_rejected(way: Waypoints) -> None:
     try:
         path = spline(START, way, LIMITS, JOINTS)
     except MotionError as error:
-        assert "would swing to" in str(error)  # From rest, a sufficiently low speed always exists.
+        assert "would swing to" in str(error)  # From rest, there is always a speed that is low enough.
         return
     assert_within(path, jerk=False)
     assert path.duration_s >= path.asked_s - 1e-9

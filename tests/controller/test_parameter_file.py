@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from controller.manager.controllers_file import ControllersFileError
-from controller.manager.node_parameters import names, parameters_of
+from controller.manager.node_parameters import named, parameters_of
 from controller.manager.parameter_file import read_parameter_file
 
 NAMED_AGAIN = """
@@ -54,8 +54,8 @@ def test_wildcards_and_namespaces_match_as_in_rcl(tmp_path: Path, name: str, mea
 def test_namespaces_may_be_nested(tmp_path: Path) -> None:
     text = "/**: {ns: {arm: {ros__parameters: {a: 1}}}, arm: {ros__parameters: {b: 2}}}"
     assert parameters(tmp_path, text) == {"b": 2}
-    assert names({"/**/arm": {}}, "arm")
-    assert not names({"/**": {}}, "arm")
+    assert named({"/**/arm": {}}, "arm")
+    assert not named({"/**": {}}, "arm")
 
 
 def test_later_entries_override_earlier_ones(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Test the first points of a plan that starts slightly off the commanded position."""
+"""Test the first points of a plan that begins slightly off the commanded position."""
 
 import numpy as np
 import pytest

@@ -15,7 +15,8 @@ STEP_S = 0.1
 
 
 def turn(lowest: float, accelerations: bool) -> list[GoalPoint]:
-    """Return points of a smooth motion down to ``lowest`` and back up, with the turn between two points."""
+    """Return points of a smooth motion down to ``lowest`` and back up, with the turning point between two points of the
+    plan."""
     points = []
     for number in range(1, 17):
         at_s = (number - 8.5) * STEP_S
@@ -65,7 +66,7 @@ def test_a_path_far_beyond_a_limit_is_rejected(method: str) -> None:
 
 
 def test_lines_that_start_near_a_limit_are_planned_within_the_limits() -> None:
-    """The plan starts at the measured position, slightly off the command."""
+    """The plan begins at the measured position, which is slightly off the command."""
     limits, random = (ARM_LIMITS, ARM_LIMITS), np.random.default_rng(20)
     planner = GoalPlanner(ARM, limits, "ruckig")
     for _ in range(40):

@@ -1,4 +1,4 @@
-"""Test that an arm stops after the end of a goal and presses against no obstacle."""
+"""Test that an arm stops after the end of a goal, and does not press against an obstacle."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ from tests.controller.moveit_plans import off_line
 
 ELBOW = 1
 PRESSES_RAD = 0.02
-"""Minimum distance from its command at which a joint of this bench presses on an obstacle."""
+"""Minimum distance of a joint of this bench from its command at which it presses against an obstacle."""
 
 
 def measured(bench: Bench) -> FloatArray:
@@ -35,7 +35,7 @@ def ended(bench: Bench, handle: GoalHandle, least_s: float = 2.0) -> FloatArray:
 
 
 def aborts(bench: Bench) -> None:
-    """Run until the result of the goal is decided, before its client receives it."""
+    """Run until the result of the goal is known, but has not been sent to its client yet."""
     bench.cycles_until(lambda: (active := bench.arm._execution.active) is not None and active.ending is not None)
 
 

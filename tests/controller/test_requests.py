@@ -1,4 +1,4 @@
-"""Test that requests from other threads are served once, in order, in the thread of the loop, and always answered."""
+"""Test that requests from other threads are executed once, in order, in the loop thread, and are always answered."""
 
 import threading
 

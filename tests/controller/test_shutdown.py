@@ -50,7 +50,7 @@ def test_it_stops_parks_where_asked_and_ends(relax: bool, park: dict[str, float]
     assert (np.abs(path[-1] - [-0.5, 0.5]).max() < 1e-6) == parked
     velocity = np.diff(path, axis=0) / PERIOD_S
     change = np.abs(np.diff(velocity, axis=0)).max()
-    assert change <= ARM_LIMITS.acceleration * PERIOD_S * 1.2  # the motion's own curve between two cycles
+    assert change <= ARM_LIMITS.acceleration * PERIOD_S * 1.2  # the curve of the motion between two cycles
     assert np.abs(velocity[-1]).max() < 0.05 + 0.5 * parked
     if parked:
         stopped = cycles + int(np.argmin(np.abs(velocity[cycles:, 0])))
@@ -81,7 +81,7 @@ def test_after_a_controllers_bug_it_still_stops_and_parks(where: str, relax: boo
     error = RuntimeError("a controller's bug")
     if where in ("update", "both"):
         bench.arm.update = failing_with(error)  # type: ignore[method-assign]
-        bench.cycle()  # the manager deactivates it
+        bench.cycle()  # the manager deactivates the controller
     if where in ("deactivate", "both"):
         bench.arm.deactivate = failing_with(error)  # type: ignore[method-assign]
     problems = shut_down(bench.loop, relax, PARK, SCALE)

@@ -1,4 +1,4 @@
-"""Test that a joint far outside its limits is rejected, and a joint slightly outside returns slowly."""
+"""Test that a joint far outside its limits is rejected, and that a joint slightly outside its limits returns slowly."""
 
 import logging
 from collections.abc import Callable
@@ -101,7 +101,7 @@ def test_the_arm_in_mujoco_returns_slowly() -> None:
 
 
 class Deceived(MockHardware):
-    """Mock hardware with one false reading, given by its number."""
+    """Mock hardware that returns one false reading, which is selected by its number."""
 
     def __init__(self, clock: SimulatedClock, lies: Callable[[int], float]) -> None:
         super().__init__("own", ("joint1",), clock, True)
@@ -135,7 +135,7 @@ def test_the_torque_stays_off_if_readings_never_agree() -> None:
 def test_a_failed_activation_disables_only_the_torque_that_it_enabled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Torque that was enabled by an earlier program stays on and holds the arm."""
+    """Torque that an earlier program has enabled stays on and holds the arm."""
     stack = SimulatedStack()
     configure_all(stack.loop.hardware)
     left, limp = stack.bus.servos[1], stack.bus.servos[2]

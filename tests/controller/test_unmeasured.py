@@ -46,7 +46,7 @@ def test_a_goal_waits_for_a_limited_time_until_the_joints_reach_the_command() ->
 
 
 def stalled(bench: Bench, cycles: int) -> FloatArray:
-    """Stall the bus for a number of cycles. Return the command (n,) at which the joints rest."""
+    """Stall the bus for a given number of cycles. Return the command (n,) at which the joints are at rest."""
     bench.hardware.faults = {joint: JointFault("silent", f"{joint}: no answer") for joint in ARM}
     bench.cycle(cycles)
     bench.hardware.faults = {}
@@ -77,7 +77,7 @@ def test_a_goal_continues_from_rest_at_the_last_command_after_a_stall(method: st
     velocity = gone_on(bench, 10)
     assert not velocity[0].any() and velocity.min() >= -1e-3
     assert velocity[1:, 0].max() > 1.0
-    if lead_s < 0.1:  # A long lead turns the initial velocity into steps of the command, as after a pause.
+    if lead_s < 0.1:  # With a long lead, the initial velocity causes steps of the command, as after a pause.
         assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1.0 + 1e-6)
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED

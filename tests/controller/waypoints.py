@@ -42,7 +42,7 @@ def random_waypoints(draw: st.DrawFn, largest: int = 12) -> Waypoints:
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid:
-    """Motion profile of a planner with velocity and acceleration limits but without a jerk limit."""
+    """Motion profile of a planner that has velocity and acceleration limits but no jerk limit."""
 
     way: float
     velocity: float
@@ -84,11 +84,12 @@ def samples(path: Path, apart_s: float = 0.002) -> tuple[FloatArray, FloatArray,
 
 
 def assert_within(path: Path, limits: tuple[JointLimits, ...] = LIMITS, jerk: bool = True) -> None:
-    """Check every limit, also between the points. Without ``jerk``, check only positions and velocities."""
+    """Check that all limits are kept, also between the points. Without ``jerk``, check only positions and
+    velocities."""
     apart_s = 0.002
     position, velocity, acceleration = samples(path, apart_s)
     for joint, limit in enumerate(limits):
-        slack = AT_LIMIT * (limit.upper - limit.lower) + 1e-6  # The sampler clips within this tolerance.
+        slack = AT_LIMIT * (limit.upper - limit.lower) + 1e-6  # The sampler clips values within this tolerance.
         assert position[:, joint].min() >= limit.lower - slack
         assert position[:, joint].max() <= limit.upper + slack
         assert np.abs(velocity[:, joint]).max() <= limit.velocity * 1.002 + 1e-9

@@ -16,7 +16,7 @@ def test_the_page_answers_ten_questions() -> None:
 
 @pytest.mark.parametrize(("question", "file", "name"), QUESTIONS)
 def test_each_question_leads_to_a_definition_in_its_file(question: str, file: str, name: str) -> None:
-    """The first step is the file, and the second step is the function, class or constant in it."""
+    """The first element is the file, and the second element is the function, class or constant in it."""
     defined = re.compile(rf"^(?:def |class )?{name}\b(?:[(:]| =)", flags=re.MULTILINE)
     assert defined.search((ROOT / file).read_text()), f"{file} does not define {name}: {question}"
 

@@ -1,4 +1,4 @@
-"""Tests that a test runs every command and code block of README and docs/, or that the page gives a reason."""
+"""Tests that every command and code block of README and docs/ is run by a test, or that the page explains why not."""
 
 import re
 from collections import Counter
@@ -13,22 +13,31 @@ from tests.marked import ROOT, marked
 from tests.pages import SHELL, blocks, pages
 
 TO_RUN = {what for page in pages() for block in blocks(page) for what in block.to_run}
-NOT_RUN = {"install.md": 1, "lerobot.md": 1, "ros2.md": 3, "ros2-control-host.md": 1, "moveit.md": 4}
+NOT_RUN = {
+    "install.md": 1,
+    "lerobot.md": 1,
+    "ros2.md": 3,
+    "ros2-control-host.md": 1,
+    "moveit.md": 4,
+    "several-arms.md": 1,
+}
 """Number of blocks per page that need a whole ROS 2 installation or change the machine."""
 INLINE = re.compile(r"(?<!`)`servoloop ([^`]+)`(?!`)")
-"""Pattern of a command in running text."""
+"""Pattern of a command in the text of a page."""
 
 
 @pytest.fixture(scope="module")
 def tests_of(request: pytest.FixtureRequest) -> dict[str, list[str]]:
-    """Return the commands and blocks that tests are marked to run. Without ROS, half of these tests are missing."""
+    """Return the commands and blocks that tests run, according to their markers. Without ROS, half of these tests are
+    missing."""
     pytest.importorskip("rclpy")
     files = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if "mark.runs(" in path.read_text()]
     return marked(request.config, "runs", files)
 
 
 def test_every_command_and_code_block_is_run(tests_of: dict[str, list[str]]) -> None:
-    """Each reported command or block needs a test with ``@pytest.mark.runs(...)``, as described in tests/pages.py."""
+    """Each command or block that this test reports needs a test with ``@pytest.mark.runs(...)``, as described in
+    tests/pages.py."""
     assert sorted(TO_RUN - tests_of.keys()) == []
 
 
@@ -49,7 +58,7 @@ def test_no_command_hides_in_a_block_of_another_language(page: str) -> None:
 
 @pytest.mark.parametrize("page", pages())
 def test_every_fence_is_recognized(page: str) -> None:
-    """Indented fences, and fences with more than a language, would be skipped."""
+    """Indented fences, and fences with more than a language, would not be found."""
     fences = [line for line in pages()[page].read_text().splitlines() if "```" in line]
     assert len(fences) == 2 * len(blocks(page)), fences
 

@@ -19,7 +19,7 @@ SHOWN = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
 SCRIPTS = {command for page in pages() for command in commands(page) if command.startswith("python tools/")}
 VIEW = "python tools/view_picture.py docs/view.png"
 SIMULATED = sorted(SCRIPTS - {VIEW})
-"""Scripts whose images depend only on numbers, so that they are equal on every machine."""
+"""Scripts that compute their images only from numbers, so that the images are equal on every machine."""
 OTHER = 0.01
 """Share of pixels that may differ clearly, because the physics of another machine may be rounded differently."""
 
@@ -43,7 +43,7 @@ def test_a_page_names_the_script_of_its_pictures(page: str) -> None:
 
 
 def run(command: str, folder: Path) -> tuple[Path, Path]:
-    """Return the image that a command of the page draws here, and the one in docs/."""
+    """Return the image that a command of the page draws on this machine, and the image in docs/."""
     *words, picture = shlex.split(command)
     drawn = folder / Path(picture).name
     subprocess.run([sys.executable, *words[1:], str(drawn)], cwd=ROOT, check=True, timeout=110.0)
@@ -57,7 +57,7 @@ def pixels(path: Path) -> list[NDArray[np.uint8]]:
 
 
 def when(command: str) -> pytest.MarkDecorator:
-    """Mark all but one image of the scripts for arms and guide as slow."""
+    """Mark all images of the scripts for arms and guide as slow, except for one."""
     seldom = "docs/arms/" in command or ("docs/so101/" in command and not command.endswith("joints.png"))
     return pytest.mark.soak if seldom else pytest.mark.slow
 

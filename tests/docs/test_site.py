@@ -1,4 +1,5 @@
-"""Tests of the documentation site: it has no warnings, loads nothing from other hosts, and has its reference."""
+"""Tests of the documentation site: it builds without warnings, loads nothing from other hosts, and contains the
+reference."""
 
 import re
 import subprocess
@@ -20,7 +21,7 @@ from tests.view.chromium import find_chromium
 pytestmark = pytest.mark.slow
 
 FETCHED = ("link", "script", "img", "iframe", "source", "video", "audio", "object", "embed", "use", "form")
-"""Elements whose addresses a browser loads without a click."""
+"""Elements with addresses that a browser loads without a click."""
 ELSEWHERE = re.compile(r"(?:url\(\s*['\"]?|@import\s+['\"])(https?:)?//")
 
 
@@ -123,7 +124,7 @@ def test_a_browser_uses_only_this_machine_and_the_search_finds_words(site: Path,
         page.on("request", lambda request: requests.append(request.url))
         root = site.as_uri() if from_disk else address
         page.goto(f"{root}/index.html")
-        # Type key by key, because the search reads its field at each key release.
+        # Type one key after the other, because the search reads its field at each key release.
         page.locator("input.md-search__input").press_sequentially("gravity compensation")
         found = page.wait_for_selector(".md-search-result__item a")
         assert found is not None and (found.get_attribute("href") or "").startswith(f"{root}/")

@@ -1,4 +1,4 @@
-"""One cycle as the control loop runs it."""
+"""One cycle in the same order as in the control loop."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,5 @@
-"""A bus of virtual X series servos whose registers encode the servo and the cycle, so that wrong or old values show."""
+"""A bus of virtual X series servos whose registers encode the servo and the cycle, so that wrong or old values are
+detected."""
 
 from collections.abc import Mapping
 
@@ -36,7 +37,7 @@ class TapedPort(VirtualPort):
 
 
 class TrueLine:
-    """A bus whose values are known. ``errors`` holds hardware errors by ID."""
+    """A bus with virtual servos that report known values. ``errors`` contains the hardware errors, by ID."""
 
     def __init__(self, models: Mapping[int, ServoModel], firmware: Mapping[int, int] | None = None) -> None:
         self.models = dict(models)
@@ -51,7 +52,7 @@ class TrueLine:
             servo.firmware.publish = lambda servo=servo: self._publish(servo)  # type: ignore[method-assign,misc]
 
     def identified(self) -> "TrueLine":
-        """Identify all servos, as a program does at its start."""
+        """Identify all servos, as a program does when it starts."""
         for servo_id, model in self.models.items():
             self.bus.identify(servo_id, model)
         self.bus.read_states(self.ids)
@@ -73,7 +74,7 @@ class TrueLine:
             servo.memory.put(register, value)
 
     def holds(self, servo_id: int, reading: ServoState) -> bool:
-        """Whether a state is that of the servo in this cycle, with the names of its alarms or with an unnamed alarm."""
+        """Return whether a state is that of the servo in this cycle, with named alarms or with an unnamed alarm."""
         names = x.alarms(self.errors[servo_id])
         unit_a = x.current_unit_a(self.models[servo_id])
         wanted = (
@@ -98,7 +99,7 @@ class TrueLine:
         return readings
 
     def faults(self) -> dict[int, str]:
-        """Run one cycle and return its faults."""
+        """Run one cycle and return the faults in it."""
         return {i: r.kind for i, r in self.cycle().items() if isinstance(r, ServoFault)}
 
     def taken(self) -> list[Instruction]:

@@ -26,12 +26,13 @@ from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "1000"))
-"""Number of cycles of a test with line errors (``make soak``: 10,000). Tests marked ``soak`` scale with it."""
+"""Number of cycles of a test with line errors (``make soak``: 10,000). The number of cycles of tests marked ``soak`` is
+scaled with it."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Properties of a series' control table that the tests need, and the time for a cycle of its servos."""
+    """Properties of a series' control table that the tests need, and the duration of a cycle of its servos."""
 
     period_s: float
     budget_s: float
@@ -39,7 +40,7 @@ class Table:
     position: Register
     max_voltage: Register
     counts_s: Callable[[ServoModel], float]
-    """Returns the velocity of one register unit, in counts/s."""
+    """Function that returns the velocity of one register unit, in counts/s."""
     full_load: int
     """Register value of full load, negative if the servo reports its load with the opposite sign."""
     order: ByteOrder = "little"
@@ -65,11 +66,11 @@ class Kind:
     name: str
     models: Mapping[int, ServoModel]
     one_by_one: bool = False
-    """Whether each servo is asked separately."""
+    """Whether each servo is read separately."""
     mapped: bool = False
     """Whether the state is read through indirect registers."""
     with_goals: bool = False
-    """Whether goals are sent with every request, after the first request was answered."""
+    """Whether goals are sent with every request once the first request has been answered."""
 
     @property
     def model(self) -> ServoModel:
@@ -77,7 +78,7 @@ class Kind:
 
     @property
     def waits(self) -> bool:
-        """Whether a servo waits for the reply of the servo named before it."""
+        """Whether a servo waits for the reply of the servo listed before it."""
         return series_of(self.model).protocol.waits_for_silent
 
     @cached_property
@@ -115,7 +116,8 @@ KINDS = (
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 every_servo = pytest.mark.parametrize(
     ("kind", "servo_id"),
-    # Every position is tested in the simplest group read and in that with proof; otherwise first, middle and last.
+    # Every position of the silent servo is tested with the simplest group read and with the validated one; otherwise
+    # only the first, the middle and the last position.
     [
         pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
         for kind in KINDS
@@ -148,7 +150,7 @@ class Line:
         return self.bus.counters.of(servo_id)
 
     def states(self, deadline_s: float) -> Mapping[int, Reading]:
-        """Read the states, and write the goals, if any."""
+        """Read the states, and then write the goals, if there are any."""
         if self.goals:
             return exchange(self.bus, self.goals, IDS, deadline_s)
         return self.bus.read_states(IDS, deadline_s)
@@ -161,7 +163,7 @@ class Line:
         return readings
 
     def missing(self) -> dict[int, str]:
-        """Run one cycle and return its faults."""
+        """Run one cycle and return the faults in it."""
         return {i: r.kind for i, r in self.cycle().items() if isinstance(r, ServoFault)}
 
     def held(self, servo_id: int, register: Any) -> int:
@@ -212,7 +214,7 @@ class Truth:
         return publish
 
     def _constant_of(self, servo_id: int) -> tuple[Any, ...]:
-        """Return all fields but the position, which stay the same in every cycle."""
+        """Return all fields except for the position. They stay the same in every cycle."""
         table = self.kind.table
         model = self.kind.models[servo_id]
         velocity = round(servo_id * table.counts_s(model))
@@ -222,5 +224,5 @@ class Truth:
         return velocity, load, pytest.approx(12.0), 30.0, (), current
 
     def holds(self, servo_id: int, reading: ServoState) -> bool:
-        """Whether a state is the complete state of the servo in this cycle."""
+        """Return whether a state is the complete state of the servo in this cycle."""
         return reading == (self.position(servo_id), *self._constant[servo_id])

@@ -18,7 +18,7 @@ GROUP_WRITES = frozenset({Code.SYNC_WRITE, Code.BULK_WRITE})
 
 
 class PlainSlaveBus(VirtualDynamixelBus):
-    """A line on which the servos ``plain`` ignore the instructions ``ignored``."""
+    """A line on which the servos in ``plain`` ignore the instructions in ``ignored``."""
 
     plain: Collection[int] = ()
     ignored: Collection[int] = GROUP_READS | GROUP_WRITES

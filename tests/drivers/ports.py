@@ -33,7 +33,7 @@ class SlowPort(VirtualPort):
 
 
 class WatchedPort(VirtualPort):
-    """A port that records the packets sent, and can delay replies, insert bytes or echo."""
+    """A port that records the packets sent, and can delay replies, insert bytes or echo requests."""
 
     sent: tuple[bytes, ...] = ()
     hold_s = 0.0

@@ -21,13 +21,13 @@ from tests.pages import codes
 
 ROOT = Path(__file__).parents[2]
 SOURCES = Path(drivers.__file__).parents[1]
-"""Folder of the packages, in the checkout or where they are installed."""
+"""Folder that contains the packages: the checkout, or the place where they are installed."""
 PAGE = "add-a-servo.md"
 BLOCKS = codes(PAGE, "python")
 PLACED = [block for block in BLOCKS if block.startswith("# drivers/")]
 RUNNABLE = [block for block in BLOCKS if block not in PLACED]
 ADDED = ("sts3046", "scs20", "my-x430", "my-mx28")
-"""Models of the file on the page."""
+"""Models that the file on the page defines."""
 SCX = "scx30"
 """Model of the series that the page adds."""
 TABLE_TESTS = (
@@ -42,7 +42,7 @@ TABLE_TESTS = (
 
 
 def placed(block: str, package: Path) -> None:
-    """Insert a code block of the page at the place named in its first line."""
+    """Insert a code block of the page into the file that its first line names."""
     head, code = block.split("\n", 1)
     file = package / head.removeprefix("# ").partition(",")[0]
     if above := re.fullmatch(r".*, above (\w+)", head):
@@ -54,7 +54,7 @@ def placed(block: str, package: Path) -> None:
 
 
 def in_the_place_of_its_own(code: str, text: str) -> str:
-    """Return a copy of a table with these registers and models in place of its own."""
+    """Return a copy of a table with these registers and models instead of its own."""
     registers, models = code.split("\n\n", 1)
     for line in registers.splitlines():
         name = line.partition(" ")[0]
@@ -66,7 +66,7 @@ def in_the_place_of_its_own(code: str, text: str) -> str:
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Create a copy of the package in which the page was followed."""
+    """Create a copy of the package and follow the steps of the page in it."""
     copy = tmp_path_factory.mktemp("package")
     for folder in ("drivers", "sim_backend"):
         shutil.copytree(SOURCES / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))

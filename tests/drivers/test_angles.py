@@ -47,7 +47,7 @@ def test_unwrapped_readings_follow_the_motion(start: int, steps: list[int]) -> N
     way = [start]
     for step in steps:
         way.append(way[-1] + step)
-    whole_turns = start - start % TURN  # a reading does not show the turn in which the sweep began
+    whole_turns = start - start % TURN  # a reading does not show in which turn the sweep began
     assert angles.unwrapped(count % TURN for count in way) == [count - whole_turns for count in way]
 
 

@@ -13,7 +13,8 @@ from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line, Truth, eve
 CHAINED = next(kind for kind in KINDS if kind.waits)
 """Kind of bus for the short cases, because `make test` runs only the first case of the long tests."""
 TOO_LOW = 50
-"""Value of max_voltage: 5 V, which is less than the supply of any servo here. An X accepts no less than 9.5 V."""
+"""Value of max_voltage: 5 V, which is less than the supply voltage of any servo in these tests. An X series servo
+accepts no value below 9.5 V."""
 
 
 @pytest.mark.soak
@@ -40,11 +41,11 @@ def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
     for servo_id in IDS:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
-        # After four consecutive losses, the next reply may answer any of these requests and counts as late.
-        # A servo that was silenced by another one may still answer, so its next reply may count as late, too.
+        # After four consecutive losses, the next reply may belong to any of these requests, and counts as late. A servo
+        # that was silenced by another servo may still answer, so its next reply may also count as late.
         doubtful = math.ceil(CYCLES / 2500) + (math.ceil(CYCLES / 150) if kind.waits else 0)
         assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
-        # In a group read, garbage may be attributed to the wrong one of two missing servos.
+        # If two servos are missing in a group read, garbage may be attributed to the wrong one.
         assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
@@ -63,7 +64,7 @@ def test_requests_lost_on_a_chained_bus() -> None:
 
 
 def loses_requests(kind: Kind, cycles: int) -> None:
-    """Lose requests to servos, and check that every value is correct and that few are missing."""
+    """Lose requests to servos, and check that every value is correct and that few values are missing."""
     line = Line(kind)
     truth = Truth(line)
     line.faults.disturbance = done = Disturbance(seed=6, flip=0.02, noise=0.02, miss=0.03)
@@ -111,7 +112,7 @@ def test_the_deadline_ends_the_wait_on_a_silent_bus(kind: Kind) -> None:
     assert line.clock.now() <= begin_s + 0.0041
     kinds = [reading.kind for reading in readings.values() if isinstance(reading, ServoFault)]
     assert kinds[0] == "silent" and len(kinds) == len(IDS)
-    # In protocol 2.0, a silent servo silences those named after it, which are then asked one by one.
+    # In protocol 2.0, a silent servo silences the servos listed after it, which are then read one by one.
     assert set(kinds) == ({"silent", "no_time"} if kind.one_by_one or kind.waits else {"silent"})
 
 
@@ -125,7 +126,7 @@ def test_the_first_servo_of_a_chained_bus_is_silent_and_costs_little_time() -> N
 
 
 def costs_little(kind: Kind, servo_id: int, cycles: int) -> None:
-    """Silence a servo, and check that it is reported alone and that few cycles take much longer."""
+    """Silence a servo, and check that only this servo is reported and that few cycles take much longer."""
     line = Line(kind)
     period_s = kind.table.period_s
     begin_s = line.clock.now()
@@ -161,7 +162,7 @@ def test_a_whole_bus_that_returns_is_read_within_a_second(kind: Kind) -> None:
 
 
 def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
-    """Silence servos for three seconds and check that they are read again within a second.
+    """Silence servos for three seconds, and check that they are read again within a second.
 
     Before the first reply, a silent first servo of a chained read looks like a slow adapter.
     """
@@ -201,7 +202,7 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.with_goals], ids=lambda kind: kind.name)
 def test_no_goal_is_sent_while_a_reply_is_on_the_wire(kind: Kind) -> None:
-    """They would collide on a half-duplex wire, and goals are not acknowledged."""
+    """The packets would collide on a half-duplex wire, and goals are not acknowledged."""
     line = Line(kind)
     line.faults.disturbance = Disturbance(seed=5, drop=0.02, flip=0.02, noise=0.05)
     write = line.port.write

@@ -29,7 +29,7 @@ class Stalling:
         self.period_s = period_s
         self.truth = Truth(self.line)
         self.answers: dict[int, int] = {}
-        """Number of the last request that each servo has answered on the wire to the adapter."""
+        """Number of the last request that each servo has answered on the wire between servo and adapter."""
         self.cycles = self.torque_replies = 0
         """Number of cycles, and number of torque states received in time."""
         self._switch = series_of(kind.model).torque_enable
@@ -72,7 +72,8 @@ class Stalling:
         return seen
 
     def _ask_for_torque(self, servo_id: int) -> None:
-        """Read the torque state and check that it answers this request. The torque switch changes before each read."""
+        """Read the torque state and check that it answers this request. The torque switch is changed before each
+        read."""
         on = self.cycles % 2
         self.line.servos.servo(servo_id).memory.put(self._switch, on)
         states = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
@@ -163,7 +164,7 @@ def test_a_lost_reply_has_no_effect_after_a_later_reply(kind: Kind) -> None:
 @every_kind
 @pytest.mark.parametrize("pause_s", [0.0, 0.0003, 0.002], ids=str)
 def test_replies_to_an_abandoned_request_are_discarded(kind: Kind, pause_s: float) -> None:
-    """If another bus is lost while both are read, the replies of this bus arrive later."""
+    """If another bus is lost while both buses are read, the replies of this bus arrive later."""
     stalling = Stalling(kind, 0.02)
     stalling.cycle()
     for _ in range(3):

@@ -68,7 +68,7 @@ def test_two_late_replies_that_arrive_together_are_both_counted(kind: Kind) -> N
 
 @every_kind
 def test_replies_of_a_slow_adapter_are_received(kind: Kind) -> None:
-    """Every reply takes 16 ms, including the first, even if one servo is silent."""
+    """Every reply, including the first, is delayed by 16 ms, even if one servo is silent."""
     line = Line(kind, SlowPort)
     line.faults.silence(1)
     seen: set[int] = set()
@@ -110,7 +110,8 @@ def test_an_echo_longer_than_the_reply_is_detected(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.one_by_one], ids=lambda kind: kind.name)
 def test_reads_of_several_buses_overlap(kind: Kind) -> None:
-    """Two buses take hardly longer than one, because the second receives its bytes while the first is read."""
+    """Two buses take hardly longer than one bus, because the second bus receives its bytes while the first bus is
+    read."""
     clock = SimulatedClock(50.0)
     lines = [Line(kind, clock=clock), Line(kind, clock=clock)]
     begin_s = clock.now()
@@ -129,7 +130,7 @@ def test_reads_of_several_buses_overlap(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("alive", "dead"),
     [
-        # Every run tests each kind with one other kind, and the long run tests all pairs.
+        # Every run tests each kind together with one other kind, and the long run tests all pairs.
         pytest.param(
             alive,
             dead,
@@ -152,7 +153,8 @@ def test_a_silent_bus_does_not_affect_another_bus(alive: Kind, dead: Kind, perio
         deadline_s = begin_s + period_s / 2.0
         for which in order:
             lines[which].bus.request(IDS, deadline_s)
-        # The order of hal/servos/joint_buses.py: buses whose servos are asked one by one first, silent buses last.
+        # The order is that of hal/servos/joint_buses.py: first the buses whose servos are read one by one, silent buses
+        # last.
         in_turn = sorted(order, key=lambda which: (which == "dead", lines[which].bus.read_together))
         of = {which: lines[which].bus.receive() for which in in_turn}
         assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number

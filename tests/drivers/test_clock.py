@@ -11,7 +11,7 @@ OFFSET_S = 1.7e9
 
 
 def wall_of(clock: SimulatedClock, held_up_s: Sequence[tuple[float, float]]) -> Callable[[], float]:
-    """A wall clock. The thread is delayed before and after its reading by these times."""
+    """A wall clock. The thread is delayed by these times before and after it reads the clock."""
     pairs = list(held_up_s)
 
     def read() -> float:

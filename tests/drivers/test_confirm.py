@@ -1,4 +1,4 @@
-"""States are confirmed if two consecutive readings agree on the position."""
+"""States are confirmed only if two consecutive readings agree on the position."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -15,7 +15,7 @@ def state(counts: int) -> ServoState:
 
 
 def confirmed(*readings: int | None) -> tuple[Reading, int]:
-    """Return the result for one servo's readings (None: silent) and the number of readings taken."""
+    """Return the result for the readings of one servo (None: silent) and the number of readings that were taken."""
     taken = 0
 
     def answers() -> Iterator[Reading]:

@@ -42,7 +42,7 @@ def ids(replies: list[Any]) -> list[int]:
 
 @both
 def test_each_reply_has_the_number_of_garbage_bytes_before_it(dialect: Dialect) -> None:
-    """The result does not depend on how the bytes are split. The decoder counts bytes after the last reply."""
+    """The result does not depend on how the stream of bytes is split. The decoder counts bytes after the last reply."""
     chance = random.Random(5)
     for _ in range(200):
         noise = [bytes(chance.choices(range(200), k=chance.randrange(12))) for _ in range(4)]
@@ -59,7 +59,8 @@ def test_each_reply_has_the_number_of_garbage_bytes_before_it(dialect: Dialect) 
 
 
 def test_two_partial_replies_with_a_correct_checksum_are_not_a_reply() -> None:
-    """Servo 1 was at 2048. Taken as one packet, these bytes report -32512. This occurred in simulated time."""
+    """Servo 1 was at 2048. If these bytes are taken for one packet, the position in it is -32512. This occurred in
+    simulated time."""
     half, whole = bytes.fromhex("ffff010a0000"), bytes.fromhex("ffff020a00e20800000001771b76")
     decoder = v1.ReplyDecoder(8)
     replies = decoder.feed(half + whole) + decoder.finish()
@@ -110,7 +111,7 @@ def test_a_reply_without_data_is_accepted_only_as_a_refusal(
 
 @both
 def test_a_frame_of_a_wrong_size_is_skipped_at_once(dialect: Dialect) -> None:
-    """Its head is sufficient, and the bytes after it are decoded immediately."""
+    """The head of the packet is sufficient, and the bytes after it are decoded immediately."""
     long = dialect.reply(1, bytes(100), 0)
     decoder = dialect.decoder(SIZE)
     assert ids(decoder.feed(long[:12] + dialect.reply(2, b"abcdef", 0))) == [2]

@@ -16,7 +16,7 @@ ROBOTIS_COMMON = (
 )
 ROBOTIS = {
     "ax-12a": ROBOTIS_COMMON + ", 26 1, 27 1, 28 1, 29 1",
-    # Only the e-manual lists the tick (50).
+    # Only the e-manual contains the tick (50).
     "mx-28": ROBOTIS_COMMON + ", 20 2, 22 1, 26 1, 27 1, 28 1, 50 2, 73 1",
 }
 """Addresses and sizes according to dynamixel-workbench, ``dynamixel_item.cpp``, items_AX and items_MX."""

@@ -74,7 +74,7 @@ def test_all_states_are_read_in_one_exchange() -> None:
     assert [s.position_counts for s in states.values() if isinstance(s, ServoState)] == [1000, 2000, 3000]
     assert states[1] == ServoState(1000, 0, 0.0, 12.0, 27.0)
     asked = bytes((124, 0, 23, 0, 1, 2, 7))
-    # The second request only tests once whether fast reads are supported.
+    # The second request is sent only once, to test whether fast reads are supported.
     assert [(i.code, i.parameters) for i in line.sent] == [
         (Code.SYNC_READ, asked),
         (Code.FAST_SYNC_READ, asked),

@@ -1,4 +1,4 @@
-"""Fast sync reads: when they are used and given up, and that partial replies are not accepted."""
+"""Fast sync reads: when the bus uses them and stops using them, and that it never accepts partial replies."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +31,7 @@ Spoil = Callable[[bytes], bytes]
 
 
 def numbers(servo_id: int) -> bytes:
-    """Return a state that encodes the servo."""
+    """Return a state whose values encode the servo."""
     return BLOCK.fields.pack(servo_id, 2 * servo_id, -servo_id, 1000 * servo_id, 120, 30)
 
 
@@ -114,7 +114,7 @@ def ready() -> Line:
 
 
 def right(readings: Mapping[int, Reading], but: frozenset[int] = frozenset()) -> bool:
-    """Whether each servo has its own state, except for the servos in ``but``, which have a fault."""
+    """Return whether each servo has its own state, except for the servos in ``but``, which have a fault."""
     return list(readings) == list(IDS) and all(
         isinstance(r, ServoFault) if i in but else isinstance(r, ServoState) and r.position_counts == 1000 * i
         for i, r in readings.items()
@@ -207,7 +207,7 @@ def test_noise_causes_a_plain_read(noise: bytes) -> None:
     assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
     line.spoil = lambda packet: packet
     assert right(line.cycle())
-    assert line.codes() == [Code.SYNC_READ]  # a failed reply may still continue
+    assert line.codes() == [Code.SYNC_READ]  # a reply that has failed may still continue
     line.clock.sleep_until(line.clock.now() + OPEN_S)
     assert right(line.cycle())
     assert line.codes() == [Code.FAST_SYNC_READ]
@@ -228,7 +228,7 @@ def test_a_late_packet_is_never_a_reply_to_the_next_request() -> None:
     assert right(line.cycle())
     first, *others = line.codes()
     assert first == Code.FAST_SYNC_READ
-    assert set(others) == {Code.SYNC_READ}  # a plain read does not accept the common packet as a reply of one servo
+    assert set(others) == {Code.SYNC_READ}  # a plain read does not accept the common packet as the reply of one servo
     assert line.bus.counters.noise > 0
 
 
@@ -276,7 +276,7 @@ def test_thousands_of_fast_cycles_with_line_errors() -> None:
         assert all(reading == good[i] for i, reading in readings.items() if isinstance(reading, ServoState))
         clock.sleep_until(clock.now() + 0.015)
     assert bus._reader._group.fast.known
-    assert missing < 50  # of 14,000: a lost reply also silences the servos after it
+    assert missing < 50  # of 14,000 states: a lost reply also silences the servos after it
     faults = bus.counters.faults()
     assert faults["silent"] + faults["corrupt"] + faults["noise"] > sum(done.done.values()) / 2
     for servo_id in ids:

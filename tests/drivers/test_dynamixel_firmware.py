@@ -1,4 +1,4 @@
-"""The firmware version that a servo reports decides which instructions and which registers the driver uses."""
+"""The firmware version that a servo reports determines which instructions and registers the driver uses."""
 
 import pytest
 

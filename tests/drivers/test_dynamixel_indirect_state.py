@@ -1,4 +1,5 @@
-"""Reading the whole state through indirect registers: packets, proof of the map, and behavior without proof."""
+"""Reading the whole state through indirect registers: packets, validation of the map, and behavior without
+validation."""
 
 import contextlib
 import importlib
@@ -30,7 +31,7 @@ from tests.drivers.dynamixel_lines import TrueLine
 from tests.drivers.fault_lines import CYCLES
 from tests.drivers.tape import Tape
 
-# By name, because it has no types.
+# The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 has_fast_sync_read = pytest.mark.skipif(
     not hasattr(sdk.GroupSyncRead, "fastSyncReadTxPacket"), reason="this version of the SDK has no fast sync read"
@@ -112,7 +113,7 @@ AMPERES = {
     **dict.fromkeys(("mx-64", "mx-106"), 0.00336),
     "xh430-v": 0.00134,
 }
-"""Unit of the current by the beginning of the model's name, in A."""
+"""Unit of the current, by the beginning of the model's name, in A."""
 
 
 @pytest.mark.parametrize("mapped", [True, False])
@@ -137,7 +138,7 @@ def test_models_with_and_without_a_current_share_one_fast_read() -> None:
 
 
 def test_a_replaced_servo_has_the_current_unit_of_its_model() -> None:
-    """The program knew no model before."""
+    """The program did not know the model before."""
     line = TrueLine({1: x.XM430_W350})
     line.bus = Bus(line.port, line.clock, {1: x.XM430_W210})
     for model, current in ((x.XM430_W350, 2 * 0.00269), (x.XL330_M288, 0.002), (x.XL430_W250, None)):
@@ -189,7 +190,7 @@ def test_a_bulk_request_equals_that_of_the_sdk() -> None:
     ("firmware", "identified", "size"), [(46, False, 218), (46, True, 183), (40, False, 259), (40, True, 224)]
 )
 def test_the_bytes_of_a_read_of_seven_servos(firmware: int, identified: bool, size: int) -> None:
-    """Requests and replies. With the direct block, an alarm costs 26 bytes more and the delay of the adapter."""
+    """Requests and replies. With the direct block, an alarm takes 26 more bytes and another adapter delay."""
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware))
     line = line.identified() if identified else line
     line.bus.read_states(line.ids)
@@ -280,7 +281,7 @@ def test_torque_is_enabled_even_if_the_map_cannot_be_restored() -> None:
 
 @pytest.mark.parametrize(("firmware", "faulty"), [(46, 1), (44, 1)], ids=["fast", "plain"])
 def test_a_servo_without_the_mapped_cells_is_read_directly(firmware: int, faulty: int) -> None:
-    """The servo was replaced by a servo whose table ends before the cells."""
+    """The servo was replaced by a servo whose table ends before the indirect cells."""
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware)).identified()
     servo = line.servos.servo(6)
     read = servo._read
@@ -374,7 +375,7 @@ def test_a_lost_reply_during_set_up_is_requested_again() -> None:
 
 
 def test_mapping_writes_no_other_register_and_works_with_torque_enabled() -> None:
-    """Values of another program in the cells are not overwritten."""
+    """Values that another program has stored in the cells are not overwritten."""
     line = TrueLine(SEVEN)
     for servo in line.servos.servos:
         assert servo.write(x.torque_enable.address, b"\x01") == 0
@@ -462,7 +463,7 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + OPEN_S)
-    line.cycle()  # the last reset may be detected only now
+    line.cycle()  # the last reset may be detected only in this cycle
     for servo_id in line.ids:
         with contextlib.suppress(ServoRefused):  # an overload disables torque
             line.bus.torque_on(servo_id)
@@ -470,7 +471,7 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
 
 
 def test_a_reset_before_any_packet_never_causes_a_wrong_value() -> None:
-    """The servo is reset before each single packet in turn: while it is mapped, read and mapped again."""
+    """The servo is reset before each packet in turn: while the map is written, read back and written again."""
     for when in range(40):
         line = TrueLine({1: x.XL430_W250, 2: x.XM430_W350})
         sent = 0

@@ -29,7 +29,8 @@ pytest.importorskip("dynamixel_easy_sdk", reason="this version of the SDK has no
 NOT_IN_SDK = (x_series.startup_configuration, x_series.backup_ready)
 """Registers that only the e-manual lists."""
 IN_SDK = [model for model in MODELS.values() if model is not x_series.XC335_T332]
-"""Models with a file in the SDK. The XC335-T332 has one in dynamixel_hardware_interface, with the XC330's table."""
+"""Models with a file in the SDK. The XC335-T332 has a file only in dynamixel_hardware_interface, with the table of the
+XC330."""
 TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
 NAMES = {
     "return_delay": "return_delay_time",
@@ -46,7 +47,7 @@ def sdk_table(file: str) -> dict[str, tuple[int, int]]:
 
 
 def sdk_name(model: ServoModel) -> str:
-    """Return the name of the SDK's model file. For an MX, it contains the firmware protocol."""
+    """Return the name of the SDK's model file. For an MX, the name contains the protocol of the firmware."""
     return model.name.removesuffix("-2.0").replace("-", "_")
 
 
@@ -87,7 +88,7 @@ def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
 
 
 class Tables:
-    """A port with servos that consist only of their tables."""
+    """A port with servos that consist only of control tables."""
 
     name, baud = "tables", 1_000_000
 
@@ -186,7 +187,7 @@ def test_xl320_servos_are_read_by_plain_sync_reads(place: int) -> None:
     port = Tables({1: xl320.XL320, 2: xl320.XL320})
     bus = Bus(port, port.clock, {1: xl320.XL320, 2: xl320.XL320})
     place_xl320(port, 2)
-    for _ in range(place):  # a servo with an open request is asked for a different block
+    for _ in range(place):  # a servo with an open request is read with a different block
         port.silent = {1, 2}
         bus.read_states((1, 2), port.clock.now() + 0.005)
     port.silent, port.sent = set(), []
@@ -318,7 +319,8 @@ def test_no_input_remains_after_a_change_of_baud_rate() -> None:
 
 
 def test_models_are_kept_at_a_different_baud_rate() -> None:
-    """Otherwise each servo would be asked for the block of the X series, which an XL-320 does not have."""
+    """Otherwise, the bus would read the block of the X series from each servo, but an XL-320 does not have that
+    block."""
     clock = SimulatedClock()
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
     bus = Bus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})

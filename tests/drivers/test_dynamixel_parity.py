@@ -21,7 +21,7 @@ from drivers.servos.register import ServoModel
 from sim_backend.clock import SimulatedClock
 from tests.drivers.tape import SilentTape, Tape
 
-# By name, because it has no types.
+# The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 has_fast_sync_read = pytest.mark.skipif(
     not hasattr(sdk.GroupSyncRead, "fastSyncReadTxPacket"), reason="this version of the SDK has no fast sync read"
@@ -39,7 +39,7 @@ def same(ours: bytes, theirs: bytes) -> bool:
 
 
 def question(models: dict[int, ServoModel]) -> bytes:
-    """Return the request of the bus for states."""
+    """Return the request with which the bus reads states."""
     tape = Tape()
     Bus(tape, SimulatedClock(), models).request(tuple(models), math.inf)
     return tape.sent

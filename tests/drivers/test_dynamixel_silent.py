@@ -1,4 +1,5 @@
-"""A silent Dynamixel silences the servos that are named after it. They are read again in the same cycle."""
+"""A silent Dynamixel silences the servos that are listed after it. The bus reads these servos again in the same
+cycle."""
 
 from collections.abc import Mapping
 
@@ -16,12 +17,12 @@ LINES = {
     "sync read, old firmware": (ALIKE, dict.fromkeys(ALIKE, 44)),
     "bulk read": (MIXED, {i: 44 for i, model in MIXED.items() if model is x.XL330_M288}),
 }
-"""Models and firmware versions of a line, by the kind of group read that serves it."""
+"""Models and firmware versions of a line, by the kind of group read that the line supports."""
 each_read = pytest.mark.parametrize(("models", "firmware"), LINES.values(), ids=LINES)
 
 
 def lost(line: TrueLine, silent: set[int], cycles: int) -> dict[int, int]:
-    """Run cycles and return how many of them each servo lost, except for the silent servos."""
+    """Run cycles and return how many cycles each servo missed, except for the silent servos."""
     faults = [set(line.faults()) - silent for _ in range(cycles)]
     return {i: sum(i in missed for missed in faults) for i in line.ids if any(i in missed for missed in faults)}
 
@@ -65,7 +66,7 @@ def test_a_silent_servo_does_not_hide_torque_states(
     line = TrueLine(models, firmware).identified()
     line.servos.faults.silence(2)
     line.cycle()
-    line.clock.sleep_until(line.clock.now() + 1.0)  # no late reply is possible any more
+    line.clock.sleep_until(line.clock.now() + 1.0)  # a late reply is no longer possible
     others = tuple(i for i in line.ids if i != 2)
     states = line.bus.torque_states(line.ids, line.clock.now() + 0.02)
     assert states == dict.fromkeys(others, False)

@@ -25,7 +25,7 @@ each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: ki
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Return for each request whether its replies were decoded together."""
+    """Return, for each request, whether its replies were decoded together."""
     went: list[bool] = []
     real = GroupRead.collect
 
@@ -191,7 +191,7 @@ def test_a_servo_that_has_lost_its_map_is_reported_and_read_directly() -> None:
 
 
 def test_a_miss_counts_once_against_the_map() -> None:
-    """It is not counted again for every read without a deadline that the servo answers."""
+    """The alarm is not counted again for every read without a deadline that the servo answers."""
     (kind,) = MAPPED
     line, _ = steady_line(kind)
     assert isinstance(line.bus, Bus)

@@ -20,7 +20,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.packets.dynamixel import InstructionParser, status_packet
 from tests.drivers.tape import Tape
 
-# By name, because it has no types.
+# The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 
 PATTERN = b"\xff\xff\xfd"
@@ -117,7 +117,7 @@ def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
 
 
 def pieces(data: bytes, cuts: Sequence[int]) -> list[bytes]:
-    """Return ``data`` split at these places."""
+    """Return ``data`` split at these positions."""
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
     return [data[a:b] for a, b in pairwise(edges)]
 

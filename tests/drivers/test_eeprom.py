@@ -201,7 +201,7 @@ def test_an_id_in_use_is_refused() -> None:
 
 @pytest.mark.parametrize("heard", range(SILENCES))
 def test_an_id_is_in_use_if_any_reply_arrives(heard: int) -> None:
-    """Two servos with one ID cannot be separated over the bus. The first packet reads the old ID."""
+    """Two servos with one ID cannot be distinguished over the bus. The first packet is the read of the old ID."""
     line = Line()
 
     def meddle(number: int) -> None:
@@ -228,7 +228,8 @@ def test_an_id_is_in_use_if_a_corrupt_reply_arrives() -> None:
 @pytest.mark.parametrize("length", range(1, TRIES))
 @pytest.mark.parametrize("at", range(10))
 def test_reads_are_repeated(at: int, length: int, fault: str) -> None:
-    """``length`` consecutive replies about the setting, torque or lock are lost. The setting is written once."""
+    """``length`` consecutive replies to requests about the setting, the torque or the lock are lost. The setting is
+    written only once."""
     line = Line()
 
     def meddle(number: int) -> None:
@@ -296,7 +297,7 @@ def test_a_servo_that_becomes_silent_is_named(number: int) -> None:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert caught.value.servo_id == 1
     opened = line.held(sts.lock) == 0
-    # A caller that only sees the first error also learns about the lock.
+    # A caller that catches only the first error also learns that the lock is open.
     assert not opened or "lock (register 55)" in str(caught.value) + "".join(getattr(caught.value, "__notes__", []))
 
 
@@ -310,7 +311,7 @@ def test_a_lost_port_raises_port_lost(number: int) -> None:
 
 @pytest.mark.parametrize("number", range(24))
 def test_settings_survive_a_reset_between_writes(number: int) -> None:
-    """A reset closes the lock. A value written afterwards can be read back, but is lost at power-off."""
+    """A reset closes the lock. A value that is written after a reset can be read back, but is lost at power-off."""
     line = Line()
     line.port.before_write = lambda n: line.first.power_cycle() if n == number else None
     values = {sts.position_p: 16, sts.position_d: 20, sts.homing_offset: -85}
@@ -409,7 +410,7 @@ def test_the_lock_is_closed_however_the_block_ends(at: int, length: int, fault: 
     if ended is None:
         line.first.power_cycle()
         assert [line.held(register) for register, _ in steps] == [value for _, value in steps]
-    unheard = length if fault == "not heard" else 0  # A write that does not arrive wears nothing, and is repeated.
+    unheard = length if fault == "not heard" else 0  # A write that does not arrive causes no wear, and is repeated.
     assert len(line.port.wear) <= len(steps) + unheard
 
 

@@ -22,7 +22,7 @@ WRITE = 0x03
 
 @dataclass(frozen=True)
 class Case:
-    """A model, its new settings (lowest address first), a setting that keeps its value, and the ID register."""
+    """A model, its new settings (lowest address first), a setting that already has its value, and the ID register."""
 
     model: ServoModel
     new: Mapping[Register, int]

@@ -25,13 +25,13 @@ every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda m: m.
 
 
 _SHORT_BY = {"xl320": 13}
-"""Position error from the identified friction at a P gain that produces little drive."""
+"""Position error that the identified friction causes at a P gain that produces little drive."""
 
 
 class Bench:
     def __init__(self, model: ServoModel) -> None:
         self.clock = SimulatedClock(10.0)
-        # The value is proportional, because the largest model has fifty times the torque of the smallest.
+        # The value is proportional to the torque, because the largest model has fifty times the torque of the smallest.
         share = model.stall_torque_nm / sts.STS3215.stall_torque_nm
         plant = BenchPlant(IDS, inertia_kg_m2=share * 0.024, friction_nm=share * 0.06)
         models = dict.fromkeys(IDS, model)
@@ -46,7 +46,8 @@ class Bench:
 
 
 _KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
-"""Bytes that an STS keeps although its table omits them or calls them read-only. It refuses 0 to 3 and 56 to 77."""
+"""Bytes that an STS stores although its table omits them or marks them as read-only. An STS refuses writes to 0 to 3
+and 56 to 77."""
 
 
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:

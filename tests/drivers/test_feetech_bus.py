@@ -40,7 +40,7 @@ class Line:
 
 
 class ScriptedPort:
-    """A port that answers each write with the next of ``answers`` at once and is silent afterwards."""
+    """A port that answers each write at once with the next of ``answers``, and is silent after the last one."""
 
     name = "scripted"
     baud = 1_000_000
@@ -159,7 +159,7 @@ def test_more_goals_than_a_packet_holds_are_refused() -> None:
 
 @pytest.mark.parametrize("cycles_before", [0, 3])
 def test_a_goal_that_does_not_fit_affects_no_reply(cycles_before: int) -> None:
-    """It is refused before anything is sent. The servos keep their goals, and nothing is counted."""
+    """The request is refused before anything is sent. The servos keep their goals, and nothing is counted."""
     line = Line()
     goals = {i: ServoGoal(2000 + i) for i in IDS}
     for _ in range(cycles_before):
@@ -174,7 +174,7 @@ def test_a_goal_that_does_not_fit_affects_no_reply(cycles_before: int) -> None:
 
 
 def test_an_alarm_in_a_reply_is_not_an_error() -> None:
-    """A servo with an overload alarm must still accept commands, above all torque off."""
+    """A servo with an overload alarm must still accept commands, above all the command to release its torque."""
     bus, _, _ = scripted(status(1, b"\x01", error=0x20), b"", status(1, error=0x20))
     assert bus.torque_is_on(1)
     assert bus.torque_off([1]) == []
@@ -207,7 +207,7 @@ def test_the_wait_for_a_truncated_reply_ends_at_the_deadline() -> None:
     ],
 )
 def test_a_reply_of_a_different_length_is_not_a_value(register: Register, data: bytes) -> None:
-    """A late acknowledgment has the right ID and a right checksum, but does not answer the request."""
+    """A late acknowledgment has the right ID and a valid checksum, but does not belong to the request."""
     bus, _, _ = scripted(status(1, data))
     with pytest.raises(ServoCorrupt, match=rf"servo 1: sent {len(data)} bytes? in reply to {register.name}"):
         bus.read(1, register)
@@ -246,7 +246,7 @@ def test_a_servo_without_acknowledgments_is_refused_with_the_setting() -> None:
 
 
 def test_a_servo_that_acknowledges_writes_despite_its_setting_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulator with an empty table behaves like this."""
+    """A simulator with an empty table behaves in this way."""
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
     line.servos.servo(3).memory.put(sts.acceleration, 7)
@@ -285,7 +285,7 @@ def test_old_input_is_discarded_before_a_request() -> None:
 
 
 def test_an_interrupt_in_a_read_does_not_block_the_bus() -> None:
-    """After Ctrl-C, the servos must still be reachable to disable their torque."""
+    """After Ctrl-C, the servos must still be reachable, so that their torque can be released."""
     line = Line()
     line.bus.torque_on(1)
 
@@ -316,7 +316,7 @@ def test_all_states_are_read_in_one_exchange() -> None:
 
 
 def test_units_and_signs_of_a_state() -> None:
-    data = bytes((0x01, 0x80, 0x64, 0x80, 0xF4, 0x05, 118, 41))  # -1, -100, -500, 11.8 V, 41 C
+    data = bytes((0x01, 0x80, 0x64, 0x80, 0xF4, 0x05, 118, 41))  # position -1, velocity -100, load -500, 11.8 V, 41 C
     bus, _, _ = scripted(status(1, data, error=0x24))
     assert bus.read_states([1])[1] == ServoState(
         -1, -100, pytest.approx(0.5), pytest.approx(11.8), 41.0, ("temperature", "overload")
@@ -477,7 +477,7 @@ def test_torque_off_is_repeated_and_a_silent_servo_does_not_delay_others() -> No
 
     def reaches(servo_id: int) -> bool:
         written_ids.append(servo_id)
-        return written_ids.count(servo_id) > ATTEMPTS  # loses the broadcast and all attempts except the last
+        return written_ids.count(servo_id) > ATTEMPTS  # loses the broadcast and all attempts except for the last one
 
     for servo_id in (1, 3):
         line.bus.torque_on(servo_id)
@@ -498,7 +498,7 @@ def test_a_limit_without_any_torque_is_refused_with_the_register() -> None:
 
 @pytest.mark.parametrize(("share", "value"), [(1.0, 999), (0.5, 500), (0.1234, 123)])
 def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
-    """It always differs from the limit of a servo that was reset."""
+    """The written limit always differs from that of a servo that was reset."""
     line = Line()
     line.bus.limit_torque(1, share)
     assert line.held(1, sts.torque_limit) == value

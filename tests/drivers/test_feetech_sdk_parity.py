@@ -15,7 +15,7 @@ from drivers.protocol import v1 as wire
 from drivers.servos import sts
 from tests.drivers.tape import SilentTape, Tape
 
-# By name, because it has no types.
+# The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
@@ -80,7 +80,8 @@ def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
 
 @given(ids)
 def test_torque_off_equals_that_of_the_sdk(servo_ids: list[int]) -> None:
-    """One packet to all servos is followed by one to each servo, repeated for servos that do not answer."""
+    """One packet to all servos is followed by one packet to each servo, which is repeated if the servo does not
+    answer."""
     ours, theirs = SilentTape(), SilentTape()
     assert len(Bus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
     for _ in range(ATTEMPTS):

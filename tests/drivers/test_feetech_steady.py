@@ -1,4 +1,4 @@
-"""Cycles of an STS bus without faults: no state is lost, no goal is sent twice, and no old reply is accepted."""
+"""Cycles of an STS bus without faults: no state is lost, no goal is sent twice, and no outdated reply is accepted."""
 
 from collections.abc import Callable
 
@@ -72,14 +72,15 @@ def test_alarms_are_counted_in_every_cycle() -> None:
     line, _ = steady_line()
     line.bus.write(3, sts.max_voltage, 50)
     line.clock.sleep_until(line.clock.now() + 0.1)
-    for cycles in (1, 2, 3):  # the first cycle discards input, because a single request preceded it
+    for cycles in (1, 2, 3):  # the first cycle discards input, because a request to a single servo preceded it
         reading = line.cycle()[3]
         assert isinstance(reading, ServoState) and reading.alarms == ("voltage",)
         assert (line.account(3).alarms, line.account(4).alarms) == (cycles, 0)
 
 
 def test_an_old_reply_of_a_single_servo_is_not_accepted() -> None:
-    """Only its length distinguishes it from the new reply. It arrives after the fault has ended."""
+    """Only its length distinguishes the late reply from the new reply. The late reply arrives after the fault has
+    ended."""
     line, port = steady_line()
     truth = Truth(line)
     take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]

@@ -99,7 +99,7 @@ def test_a_potentiometer_covers_less_than_a_turn() -> None:
         assert model.positions == scs.POSITIONS < model.counts_per_turn
 
 
-# rustypot has its own tables with different register names. The bytes that it sends show their addresses.
+# rustypot has its own tables with different register names. The bytes that rustypot sends show the addresses.
 
 UNCOMPARED = {
     # In rustypot, 24 is a word of two bytes, as in older editions of the memory table.
@@ -131,7 +131,7 @@ THEIR_NAMES = {
     "max_acceleration": "maximum_acceleration",
     "pwm_max_step": "pwm_maximum_step",
 }
-"""Names of registers in rustypot, if they differ."""
+"""Names of registers in rustypot that differ from ours."""
 
 
 @contextmanager

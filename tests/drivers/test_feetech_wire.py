@@ -1,4 +1,5 @@
-"""Packets and the decoder: whatever happens to the bytes, no reply is invented and no valid reply is lost."""
+"""Packets and the decoder: whatever happens to the bytes, the decoder returns no false reply and loses no valid
+reply."""
 
 from itertools import pairwise
 
@@ -28,7 +29,7 @@ def replies_in(stream: bytes) -> list[Reply]:
     while at + FRAME_SIZE <= len(stream):
         part = stream[at : at + FRAME_SIZE]
         data = part[5:-1]
-        whole = b"\xff\xff" not in part[2:]  # otherwise another frame begins within it
+        whole = b"\xff\xff" not in part[2:]  # otherwise another frame begins within this one
         if whole and part[2] <= 0xFD and part == frame(part[2], data, part[4]):
             found.append(Reply(part[2], part[4], data))
             at += FRAME_SIZE
@@ -160,7 +161,7 @@ def test_a_reply_with_one_wrong_byte_is_never_accepted(servo_id: int, data: byte
 
 @given(tricky_bytes, servo_ids, payloads, all_cuts)
 def test_a_later_valid_frame_is_found(garbage: bytes, servo_id: int, data: bytes, cuts: list[int]) -> None:
-    """A false frame with a correct checksum may hide one valid frame, but not the frame after it."""
+    """A false frame with a valid checksum may hide one valid frame, but not the frame after it."""
     silence = bytes(FRAME_SIZE)
     stream = garbage + silence + frame(servo_id, data)
     assert decode(split(stream, cuts))[-1] == Reply(servo_id, 0, data)

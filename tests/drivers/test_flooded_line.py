@@ -1,4 +1,4 @@
-"""A bus flooded with endless noise: no cycle exceeds its time, and the first cycle afterwards has every state."""
+"""A bus flooded with endless noise: no cycle exceeds its time, and the first cycle afterwards reads every state."""
 
 import random
 
@@ -12,14 +12,14 @@ FLOOD_S = 1.0
 BYTE_S = 1e-6
 """Rate of a faulty adapter or a pseudo-terminal, ten times that of a serial line at 1 Mbit/s."""
 COPIED_S = 2e-9
-"""Time in which the kernel returns a received byte."""
+"""Time that the kernel needs to return a received byte."""
 LEFT_BYTES = 300_000
-"""Bytes in the buffers of the kernel and the adapter when the flood ends. A flush discards only part of them."""
+"""Bytes in the buffers of the kernel and the adapter when the flood ends. A flush discards only some of these bytes."""
 FLUSHED_BYTES = 70_000
 
 
 class FloodedPort(VirtualPort):
-    """A port on which reads return noise at once, as many bytes as requested."""
+    """A port on which reads immediately return as many noise bytes as requested."""
 
     noise = b""
     flooded_until_s = -1.0

@@ -8,7 +8,7 @@ from drivers.servos.catalog import series_of
 from tests.drivers.test_single_calls import Bench, Case, every_case
 
 HALF = 500
-"""Share of full torque, which is a different number of steps in every series."""
+"""Share of full torque, which corresponds to a different number of steps in every series."""
 DEAF_S = 1.0
 """Maximum time of a reboot, in seconds."""
 

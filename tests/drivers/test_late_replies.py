@@ -1,4 +1,5 @@
-"""Late replies of a servo are distinguished from current replies, whatever is lost, if replies keep their order."""
+"""Late replies of a servo are distinguished from current replies, whatever is lost, as long as replies keep their
+order."""
 
 from collections import deque
 
@@ -12,16 +13,16 @@ CYCLE_S = 0.01
 
 
 class OneServo:
-    """One servo and its requests. An adapter delivers its replies in their order."""
+    """One servo and its requests. An adapter delivers replies in their order."""
 
     def __init__(self) -> None:
         self.late = LateReplyFilter()
         self.asked: list[int] = []
         self.held: deque[int] = deque()
-        """Requests whose replies are held by the adapter."""
+        """Requests whose replies the adapter holds back."""
 
     def ask(self, *, lost: bool = False, comes: int = 100) -> int | None:
-        """Send a request, after which at most ``comes`` replies arrive. Return the request whose reply was accepted."""
+        """Send a request. After it, at most ``comes`` replies arrive. Return the request whose reply was accepted."""
         question, now_s = len(self.asked), len(self.asked) * CYCLE_S
         self.late.forget(now_s)
         self.asked.append(SIZES[self.late.place({1: SIZES})])
@@ -45,7 +46,7 @@ def test_only_the_current_reply_is_accepted_and_soon_again(cycles: list[tuple[bo
     for lost, comes in cycles:
         question = len(servo.asked)
         assert servo.ask(lost=lost, comes=comes) in (None, question)
-    servo.ask(lost=True)  # all replies held by the adapter arrive
+    servo.ask(lost=True)  # all replies that the adapter holds back arrive
     beginning = len(servo.asked)
     believed = servo.ask(), servo.ask()
     assert believed[0] in (None, beginning)

@@ -33,7 +33,7 @@ class Line(Protocol):
     clock: Clock
 
     def ask(self) -> None:
-        """Send a ping through the port. Its reply is on the way when this returns."""
+        """Send a ping through the port. When this method returns, the reply is on the way."""
         ...
 
     def arrive(self, size: int) -> None:

@@ -243,7 +243,7 @@ def test_goals_arrive_with_their_velocity(kind: Kind) -> None:
     line.bus.write_goals({1: ServoGoal(600, 300), 2: ServoGoal(700)})
     assert (line.bus.goal(1), line.bus.goal(2)) == (600, 700)
     assert line.held(2, sts.goal_velocity) == 0
-    # Never slower than requested, and less than one unit faster.
+    # The result is never slower than requested, and less than one unit faster.
     unit = 1.0 if kind.order == "big" else dxl.speed_unit_counts_s(kind.models[1])
     assert 300 <= line.held(1, sts.goal_velocity) + 0.5 < 301 + unit
     line.bus.write_goals({1: ServoGoal(600, 10**6)})
@@ -262,7 +262,7 @@ def test_a_goal_outside_the_servos_range_is_not_sent(kind: Kind) -> None:
 @every_kind
 @pytest.mark.parametrize("velocity", [-1, -5, -(10**6)])
 def test_a_goal_with_a_negative_velocity_is_not_sent(kind: Kind, velocity: int) -> None:
-    """A small negative velocity must not be rounded to 0 either, which means maximum velocity."""
+    """A small negative velocity must not be rounded to 0 either, because 0 means maximum velocity."""
     bus, port, _ = scripted(kind)
     with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing was written"):
         bus.write_goals({1: ServoGoal(500, velocity)})

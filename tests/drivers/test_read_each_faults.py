@@ -1,4 +1,5 @@
-"""Faults specific to buses that ask servos one by one: servos without time, and late replies known by their length."""
+"""Faults specific to buses that ask servos one by one: servos for which no time is left, and late replies recognized by
+their length."""
 
 import pytest
 

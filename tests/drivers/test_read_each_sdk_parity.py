@@ -18,7 +18,7 @@ from drivers.servos import scs
 from drivers.servos.register import ServoModel
 from tests.drivers.tape import Tape
 
-# By name, because they have no types.
+# The modules are imported by name, because they have no types.
 feetech: Any = importlib.import_module("scservo_sdk")
 dynamixel: Any = importlib.import_module("dynamixel_sdk")
 

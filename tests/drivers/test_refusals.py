@@ -1,4 +1,5 @@
-"""A servo that refuses a read is reported with its reason. It does not count as silent and never has a value."""
+"""A servo that refuses a read is reported with its reason. Such a servo does not count as silent and never has a
+value."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +27,7 @@ X_KINDS = [kind for kind in KINDS if kind.model in x.MODELS.values()]
 
 
 def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
-    """Make a servo refuse every read with this error. The returned function ends this."""
+    """Make a servo refuse every read with this error. Call the returned function to end the refusals."""
     servo: Any = line.servos.servo(servo_id)
     if line.kind in X_KINDS:
         servo._read = lambda address, size: (error, b"")
@@ -81,7 +82,7 @@ def test_an_acknowledgment_is_not_a_refusal() -> None:
 @pytest.mark.parametrize("last", [True, False], ids=["refusal late", "answer late"])
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS], ids=lambda kind: kind.name)
 def test_a_reply_after_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
-    """The refusal arrives in place of the next reply, and this reply in place of the one after it."""
+    """The refusal arrives instead of the next reply, and that reply arrives instead of the one after it."""
     line = Line(kind)
     truth = Truth(line)
     for number in range(14):
@@ -108,7 +109,7 @@ def test_a_reply_after_a_late_refusal_is_never_an_old_state(kind: Kind, last: bo
 @pytest.mark.parametrize("arrives", [(2, 4), (3, 5), (3, 6), (4, 7), (5, 6)], ids=str)
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
 def test_a_refusal_does_not_close_open_requests(kind: Kind, arrives: tuple[int, int]) -> None:
-    """Replies keep their order, and two are delayed: a refusal in cycle 1 and the reply in cycle 2."""
+    """Replies keep their order, and two of them are delayed: a refusal in cycle 1 and the reply in cycle 2."""
     line = Line(kind, WatchedPort)
     port = line.port
     assert isinstance(port, WatchedPort)

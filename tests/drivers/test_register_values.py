@@ -46,7 +46,7 @@ REFUSED = [
     (sts.STS3215, "max_torque", 1001, "0 to 1000"),
     (scs.SCS15, "max_position", 1024, "0 to 1023"),
 ]
-"""Values that a servo refuses, with the accepted ones. The examples of X servos are those of the e-manual."""
+"""Values that a servo refuses, with the accepted ones. The examples for X servos are those of the e-manual."""
 
 
 def named(model: ServoModel, name: str) -> Register:

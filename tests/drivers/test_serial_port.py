@@ -1,4 +1,4 @@
-"""The serial port: which devices it opens, and its messages about those that it does not open."""
+"""The serial port: which devices it opens, and the messages about devices that it does not open."""
 
 import errno
 import fcntl
@@ -124,7 +124,8 @@ def test_a_device_that_disappears_while_it_is_opened_is_missing(
 
 @pytest.mark.parametrize("how", ["exclusive", "sdk", "plain"])
 def test_a_port_in_use_names_its_owner(terminal: Terminal, how: str, tmp_path: Path) -> None:
-    """Only one of the two programs locks the device. Two programs on one bus are just as bad without a lock."""
+    """Only one of the two programs locks the device. Two programs on one bus disturb each other even if one of them
+    does not lock the device."""
     link = tmp_path / "bus"
     link.symlink_to(terminal.device)
     holder = subprocess.Popen(
@@ -184,13 +185,14 @@ NOBODY = 65534
 
 @pytest.fixture
 def adapter(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    """A pseudo-terminal that is treated as an adapter. A second descriptor shows its state."""
+    """A pseudo-terminal that is treated as an adapter. A second file descriptor shows the state of the terminal."""
     monkeypatch.setattr(owners, "PSEUDO_TERMINALS", Path("/nowhere"))
     return terminal
 
 
 def shut(terminal: Terminal) -> bool:
-    """Whether the kernel keeps other programs out. It refuses nothing to root, as which tests may run."""
+    """Return whether the kernel refuses to open the device for other programs. The kernel refuses nothing to root, and
+    tests may run as root."""
     looking = os.open(terminal.device, os.O_RDWR | os.O_NOCTTY)
     try:
         return struct.unpack("i", fcntl.ioctl(looking, TIOCGEXCL, bytes(4))) == (1,)
@@ -210,14 +212,14 @@ def test_an_open_port_excludes_programs_that_do_not_lock(adapter: Terminal) -> N
 
 
 def opened_by_nobody(device: str) -> str:
-    """Return what a program of an ordinary user prints that opens the device as the SDKs do."""
+    """Return the output of a program of an ordinary user that opens the device in the way of the SDKs."""
     program = (
         "import os, sys\n"
         "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)\n"
         "except OSError as error: print(error.strerror)\n"
         "else: print('open')"
     )
-    # The system's Python, because an ordinary user may have no access to the environment's.
+    # The system's Python, because an ordinary user may not have access to that of the environment.
     command = ["/usr/bin/python3", "-c", program, device]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, user=NOBODY, group=NOBODY, cwd="/")
@@ -246,7 +248,7 @@ def test_a_port_that_cannot_be_used_is_left_open_to_others(adapter: Terminal, mo
 
 
 def test_a_killed_program_does_not_block_the_emulators_port(terminal: Terminal) -> None:
-    """The kernel lifts the ban at the last close, but the far end of a pseudo-terminal stays open."""
+    """The kernel releases the exclusive lock at the last close, but the far end of a pseudo-terminal stays open."""
     program = (
         "import os, signal, sys; from drivers.port.serial_port import SerialPort\n"
         "port = SerialPort(sys.argv[1]); os.kill(os.getpid(), signal.SIGKILL)"
@@ -459,7 +461,7 @@ def test_a_closed_port_never_uses_a_reused_descriptor(terminal: Terminal, tmp_pa
 
 
 def test_a_long_burst_is_read_whole_and_a_short_one_at_its_deadline(terminal: Terminal) -> None:
-    """The kernel waits for a number of bytes, but fewer bytes must still be returned."""
+    """The kernel waits for a given number of bytes, but fewer bytes must also be returned."""
     port = SerialPort(terminal.device)
     burst = bytes(range(200))
     for at in range(0, 200, 20):
@@ -476,7 +478,7 @@ def test_a_long_burst_is_read_whole_and_a_short_one_at_its_deadline(terminal: Te
 
 @pytest.mark.parametrize("size", [40, 98, 200])
 def test_a_second_burst_of_the_same_size(terminal: Terminal, size: int) -> None:
-    """The kernel setting is not repeated, and the kernel may return the burst in several pieces."""
+    """The kernel setting is not written again, and the kernel may return the burst in several pieces."""
     port, now = SerialPort(terminal.device), MonotonicClock().now
     burst = bytes(range(size))
     for _ in range(3):

@@ -1,4 +1,5 @@
-"""A silent servo costs the other servos of a bus nothing at 20 Hz, and at most one cycle at the highest rate."""
+"""A silent servo does not affect the other servos of a bus at 20 Hz, and costs them at most one cycle at the highest
+rate."""
 
 import pytest
 
@@ -8,7 +9,7 @@ from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 SLOW_S = 0.04
 """Time for reading at 20 Hz, in seconds."""
 SPARE_S = 0.002
-"""Time that a cycle needs in addition to that of its bytes, in seconds: see docs/bus.md."""
+"""Time that a cycle needs in addition to the time of its bytes, in seconds (see docs/bus.md)."""
 CYCLES = 25
 LINES = [kind for kind in KINDS if kind.mapped or not (kind.with_goals or kind.name.startswith("scs15"))]
 
@@ -49,7 +50,8 @@ def test_the_others_are_read_in_every_cycle_after_the_first(kind: Kind, silent: 
 
 @pytest.mark.parametrize("kind", [kind for kind in LINES if kind.waits and not kind.mapped], ids=lambda kind: kind.name)
 def test_a_silent_servo_is_found_if_the_deadline_is_right_after_the_last_reply(kind: Kind) -> None:
-    """Its own reply is due earlier, so the deadline is not the cause. The next cycle reads the servos after it."""
+    """The servo's own reply is due earlier, so the deadline is not the cause. The next cycle reads the servos after
+    it."""
     line = Line(kind)
     assert line.missing() == {}
     budget_s = line.bus.exchange_size({}, IDS) * 10.0 / line.port.baud + 0.0003

@@ -115,7 +115,7 @@ def test_a_reply_after_an_interrupt_is_discarded(case: Case, monkeypatch: pytest
         patch.setattr(bench.port, "read", interrupted)
         with pytest.raises(KeyboardInterrupt):
             bench.bus.read(1, case.temperature)
-    # Discarding input does not help while the reply is still on its way.
+    # Discarding input has no effect while the reply is still on its way.
     assert bench.bus.read(1, case.torque) == 0
 
 
@@ -157,7 +157,7 @@ def test_noise_before_an_echo_does_not_turn_the_request_into_a_reply(case: Case,
 
 @every_case
 def test_an_adapter_that_begins_to_echo_does_not_turn_requests_into_replies(case: Case) -> None:
-    """In protocol 1.0, a request for two bytes looks like a reply with two bytes."""
+    """In protocol 1.0, a request for two bytes looks the same as a reply with two bytes."""
     bench = Bench(case)
     bench.bus.read_states((1,), bench.clock.now() + 0.05)  # no echo
     bench.port.echoes = True
@@ -170,7 +170,7 @@ def test_an_adapter_that_begins_to_echo_does_not_turn_requests_into_replies(case
     for register in (case.position, case.torque, case.temperature):
         try:
             assert bench.bus.read(1, register) == bench.held(register)
-        except ServoError:  # the echo that is expected is missing
+        except ServoError:  # the expected echo is missing
             assert bench.bus.read(1, register) == bench.held(register)
     bench.bus.ping(1)
 
@@ -194,7 +194,7 @@ def test_a_cycle_does_not_wait_for_a_late_reply(case: Case) -> None:
     bench.late(case.temperature)
     for _ in range(
         60
-    ):  # at 200 Hz: if waiting used up the time of the request, a late reply would always remain possible
+    ):  # at 200 Hz: if waits used up the time of the request, a late reply would always remain possible
         begin_s = bench.clock.now()
         try:
             assert bench.bus.torque_states((1,), begin_s + 0.0025) == {1: False}
@@ -255,4 +255,4 @@ def test_the_wait_for_a_late_reply_does_not_lengthen_timeouts(case: Case) -> Non
     begin_s = bench.clock.now()
     bench.servos.faults.silence(1)
     bench.bus.read_states((1,), begin_s + 0.1)
-    assert bench.clock.now() - begin_s < 0.015  # shorter than one reply of a slow adapter
+    assert bench.clock.now() - begin_s < 0.015  # shorter than one reply through a slow adapter

@@ -20,7 +20,7 @@ from drivers.servos.register import Access, Register, ServoModel
 from tests.drivers.fault_lines import CYCLES
 from tests.drivers.tape import SilentTape
 
-# By name, because they have no types.
+# The modules are imported by name, because they have no types.
 feetech: Any = importlib.import_module("scservo_sdk")
 dynamixel: Any = importlib.import_module("dynamixel_sdk")
 
@@ -35,7 +35,7 @@ BROADCAST = 0xFE
 ids = st.integers(0, wire.LARGEST_ID)
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 some = settings(max_examples=CYCLES // 40)
-"""Few examples for each model, because all models of a protocol share the code under test."""
+"""There are few examples for each model, because all models of a protocol share the code under test."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -57,7 +57,7 @@ def table_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 def ours(model: ServoModel, servo_id: int, tell: Callable[[Bus], object]) -> bytes:
-    """Return the packets that the bus sends, without any reply."""
+    """Return the packets that the bus sends if no reply arrives."""
     feetech.SCS_SETEND(0)
     tape = SilentTape()
     with suppress(ServoSilent):
@@ -73,7 +73,7 @@ def theirs(model: ServoModel, tell: Callable[[Any, SilentTape], object]) -> byte
 
 
 def contents(model: ServoModel, register: Register, value: int) -> list[int]:
-    """Return a value's bytes, including its sign, encoded by the SDK's own macros."""
+    """Return the bytes of a value, including its sign, as encoded by the SDK's own macros."""
     if series_of(model).make == "feetech":
         raw = value if register.sign_bit is None else feetech.SCS_TOSCS(value, register.sign_bit)
         return [raw] if register.size == 1 else [feetech.SCS_LOBYTE(raw), feetech.SCS_HIBYTE(raw)]
@@ -143,7 +143,8 @@ def test_action(model: ServoModel) -> None:
 
 @every_model
 def test_broadcast_ping(model: ServoModel) -> None:
-    """Only protocol 2.0 supports it. It is not available in dynamixel_sdk's protocol 1.0 and in scservo_sdk."""
+    """Only protocol 2.0 supports this instruction. The instruction is not available in scservo_sdk and in the protocol
+    1.0 of dynamixel_sdk."""
     if series_of(model).protocol.name == "Dynamixel protocol 2.0":
         packet = theirs(model, lambda sdk, tape: sdk.broadcastPing(tape))
         assert ours(model, 1, lambda bus: bus.broadcast_ping()) == packet != b""
@@ -164,7 +165,8 @@ def by_the_manual(servo_id: int, instruction: int) -> bytes:
 @some
 @given(servo_id=ids)
 def test_reboot(model: ServoModel, servo_id: int) -> None:
-    """scservo_sdk has no reboot. Protocol 1.0 has none either, and dynamixel_sdk then sends nothing."""
+    """scservo_sdk has no reboot instruction. Protocol 1.0 has no reboot either, and dynamixel_sdk then sends
+    nothing."""
     if series_of(model).protocol.name == "Dynamixel protocol 1.0":
         with pytest.raises(ServoRefused, match="cannot be rebooted"):
             ours(model, servo_id, lambda bus: bus.reboot(servo_id))

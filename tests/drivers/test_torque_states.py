@@ -1,4 +1,4 @@
-"""One read per servo returns whether torque is enabled and the torque limit, which a reset servo has lost."""
+"""One read from each servo returns whether torque is enabled, and the torque limit, which a servo loses at a reset."""
 
 import pytest
 
@@ -57,7 +57,7 @@ def test_every_servo_is_read_once(kind: Kind) -> None:
     line = driving(kind)
     assert line.bus.torque_states(IDS, line.clock.now() + 1.0) == dict.fromkeys(IDS, True)
     assert isinstance(line.port, WatchedPort)
-    together = series_of(kind.model).protocol.group_read == "sync"  # in a bulk read, a silent servo hides others
+    together = series_of(kind.model).protocol.group_read == "sync"  # in a bulk read, a silent servo hides the next ones
     assert len(line.port.sent) == (1 if together else len(IDS))
 
 

@@ -88,7 +88,7 @@ def test_calibrate_by_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     module = runpy.run_path(str(EXAMPLES / "calibrate_by_hand.py"))
 
     class Scripted(module["Person"]):  # type: ignore[valid-type, misc]
-        """The person of the example, whose hands are simulated."""
+        """The person in the example, whose hands are simulated."""
 
         def until_done(self, task: Any, update: Any) -> None:
             hand.until_done(task, update)

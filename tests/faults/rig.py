@@ -1,4 +1,4 @@
-"""The whole stack on simulated time with faults. It records everything that the stack reports."""
+"""The whole stack in simulated time with faults. The rig records everything that the stack reports."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,13 +18,13 @@ def files_of(arm: str) -> Files:
 
 
 class FaultRig(FaultyStack):
-    """A stack with faults. ``said`` has its reports in states, in the log, and at the end."""
+    """A stack with faults. ``said`` contains the reports of the stack in joint states, in the log, and at the end."""
 
     def __init__(self, arm: str = "robot_arm") -> None:
         super().__init__(files=files_of(arm), keep_alive=True)
         self.said: list[str] = []
         self.kinds: dict[str, set[str]] = {}
-        """Kinds of fault that states have named, by joint."""
+        """Kinds of faults reported in joint states, by joint."""
         self.alarms: dict[str, set[str]] = {}
         """Alarms in /diagnostics, by joint."""
         self.on_state = self._note
@@ -43,11 +43,12 @@ class FaultRig(FaultyStack):
         self.said.append(f"{self.clock.now():.3f} {text}")
 
     def play(self, *events: Event) -> None:
-        """Play events whose times count from now."""
+        """Play events whose times count from now on."""
         self.player.play(events, self.world.time_s)
 
     def endure(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Run cycles for this time, or until the loop ends with an error, which is recorded last."""
+        """Run cycles for a given time, or until the loop ends with an error, which is then recorded as the last
+        report."""
         handler, log = _Listener(self), logging.getLogger("servoloop")
         level = log.level
         log.addHandler(handler)
@@ -79,7 +80,7 @@ BEFORE_S, MOVE_S, REACH_RAD = 0.2, 1.5, 0.3
 
 
 def told(arm: str, event: Event, said: Sequence[str] = (), seconds: float = 3.0) -> FaultRig:
-    """Let ``event`` happen to an arm that moves to a goal, until the stack has reported all of ``said``."""
+    """Inject ``event`` while the arm moves to a goal, until the stack has reported all texts in ``said``."""
     rig = FaultRig(arm)
     rig.up()
     rig.run(BEFORE_S)

@@ -1,7 +1,7 @@
 """Reports of the stack for each kind of fault, as in the table of docs/faults.md, with both makes of servos.
 
-The last column of a row quotes the stack. Each quotation must be reported while the row's example happens to an arm of
-STS servos. ``DYNAMIXEL`` has the quotations that differ for Dynamixels.
+The last column of a row contains the messages of the stack. Each message must be reported when the example of the row
+is injected into an arm with STS servos. ``DYNAMIXEL`` contains the messages that differ for Dynamixels.
 """
 
 import re
@@ -45,7 +45,7 @@ def rows() -> dict[str, Row]:
 
 ROWS = rows()
 ARMS = {"hardware_error": "robot_arm_dynamixel"}
-"""Arms of kinds that STS servos cannot have."""
+"""Arms for the kinds of faults that STS servos cannot have."""
 
 
 def test_the_table_has_every_kind_and_its_parameters() -> None:
@@ -86,7 +86,7 @@ DYNAMIXEL = {
     "eeprom_gone id=3": ["servo 3 does not answer"],
     "foreign_packets id=3 does=lets_go": ["servo 3 has lost its torque"],
 }
-"""Reports for an arm of Dynamixels."""
+"""Reports of an arm with Dynamixels."""
 
 
 @pytest.mark.parametrize("example", DYNAMIXEL)
@@ -110,7 +110,7 @@ def test_a_fault_of_one_servo_is_reported_within_two_cycles_and_hides_no_other_s
 
 
 def test_faults_that_a_servo_cannot_have_are_refused_with_a_reason() -> None:
-    """All faults of a list are refused at once."""
+    """If a list contains several impossible faults, all of them are refused at once."""
     rig = FaultRig("robot_arm_dynamixel")
     wrong = [
         "dead_encoder id=3",
@@ -132,6 +132,6 @@ def test_faults_that_a_servo_cannot_have_are_refused_with_a_reason() -> None:
 
 
 def test_a_reply_to_another_program_does_not_count_as_loss_of_torque() -> None:
-    """An STS reply does not name its instruction, so a reply of the expected size is taken for ours."""
+    """An STS reply does not contain its instruction, so a reply of the expected size to another program is accepted."""
     rig = told("robot_arm", parse("foreign_packets id=3 every=20ms"))
     assert not rig.kinds, rig.said

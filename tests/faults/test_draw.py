@@ -79,7 +79,7 @@ def test_impossible_faults_are_not_drawn() -> None:
 
 
 def test_other_faults_of_a_reply_do_not_change_the_next_reply() -> None:
-    """Each event has its own random numbers and takes one for each reply."""
+    """Each event has its own random generator and takes one number for each reply."""
 
     def flipped(*others: Event) -> list[bytes]:
         line = VirtualBus.of(BenchPlant((1,)))
@@ -95,7 +95,7 @@ def test_other_faults_of_a_reply_do_not_change_the_next_reply() -> None:
 
 
 def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float]:
-    """Return a parameter of many faults of one kind in ascending order, without faults that lack it."""
+    """Return one parameter of many faults of one kind in ascending order, omitting faults without this parameter."""
     events = [event for seed in range(100) for event in draw(seed, there, 10.0, 10, [kind])]
     return sorted(value for event in events if (value := getattr(event, parameter)) is not None)
 

@@ -1,4 +1,4 @@
-"""False values with a correct checksum: the possible registers, their frequency, and their effect on the way."""
+"""False values with a valid checksum: the possible registers, how often they occur, and their effect on the motion."""
 
 from collections import Counter
 

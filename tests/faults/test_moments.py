@@ -1,4 +1,5 @@
-"""Faults during the whole life of a stack: since its start, since it is up, and since its end."""
+"""Faults during the whole life of a stack, with times that count from its start, from when it is up, or from its
+end."""
 
 from collections import Counter
 from dataclasses import replace

@@ -47,7 +47,8 @@ def joint_of(servo_id: int) -> Joint:
 
 @dataclass
 class WatchedPort:
-    """Port that records every instruction. A test can act before instructions are sent and replies are read."""
+    """Port that records every instruction. A test can run code before instructions are sent and before replies are
+    read."""
 
     port: VirtualPort
     sent: list[Instruction] = field(default_factory=list)
@@ -114,7 +115,7 @@ class Bench:
         return Bus(self.port, self.clock)
 
     def place(self, counts: Sequence[int]) -> None:
-        """Set the positions of the shafts, in counts, as if they were turned by hand."""
+        """Set the positions of the shafts, in counts, as if the shafts had been turned by hand."""
         angles = [(c + 0.5) * 2.0 * math.pi / 4096 for c in counts]
         self.plant.place(angles)
         for servo, angle in zip(self.servos.servos, angles, strict=True):
@@ -139,7 +140,7 @@ class Bench:
         return int(self.servos.servo(servo_id).firmware.position)
 
     def torque(self) -> list[int]:
-        """Return the IDs of servos with torque."""
+        """Return the IDs of the servos that have torque enabled."""
         return [servo.servo_id for servo in self.servos.servos if servo.memory.get(sts.torque_enable)]
 
     def cycle(self, position: FloatArray) -> JointState:

@@ -66,7 +66,7 @@ def test_a_servo_with_torque_and_other_settings_is_refused_and_keeps_holding() -
 
 
 def reset(bench: Bench, servo_id: int = 2) -> None:
-    """Interrupt the power of a servo. It is silent for a moment and then answers without torque."""
+    """Interrupt the power of a servo. The servo is silent for a moment and then answers without torque."""
     bench.servos.servo(servo_id).power_cycle()
     bench.wait()
     for _ in range(20):

@@ -1,4 +1,4 @@
-"""Tests of disturbed activations: which servos are released, and what is repeated before torque is enabled."""
+"""Tests of disturbed activations: which servos are released, and which steps are repeated before torque is enabled."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +21,7 @@ BEFORE = (2048, 2000, 1500)
 
 
 def on_first_torque_of(servo_id: int, bench: Bench, act: Callable[[], None]) -> None:
-    """Lose the first torque write to a servo and call ``act`` then. The servo receives packets again 0.1 s later."""
+    """Lose the first torque write to a servo, and then call ``act``. The servo receives packets again 0.1 s later."""
     lost_s: list[float] = []
 
     def watch(number: int, instruction: Instruction) -> None:
@@ -66,7 +66,7 @@ def test_a_failed_activation_does_not_release_servos_that_had_torque_before(
 
 
 def test_joints_that_sink_while_a_torque_write_is_retried_are_measured_again() -> None:
-    """This joint and all later joints are still limp. Old goals would make them jump back."""
+    """This joint and all joints after it are still limp. Old goals would make the joints jump back."""
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 1950, 1450)))
     bench.hardware.activate()
@@ -75,7 +75,7 @@ def test_joints_that_sink_while_a_torque_write_is_retried_are_measured_again() -
 
 
 def test_joints_enabled_by_their_goals_keep_them_while_another_is_retried() -> None:
-    """The joints hold a load. If the sagged positions became goals, they would sag further with every packet."""
+    """The joints hold a load. If the sagged positions became goals, the joints would sag further with every packet."""
     bench = Bench(counts=BEFORE).configured()
 
     def lean() -> None:
@@ -109,7 +109,7 @@ def test_a_joint_that_sinks_beyond_its_limits_gets_no_torque() -> None:
 
 
 def test_the_torque_limit_of_a_servo_reset_at_goal_zero_is_restored() -> None:
-    """A reset servo has goal 0. At position 0 this goal is correct, but the torque limit is lost."""
+    """A reset servo has goal 0. At position 0, this goal is correct, but the torque limit has been lost."""
     finger = replace(JOINTS[2], zero_counts=0)
     bench = Bench(counts=(2048, 2000, 0), joints=(*JOINTS[:2], finger)).configured()
     on_first_torque_of(7, bench, bench.servos.servo(7).power_cycle)
@@ -120,7 +120,7 @@ def test_the_torque_limit_of_a_servo_reset_at_goal_zero_is_restored() -> None:
 
 @pytest.mark.parametrize("energises", [True, False])
 def test_joints_that_sink_while_goals_are_confirmed_slowly_are_measured_again(energises: bool) -> None:
-    """A lost goal is written again. The joint may have moved meanwhile."""
+    """A lost goal is written again. The joint may have moved in the meantime."""
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=energises)).configured()
     lost_s: list[float] = []
 
@@ -140,7 +140,7 @@ def test_joints_that_sink_while_goals_are_confirmed_slowly_are_measured_again(en
 
 
 def lose_torque_switches_of(servo_id: int, bench: Bench, packets: int) -> list[Instruction]:
-    """Lose the next packets to a servo. Return all packets that are sent to it, including the lost ones."""
+    """Lose the next packets to a servo. Return all packets that are sent to the servo, including the lost packets."""
     sent: list[Instruction] = []
 
     def watch(number: int, instruction: Instruction) -> None:

@@ -20,7 +20,7 @@ ELBOW = 2
 
 
 def turned_once_round(bench: Bench, way: int = 1) -> None:
-    """Turn the elbow by hand by a full turn, back to its position."""
+    """Turn the elbow by hand by a full turn, back to the same position."""
     for step in range(1, 65):
         elbow = 2000 + way * step * TURN // 64
         bench.plant.place([(counts + 0.5) / TURN * math.tau for counts in (2048, elbow, 1500)])

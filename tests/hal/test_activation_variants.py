@@ -12,7 +12,8 @@ from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, Bench
 
 VARIANTS = [StsVariant(*choices) for choices in product((True, False), repeat=3)]
-"""A goal enables torque or not, torque uses a stale goal or not, the next write discards a stale goal or not."""
+"""Each variant combines three behaviors: whether a goal enables torque, whether torque uses a stale goal, and whether
+the next write discards a stale goal."""
 STALE = (0, 3000, 2048)
 LOSSES = [None, *(Disturbance(seed, drop=0.1, flip=0.05, noise=0.05, miss=0.1) for seed in range(6))]
 

@@ -1,4 +1,4 @@
-"""Tests that components with their own ports are read at the same time and do not affect each other."""
+"""Tests that components with separate ports are read at the same time and do not affect each other."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from tests.hal.bench import JOINTS, Bench
 
 
 def side_by_side(count: int) -> tuple[ComponentSet, list[Bench]]:
-    """Create benches with one clock, after a mock that needs no waiting."""
+    """Create benches with a common clock, after a mock that does not have to wait."""
     clock = SimulatedClock(1000.0)
     benches = [Bench(joints=[replace(j, name=f"{j.name}_{n}") for j in JOINTS], clock=clock) for n in range(count)]
     for number, bench in enumerate(benches):

@@ -61,9 +61,9 @@ def test_a_servo_at_another_baud_rate_is_found(index: int) -> None:
 
 
 OF_PROTOCOL_1 = (1_000_000, 500_000, 400_000, 250_000, 200_000, 115_200, 57_600, 19_200, 9_600)
-"""2 Mbit/s divided by 2, 4, 5, 8, 10, 17, 35, 104 and 208. The last five are known by rounded values."""
+"""2 Mbit/s divided by 2, 4, 5, 8, 10, 17, 35, 104 and 208. The last five baud rates are known by rounded values."""
 OF_AN_MX = (2_250_000, 2_500_000, 3_000_000)
-"""Baud rates of the register values that do not follow the formula."""
+"""Baud rates of the register values to which the formula does not apply."""
 
 
 @pytest.mark.parametrize("rates", [sts.BAUD_RATES, x_series.BAUD_RATES, xl320.BAUD_RATES, OF_PROTOCOL_1, OF_AN_MX])
@@ -146,7 +146,7 @@ def test_an_adapter_that_delays_replies_is_reported(
 
 
 def test_a_late_reply_is_not_attributed_to_the_next_baud_rate() -> None:
-    """The servos use 115200 baud, and the adapter is slow. A reply must not count for a later baud rate."""
+    """The servos use 115200 baud, and the adapter is slow. A reply must not be counted for a later baud rate."""
     line = Held(sts.STS3215, 0.09)
     for servo in line.servos.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
@@ -239,7 +239,7 @@ def test_a_bad_connection_yields_no_diagnosis_if_each_servo_answers_once(drop: f
     assert [texts for texts, _ in found] == [{}] * len(SEEDS)
     # 16 replies for each bus.
     share = sum(done.done.total() for _, done in found) / (len(SEEDS) * TRIES * len(IDS))
-    # More replies if the first reads of a servo were unclear.
+    # Send more requests to a servo if its first reads were unclear.
     assert share == pytest.approx(drop + flip, abs=0.12)
 
 

@@ -1,4 +1,4 @@
-"""Tests that a Dynamixel that was reset by a supply dip is not taken for a servo with torque."""
+"""Tests that a Dynamixel that was reset by a supply dip is not mistaken for a servo with torque."""
 
 import re
 

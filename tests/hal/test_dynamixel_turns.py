@@ -53,7 +53,7 @@ class Turned:
 
     @property
     def shaft(self) -> float:
-        """Position of the shaft in counts, over all turns."""
+        """Position of the shaft in counts, including all turns."""
         return float(self.plant.joints.position[0]) / math.tau * TURN
 
     def reads(self) -> int:

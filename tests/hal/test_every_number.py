@@ -48,7 +48,7 @@ MODELS = models()
 
 
 def read(field: FieldInfo, value: Any) -> list[Any]:
-    """Return the results of a field for a value, in each shape that the field accepts."""
+    """Return the results of assigning a value to a field, in each shape that the field accepts."""
     adapter: TypeAdapter[Any] = TypeAdapter(Annotated[(field.annotation, None, *field.metadata)])
     found = []
     for shape in SHAPES:
@@ -56,11 +56,11 @@ def read(field: FieldInfo, value: Any) -> list[Any]:
             found.append(adapter.validate_python(shape(value)))
         except (ValidationError, TypeError):
             continue
-    return [] if "Any" in str(field.annotation) else found  # parameters of controllers have their own models
+    return [] if "Any" in str(field.annotation) else found  # the parameters of controllers have their own models
 
 
 def numbers(value: Any) -> Iterator[int | float]:
-    """Yield the numbers within a value, without booleans."""
+    """Yield all numbers within a value, except for booleans."""
     if isinstance(value, dict):
         value = [*value, *value.values()]
     if isinstance(value, list | tuple):

@@ -112,7 +112,8 @@ def test_inputs_are_not_modified_and_the_output_is_a_copy() -> None:
 def test_a_joint_slightly_outside_its_limits_returns_slowly(
     wanted: FloatArray, side: tuple[float, ...], reaches: float
 ) -> None:
-    """Backlash may place a joint outside its limits. No command moves it further out, and it returns slowly."""
+    """Backlash may cause a joint to be outside its limits. No command moves such a joint further out, and it returns
+    slowly."""
     ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
     last = ends + np.array(side) * REACH * reaches
     out = gate().limit(wanted, last, PERIOD_S).values
@@ -133,7 +134,7 @@ def test_a_slow_return_is_reported_with_position_and_limits() -> None:
 
 
 def test_an_unknown_last_command_is_reported() -> None:
-    """The gate cannot make such a command safe, but must report it."""
+    """The gate cannot make such a command safe, but it must report the command."""
     last = MIDDLE.copy()
     last[1] = math.nan
     assert 1 in gate().limit(MIDDLE, last, PERIOD_S).reasons
@@ -194,7 +195,7 @@ def test_at_the_end_of_its_range_a_joint_may_only_move_back() -> None:
 def test_near_the_end_the_velocity_allows_one_period_and_braking(
     side: float, room: float, acceleration: float, period_s: float
 ) -> None:
-    """The velocity is not lower than necessary: v * T + v² / (2 a) equals the remaining range."""
+    """The velocity is as high as allowed: v * T + v² / (2 a) equals the remaining range."""
     gate = SafetyGate([JointLimits(-2.0, 2.0, 90.0, acceleration, 100.0)], ["velocity"])
     braked = acceleration * (math.sqrt(period_s**2 + 2.0 * room / acceleration) - period_s)
     assert braked * period_s + braked**2 / (2.0 * acceleration) == pytest.approx(room)

@@ -32,7 +32,7 @@ UNCORRECTED = COMPLIANCE.uncorrected
 
 
 def settled(made: GravityCompensation, command: FloatArray, seconds: float = 3.0) -> FloatArray:
-    """Return the offset after some time at a command that the arm reaches exactly."""
+    """Return the offset after the arm has stayed for some time exactly at its command."""
     for _ in range(round(seconds / PERIOD_S)):
         offset = made.offset(command, command, PERIOD_S)
     return offset
@@ -87,7 +87,7 @@ def test_joints_with_unknown_servo_or_disabled_compensation_get_no_offset() -> N
 
 
 def spring(made: GravityCompensation, lost: float, seconds: float, wall: float = math.inf) -> tuple[float, float]:
-    """Return error and offset of a joint that stays ``lost`` behind its goal 0 and stops at ``wall``."""
+    """Return the error and the offset of a joint that stays ``lost`` behind its goal 0 and stops at ``wall``."""
     measured = 0.0
     for _ in range(round(seconds / PERIOD_S)):
         offset = float(made.offset(one(0.0), one(measured), PERIOD_S)[0])
@@ -124,7 +124,7 @@ def test_a_joint_at_its_limit_gets_no_correction_beyond_it() -> None:
     made = GravityCompensation([SOFT], None)
     for _ in range(100):
         assert made.offset(one(1.0), one(0.99), PERIOD_S)[0] == 0.0
-    assert made.offset(one(0.9), one(0.9), PERIOD_S)[0] == 0.0  # no correction has accumulated meanwhile
+    assert made.offset(one(0.9), one(0.9), PERIOD_S)[0] == 0.0  # no correction has accumulated in this time
 
 
 shares = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7).map(np.array)
@@ -141,7 +141,7 @@ def test_goals_always_stay_within_the_limits(
     known = [(joint.transmission, joint.compliance.uncorrected) for joint in JOINTS if joint.compliance]
     largest = np.array([(0.5 * 2.94 / 15.0 + GIVE_WAY_RAD) * ratio + left for ratio, left in known])
     for number, (target, error) in enumerate(todo):
-        if target is not None:  # commands have already passed the gate
+        if target is not None:  # commands have already passed the safety gate
             wanted = LOWER + target * (UPPER - LOWER)
             command = np.clip(wanted, command - VELOCITY * dt_s, command + VELOCITY * dt_s)
         offset = made.offset(command, command + error, dt_s)

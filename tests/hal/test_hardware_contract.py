@@ -47,12 +47,14 @@ def robot_joints() -> tuple[Joint, ...]:
 
 JOINTS = robot_joints()
 MODELS = (sts.STS3215, scs.SCS15, dynamixel1.AX_12A, dynamixel1.MX_28, x_series.XM430_W350)
-"""One model of each series; for protocol 1.0 one model that is read individually and one that is read in a group."""
+"""One model of each series; for protocol 1.0, one model that is read by single reads and one that is read by group
+reads."""
 
 
 def driven(joint: Joint, model: ServoModel) -> Joint:
-    """Return the joint with another servo model. The zero of a servo without a full turn is mid-range."""
-    if model == dynamixel1.MX_28:  # the factory's gain would let the arm sink onto the stand
+    """Return the joint with a different servo model. The zero of a servo without a full turn is the middle of its
+    range."""
+    if model == dynamixel1.MX_28:  # with the factory gain, the arm would sink onto the stand
         return replace(joint, model=model, settings=((dynamixel1.p_gain.name, 96),))
     if model.positions is None:
         return replace(joint, model=model)
@@ -64,7 +66,7 @@ def driven(joint: Joint, model: ServoModel) -> Joint:
 
 
 def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
-    """Return an arm with this servo model in every joint: its bus and its virtual line."""
+    """Return an arm with this servo model in every joint, as its bus and its virtual line."""
     joints = [driven(joint, model) for joint in JOINTS]
     models = {joint.servo_id: model for joint in joints}
 
@@ -73,7 +75,7 @@ def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
             Coupling(j.servo_id, j.name, j.sign, j.zero_counts, j.transmission, model.counts_per_turn) for j in joints
         ]
         world = World()
-        world.hold_until_driven()  # activation takes time, and a limp arm would sink meanwhile
+        world.hold_until_driven()  # activation takes time, during which a limp arm would sink
         plant = WorldPlant(world, couplings)
         line: ServoLine[Any]
         if model in x_series.MODELS.values():
@@ -99,7 +101,7 @@ class Arm:
     clock: SimulatedClock
 
     def up(self) -> FloatArray:
-        """Configure and activate the arm. Return its positions, clipped to the limits."""
+        """Configure and activate the arm. Return the positions of the arm, clipped to the limits."""
         self.hardware.configure()
         self.hardware.activate()
         lower = np.array([joint.limits.lower for joint in JOINTS])
@@ -111,7 +113,7 @@ class Arm:
         return self.hardware.read()
 
     def follow(self, begin: FloatArray, end: FloatArray, cycles: int) -> JointState:
-        """Move along a straight line in some cycles, and wait half a second to settle."""
+        """Move along a straight line in a number of cycles, and then wait half a second for the arm to settle."""
         for share in [*np.linspace(0.0, 1.0, cycles), *[1.0] * 10]:
             self.hardware.write(JointCommand(begin + (end - begin) * share, PERIOD_S))
             state = self.pause()
@@ -218,7 +220,7 @@ def test_activation_moves_nothing(arm: Arm) -> None:
     arm.hardware.activate()
     for _ in range(5):
         state = arm.pause()
-        # A limp arm sinks while its servos are read, and its compliant servos then hold it below its goal.
+        # A limp arm sinks while its servos are read, and then the compliant servos hold it below its goal.
         np.testing.assert_allclose(state.position, before, atol=0.07)
 
 

@@ -115,7 +115,7 @@ def test_converting_positions_back_is_exact_to_half_a_count(joint: Joint, share:
     wanted = lower + share * (upper - lower)
     count = abs(joint.units_per_count)
     counts = joint.counts(wanted)
-    # At the ends, the nearest count may be outside the limits; then the next count is used.
+    # At the ends of the range, the nearest count may be outside the limits; in this case, the next count is used.
     off = 1.0 if counts in joint.counts_range() else 0.5
     assert abs(joint.position(counts) - wanted) <= off * count * (1.0 + 1e-6)
 

@@ -91,7 +91,7 @@ def test_states_and_goals_match_their_joints_although_ids_repeat() -> None:
 
 @pytest.mark.parametrize("others", [(), ("wheel",)])
 def test_noise_is_reported_for_each_bus(others: tuple[str, ...]) -> None:
-    """The buses may belong to one of several components."""
+    """The two buses may also belong to two components."""
     bench = Ports()
     mocks = [MockHardware(name, (name,), bench.clock) for name in others]
     components = ComponentSet([*mocks, bench.hardware], bench.clock)

@@ -92,7 +92,7 @@ def test_a_revolute_joint_turns_its_child(kind: str, xyz: Vector, rpy: Vector, a
 
 @given(xyz=vectors, rpy=vectors, axis=axes, way=lengths)
 def test_a_prismatic_joint_shifts_its_child(xyz: Vector, rpy: Vector, axis: Vector, way: float) -> None:
-    """The shift is in meters along the axis, whatever the length of the axis vector is."""
+    """The shift is in meters along the axis, regardless of the length of the axis vector."""
     joint = replace(JOINT, kind="prismatic", xyz_m=xyz, rpy_rad=rpy, axis=axis)
     position, orientation = kinematics.child_pose(joint, way)
     unit = np.array(axis) / np.linalg.norm(axis)

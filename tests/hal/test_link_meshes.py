@@ -18,7 +18,7 @@ from tests.pages import code
 
 OWNED = ("koch", "so100", "so101")
 MOST_BYTES = 3_000_000
-"""Maximum size of all meshes in the wheel."""
+"""Maximum total size of all meshes in the wheel."""
 
 
 def write_stl(path: Path, corners: FloatArray) -> None:

@@ -108,7 +108,8 @@ def test_a_servo_without_limits_is_accepted() -> None:
 @pytest.mark.parametrize("above", [True, False])
 @pytest.mark.parametrize("beside", [0, 3])
 def test_a_joint_beyond_its_servos_limits_gets_no_torque(beside: int, above: bool) -> None:
-    """A joint may start slightly outside its limits. Its servo would clip the goal to its own limits and move there."""
+    """A joint may start slightly outside its limits. The servo of such a joint would clip the goal to its own limits
+    and move there."""
     lowest, highest = JOINTS[0].counts_range()
     stands = highest + 20 if above else lowest - 20
     own = (lowest, stands - beside) if above else (stands + beside, highest)

@@ -16,7 +16,7 @@ HERE = at(0.0, 0.0, 0.014)
 
 
 def followed(*positions: float, period_s: float = PERIOD_S) -> list[bool]:
-    """Return whether each reading of a driven joint is accepted."""
+    """Return, for each reading of a driven joint, whether it is accepted."""
     readings = Plausibility.of_servo(SHOULDER)
     return [readings.leap(position, 10.0 + n * period_s, True) is None for n, position in enumerate(positions)]
 

@@ -1,4 +1,4 @@
-"""Tests that a read ends in time on every kind of bus, also when a servo answers again."""
+"""Tests that a read ends in time on every kind of bus, even when a servo answers again."""
 
 import math
 
@@ -22,7 +22,7 @@ every_kind = pytest.mark.parametrize(
 
 
 class Arm:
-    """Active arm with joints j1 to j7 on a bus of one kind, with the period of that kind."""
+    """Active arm with joints j1 to j7 on a bus of a given kind, with the period for this kind."""
 
     def __init__(self, kind: Kind) -> None:
         self.line = Line(kind)
@@ -94,7 +94,7 @@ def test_servos_that_answer_again_are_checked_in_one_cycle() -> None:
 @pytest.mark.parametrize("period_s", [0.01, 0.02], ids=str)
 @pytest.mark.parametrize("servo_id", [1, 4, 7])
 def test_a_silent_dynamixel_hides_others_for_at_most_one_cycle(period_s: float, servo_id: int) -> None:
-    """At 100 Hz, the cycle has no time to ask the servos that are named after the silent servo again."""
+    """At 100 Hz, the cycle has no time to read the servos that are listed after the silent servo again."""
     kind = next(kind for kind in KINDS if kind.mapped)
     arm = Arm(kind)
     arm.hardware.write(JointCommand(np.zeros(len(IDS)), period_s))  # sets the period on which the read deadline depends

@@ -46,7 +46,7 @@ def loaded(folder: Path, text: str) -> RobotFile:
 
 
 def complaints(folder: Path, text: str) -> list[str]:
-    """Return the lines of the error without the file name."""
+    """Return the lines of the error message without the file name."""
     path = written(folder, text)
     with pytest.raises(RobotFileError) as caught:
         load_robot_file(path)

@@ -1,4 +1,4 @@
-"""Tests of several components, each with its robot file, that form one robot."""
+"""Tests of several components, each with its own robot file, that form one robot."""
 
 from pathlib import Path
 

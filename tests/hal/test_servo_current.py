@@ -28,7 +28,7 @@ def test_current_has_the_joints_sign_or_is_nan() -> None:
     hardware = ServoHardware("arm", joints, lambda: Bus(VirtualPort(servos, clock), clock, models), clock)
     hardware.configure()
     hardware.activate()
-    plant.load_nm[:] = [-1.0, -1.0, -1.0]  # the load pulls backwards, so the motors drive forwards
+    plant.load_nm[:] = [-1.0, -1.0, -1.0]  # the load pulls backward, so the motors drive forward
     clock.sleep_until(clock.now() + 0.5)
     health = hardware.read().health
     for servo_id in (1, 2):

@@ -1,4 +1,4 @@
-"""Gains that another program has left in the RAM of servos are written, and named, when an arm is activated."""
+"""Gains that another program has left in the RAM of servos are corrected and reported when an arm is activated."""
 
 import logging
 
@@ -30,7 +30,7 @@ GRIPPER = Joint("gripper", 1, x.XL330_M288, LIMITS)
 
 
 class Arm:
-    """One limp joint whose servo holds these gains in its RAM."""
+    """One limp joint whose servo has these gains in its RAM."""
 
     def __init__(self, joint: Joint, left: dict[Register, int]) -> None:
         clock, plant = SimulatedClock(5.0), BenchPlant((1,))
@@ -145,7 +145,8 @@ def test_a_servo_that_loses_its_gains_gets_them_again() -> None:
 
 
 UNREAD = {"xc335-t332"}
-"""Models without a table in the e-manual. Their position gains are unknown, so none is written."""
+"""Models whose tables are not in the e-manual. The position gains of these models are unknown, so none of them is
+written."""
 
 
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)

@@ -18,7 +18,8 @@ WRIST = Joint("wrist", 6, sts.STS3215, JointLimits(-3.05, 3.05, 4.0, 12.0, 120.0
 
 @given(command=st.floats(-3.05, 3.05), measured=st.integers(0, 4095), held=st.integers(60, 4036))
 def test_a_goal_ends_between_the_command_and_the_joint(command: float, measured: int, held: int) -> None:
-    """This also applies to a joint more than half a turn away: its servo does not take the shorter way around."""
+    """This also applies to a joint that is more than half a turn away: its servo does not take the shorter way
+    around."""
     goals = ServoGoals([WRIST])
     goals.hold({"wrist": held})
     for _ in range(CYCLES):
@@ -32,12 +33,12 @@ def test_a_goal_ends_between_the_command_and_the_joint(command: float, measured:
 FREE = replace(
     WRIST, limits=replace(WRIST.limits, lower=-30.0, upper=30.0), zero_counts=0, torque_limit=0.5, seam_inside=True
 )
-"""A joint during its automatic calibration. Its servo counts turns, but reports its position within one turn."""
+"""A joint during its automatic calibration. The servo counts turns, but reports its position within one turn."""
 TURN = FREE.model.counts_per_turn
 
 
 def goals_ahead(blocked: int, way: int) -> list[ServoGoal]:
-    """Return the goals of a joint that is blocked at these counts, relative to them."""
+    """Return the goals of a joint that is blocked at these counts, relative to the counts."""
     goals = ServoGoals([FREE])
     goals.hold({"wrist": blocked})
     found: list[ServoGoal] = []

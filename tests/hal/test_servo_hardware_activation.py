@@ -159,7 +159,8 @@ def test_the_position_at_configuration_does_not_matter() -> None:
 
 
 def test_the_measured_position_is_kept_even_if_the_next_readings_fail() -> None:
-    """Controllers start from this position. The position at configuration would make them jump."""
+    """Controllers start from this position. If controllers started from the position at configuration, they would make
+    the joints jump."""
     bench = Bench().configured()
     bench.place((2500, 1500, 1800))
 
@@ -249,8 +250,8 @@ def test_a_joint_slightly_outside_its_limits_is_held_and_returns_slowly(side: in
 
 CHECKS = len(IDS) * 7 + 1
 STEPS = 1 + CHECKS + len(IDS) * 6 + 1 + 4
-"""Instructions of an activation: measure; check; measure twice; of each its torque, two limits, goal and torque on; all
-goals."""
+"""An activation sends these instructions: it measures, checks, and measures twice. For each servo, it writes torque,
+two limits, goal and torque on. Then it writes all goals."""
 
 Disturbance = Callable[[Bench], None]
 
@@ -291,7 +292,7 @@ def test_a_failure_at_any_step_leaves_no_servo_with_torque(
         assert set(bench.torque()) <= set(out_of_reach)
         for servo_id in bench.torque():
             assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be reported"
-    else:  # the failure came after the activation
+    else:  # the failure occurred after the activation
         assert bench.hardware.state is ACTIVE
         assert bench.torque() == list(IDS)
 
@@ -323,7 +324,7 @@ def test_the_tests_disturb_every_step_of_an_activation() -> None:
 
 @pytest.mark.parametrize("servo_id", IDS)
 def test_a_servo_reset_while_torque_is_enabled_gets_no_torque(servo_id: int) -> None:
-    """A supply dip resets the servo. It is silent for a while and loses its goal and torque limit."""
+    """A supply dip resets the servo. The servo is silent for a while and loses its goal and its torque limit."""
     bench = Bench().configured()
     reset_s: list[float] = []
 
@@ -462,7 +463,7 @@ def test_an_arm_can_be_configured_again_after_cleanup() -> None:
 
 
 def test_a_refused_torque_is_reported_as_the_servo_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not every make has a register with the reason."""
+    """Not every make has a register that contains the reason."""
     bench = Bench().configured()
 
     def refuse(bus: Bus, servo_id: int, *, prepared: bool) -> None:

@@ -103,7 +103,7 @@ def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wante
 
 
 def test_the_goal_of_a_blocked_joint_is_not_further_ahead_than_needed() -> None:
-    """Otherwise the joint would jump when it comes free. Other joints are not affected."""
+    """Otherwise, the joint would jump when it comes free. Other joints are not affected."""
     bench = Bench().active()
     wanted = at(-1.5, 1.0, 0.05)
     stuck = JOINTS[0]
@@ -128,7 +128,7 @@ def test_the_goal_of_a_blocked_joint_is_not_further_ahead_than_needed() -> None:
 
 @pytest.mark.parametrize("commands", [1, 4])
 def test_one_false_measurement_moves_no_goal(commands: int) -> None:
-    """The measurement is not used twice: a component with a lost bus is commanded but not read in the next cycle."""
+    """A measurement is not used twice: a component whose bus is lost is commanded but not read in the next cycle."""
     bench = Bench().active()
     for _ in range(6):
         bench.cycle(HERE)
@@ -141,7 +141,7 @@ def test_one_false_measurement_moves_no_goal(commands: int) -> None:
 
 
 class Lifting(GravityCompensation):
-    """Compensation that adds a given offset to the shoulder's next goal once, and records its updates."""
+    """Compensation that adds a given offset to the shoulder's next goal once, and records the calls of its update."""
 
     def __init__(self) -> None:
         super().__init__(JOINTS, None)
@@ -190,7 +190,7 @@ def test_a_goal_at_rest_never_has_unlimited_speed() -> None:
 
 
 def test_the_goal_speed_decays_as_slowly_as_the_servo_follows() -> None:
-    """Otherwise a servo that lags behind its goals would creep the rest of the way."""
+    """Otherwise, a servo that lags behind its goals would move the remaining distance slowly."""
     bench = Bench().active()
     bench.cycle(HERE + at(0.06, 0.0, 0.0))
     fast = speeds(bench)[0]
@@ -274,7 +274,7 @@ def test_a_servo_that_answers_again_without_torque_keeps_its_fault(
 
 
 def comes_back(bench: Bench, position: FloatArray) -> None:
-    """Run cycles until no servo is missing. The next goals are for all servos."""
+    """Run cycles until no servo is missing. The next goals are sent to all servos."""
     for _ in range(20):
         if not bench.cycle(position).faults:
             return
@@ -282,7 +282,7 @@ def comes_back(bench: Bench, position: FloatArray) -> None:
 
 
 def commanded_ids(bench: Bench) -> list[int]:
-    """Return the IDs of the servos that get a goal with the next command."""
+    """Return the IDs of the servos that receive a goal with the next command."""
     before = len(bench.port.sent)
     bench.hardware.write(JointCommand(HERE, PERIOD_S))
     (packet,) = bench.port.sent[before:]
@@ -291,7 +291,8 @@ def commanded_ids(bench: Bench) -> list[int]:
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02, 0.009, 0.004])
 def test_a_servo_that_may_have_been_reset_gets_no_goal(period_s: float) -> None:
-    """A goal would enable torque. A fast loop, however, must not withhold goals after every lost reply."""
+    """A goal would enable the torque of the servo. In a fast loop, however, goals must not be withheld after every lost
+    reply."""
     bench = Bench().active()
     heard_s = bench.wait().stamp_s
     bench.servos.faults.silence(2)
@@ -304,7 +305,7 @@ def test_a_servo_that_may_have_been_reset_gets_no_goal(period_s: float) -> None:
 
 
 def test_a_limp_servo_gets_no_goal_after_a_single_lost_reply() -> None:
-    """A goal would enable its torque."""
+    """A goal would enable the torque of the servo."""
     bench = Bench().active()
     bench.servos.faults.silence(2)
     bench.wait()
@@ -326,7 +327,8 @@ def test_a_servo_gets_goals_again_after_its_activation() -> None:
 
 
 def test_a_servo_that_answers_again_far_away_does_not_jump() -> None:
-    """The servo got no goals meanwhile. Its next goal differs from its last by at most one period's travel."""
+    """The servo has received no goals in the meantime. The next goal of the servo differs from its last goal by at most
+    the travel of one period."""
     bench = Bench().active()
     bench.servos.faults.silence(1)
     position = HERE
@@ -343,7 +345,7 @@ def test_a_servo_that_answers_again_far_away_does_not_jump() -> None:
 
 
 def missed_goals() -> Bench:
-    """Make the shoulder silent for ten cycles. Its next goal equals its last goal."""
+    """Make the shoulder silent for ten cycles. The next goal of the servo equals its last goal."""
     bench = Bench().active()
     bench.servos.faults.silence(1)
     for share in np.linspace(0.05, 0.5, 10):
@@ -355,7 +357,8 @@ def missed_goals() -> Bench:
 
 
 def test_a_servo_that_answers_again_catches_up_in_half_a_second() -> None:
-    """A goal at rest needs no speed, but the distance to the servo does. The servo must neither creep nor jump."""
+    """A goal at rest needs no speed by itself, but the distance to the servo does. The servo must neither creep nor
+    jump."""
     bench = missed_goals()
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
     for _ in range(40):
@@ -371,7 +374,7 @@ def test_a_servo_that_answers_again_catches_up_in_half_a_second() -> None:
 
 
 def test_a_servo_that_was_blocked_does_not_jump() -> None:
-    """The servo answered all the time, so only its position shows that it lags."""
+    """The servo has answered all the time, so only its position shows that it lags behind."""
     bench = Bench().active()
     for share in np.linspace(0.05, 0.5, 10):
         bench.place((2048, 2000, 1500))
@@ -494,10 +497,10 @@ def test_a_port_lost_during_relaxing_is_reported() -> None:
     bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == sent + 1 else None
     (problem,) = bench.hardware.deactivate(relax=True)
     assert "unplugged" in problem
-    assert bench.torque() == []  # the first packet already reached all servos
+    assert bench.torque() == []  # the first packet has already reached all servos
 
 
-# Torque lost without notice
+# Torque lost without a report
 
 
 def cycles_until_fault(bench: Bench, name: str) -> int:
@@ -513,7 +516,8 @@ def cycles_until_fault(bench: Bench, name: str) -> int:
 def test_a_reset_between_two_readings_is_detected_within_half_a_second(
     servo_id: int, goal_write_energises: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The servo answered all the time. If a goal has enabled its torque again, its torque limit is still lost."""
+    """The servo has answered all the time. If a goal has enabled the servo's torque again, its torque limit is still
+    lost."""
     bench = Bench(variant=StsVariant(goal_write_energises)).active()
     bench.cycle(HERE)
     bench.servos.servo(servo_id).power_cycle()
@@ -557,7 +561,7 @@ def draw_too_much(bench: Bench) -> None:
 def test_a_servo_that_released_its_torque_gets_no_goal_until_activation(
     alarm: str, cause: Callable[[Bench], None]
 ) -> None:
-    """A goal would enable torque again, or move the servo as soon as it has cooled down."""
+    """A goal would enable the torque again, or would move the servo as soon as it has cooled down."""
     bench = Bench().active()
     bench.cycle(HERE)
     cause(bench)
@@ -589,7 +593,7 @@ def test_a_servo_with_a_harmless_alarm_continues(alarm: str) -> None:
     memory = bench.servos.servo(2).memory
     if alarm == "voltage":
         memory.put(sts.min_voltage, 130)
-    else:  # an overload is any drive that does not move the shaft for 10 ms
+    else:  # an overload is any drive that does not move the shaft within 10 ms
         memory.put(sts.overload_torque, 0)
         memory.put(sts.protective_torque, 0)
         memory.put(sts.protection_time, 1)

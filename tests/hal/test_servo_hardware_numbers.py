@@ -1,4 +1,4 @@
-"""Tests of the duration of reads, goal speeds and signs in a cycle."""
+"""Tests of read durations, goal speeds and signs in a cycle."""
 
 from dataclasses import replace
 from typing import Any
@@ -123,7 +123,7 @@ def test_the_goal_speed_is_limited_to_the_maximum_of_its_register() -> None:
 
 
 def test_voltage_and_temperature_belong_to_the_servo_of_the_joint() -> None:
-    """Each servo has its own supply voltage and its own temperature."""
+    """Each servo has a different supply voltage and a different temperature."""
     expected = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
     servos: list[Any] = [servo_of(sts.STS3215, servo_id) for servo_id in expected]
     for servo in servos:

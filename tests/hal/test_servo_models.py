@@ -1,4 +1,4 @@
-"""Servo models from a file beside the robot file: what they are used for, and mistakes in the file."""
+"""Servo models from a file beside the robot file: where they are used, and mistakes in the file."""
 
 from collections.abc import Iterator
 from pathlib import Path

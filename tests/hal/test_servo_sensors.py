@@ -14,7 +14,7 @@ VALUES = '<state_interface name="voltage"/><state_interface name="temperature"/>
 
 
 def with_elements(folder: Path, elements: str) -> Files:
-    """Read an SO-101 with further elements in its ``<ros2_control>`` block."""
+    """Read an SO-101 with additional elements in its ``<ros2_control>`` block."""
     arm = find_arm("so101")
     urdf = folder / "arm.urdf"
     urdf.write_text(arm.urdf.read_text().replace("</ros2_control>", f"{elements}</ros2_control>"))

@@ -1,4 +1,4 @@
-"""Tests that settings of the robot file are written to the EEPROM once and logged, and nothing else is written."""
+"""Tests that settings of the robot file are written to the EEPROM once and logged, and that nothing else is written."""
 
 import logging
 from dataclasses import replace
@@ -24,7 +24,7 @@ WRITE = 3
 
 
 def settings_written(bench: Bench) -> list[tuple[int, int]]:
-    """Return ID and address of each write to a persistent register."""
+    """Return the ID and the address of each write to a persistent register."""
     saved = {register.address for register in sts.REGISTERS if register.persistent}
     return [(i.servo_id, i.parameters[0]) for i in bench.port.sent if i.code == WRITE and i.parameters[0] in saved]
 

@@ -72,7 +72,7 @@ def test_many_lost_packets_fail_it_but_the_servo_is_not_reported_as_silent() -> 
 
 @pytest.mark.parametrize("register", [sts.status_level, sts.min_position], ids=lambda register: register.name)
 def test_a_servo_that_answers_intermittently_is_reported_with_joint_and_id(register: Register) -> None:
-    """The lost reply may concern the model or a setting."""
+    """The lost reply may be that to a request for the model or a setting."""
     bench = Bench()
     loses_the_question_for(register, bench, ATTEMPTS)
     with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only intermittently: check"):
@@ -88,7 +88,7 @@ def test_an_arm_on_a_bad_bus_is_set_up(kind: Kind) -> None:
 
 @pytest.mark.parametrize("seed", [2, 8])
 def test_an_ax_arm_on_a_bad_bus_is_set_up(seed: int) -> None:
-    """`make test` has no soak tests. An AX needs most of its requests between the first goals and the torque."""
+    """`make test` has no soak tests. An AX sends most of its requests between the first goals and the torque."""
     is_set_up(next(kind for kind in KINDS if kind.name == "ax-12a"), seed)
 
 
@@ -126,7 +126,7 @@ def test_a_bus_that_is_too_bad_is_reported(kind: Kind) -> None:
 
 
 class Doubled:
-    """The arm of the bench with a second servo that gets the elbow's ID later."""
+    """The arm of the bench, with a second servo that gets the ID of the elbow later."""
 
     def __init__(self, joints: Sequence[Joint] = JOINTS) -> None:
         plant = BenchPlant((1, 2, 7, 9))
@@ -160,7 +160,7 @@ def test_a_duplicate_id_plugged_in_later_is_reported_at_activation() -> None:
 
 
 def test_a_servo_missing_since_configuration_is_not_searched_at_other_baud_rates() -> None:
-    """The search would block other components that may be moving."""
+    """The search would block other components, which may be moving."""
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     begin_s = bench.clock.now()

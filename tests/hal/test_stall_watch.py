@@ -20,7 +20,7 @@ OPEN, SHUT = 2048, 2700
 
 @dataclass
 class Jaw:
-    """Jaw that is blocked at ``blocked`` counts. Its drive is proportional to the distance to its goal."""
+    """Jaw that is blocked at ``blocked`` counts. The drive of the jaw is proportional to the distance to its goal."""
 
     joint: Joint = JAW
     at: int = OPEN

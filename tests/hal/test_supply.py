@@ -1,4 +1,5 @@
-"""Tests of the supply voltage: servos outside their rated range get no torque, and each episode is reported once."""
+"""Tests of the supply voltage: servos outside their rated range get no torque, and each period outside the range is
+reported once."""
 
 import pytest
 

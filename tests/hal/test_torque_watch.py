@@ -1,4 +1,4 @@
-"""Tests that the torque of servos is checked even if no cycle has time left; one cycle is late then."""
+"""Tests that the torque of servos is checked even if no cycle has time left; in this case, one cycle is late."""
 
 import pytest
 

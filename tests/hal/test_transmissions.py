@@ -1,4 +1,4 @@
-"""A ``SimpleTransmission`` of the URDF is applied between servo and joint, other transmissions are refused."""
+"""A ``SimpleTransmission`` of the URDF is applied between servo and joint, and other transmissions are refused."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ GEAR = """<transmission name="gear"><plugin>transmission_interface/SimpleTransmi
 
 
 def geared(folder: Path, inside: str, joint: str = "gripper", text: str = GEAR) -> ServoFiles:
-    """Read an SO-101 with a gear, whose robot file gives no zero."""
+    """Read an SO-101 with a gear whose robot file contains no zero."""
     own = find_arm("so101").folder
     urdf, robot = folder / "arm.urdf", folder / "robot.yaml"
     urdf.write_text((own / "arm.urdf").read_text().replace("</ros2_control>", text.format(inside=inside, joint=joint)))

@@ -33,7 +33,7 @@ MACRO = f"""{HEAD}<xacro:macro name="arm" params="prefix reach">
 
 
 def written(folder: Path, text: str) -> Path:
-    """Write the files, with ``text`` as the first one."""
+    """Write the files; ``text`` is the content of the first one."""
     (folder / "arm.xacro").write_text(MACRO)
     path = folder / "robot.urdf.xacro"
     path.write_text(text)

@@ -29,7 +29,7 @@ scs20:
 
 @contextmanager
 def forgotten() -> Iterator[None]:
-    """Remove the models of users from the catalog after the block."""
+    """Remove the models that users have added from the catalog after the block."""
     try:
         yield
     finally:

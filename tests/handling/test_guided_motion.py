@@ -10,7 +10,7 @@ TICK_S = 0.05
 FASTEST = np.array([0.25, 0.1])
 LOWER, UPPER = np.array([-1.0, -0.5]), np.array([1.0, 0.5])
 LAGS = 0.4
-"""Fraction of the distance to the set point that the joints cover in each tick."""
+"""Fraction of the distance to the set point that the joints move in each tick."""
 
 joints = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
 
@@ -20,7 +20,7 @@ def motion_from(position: np.ndarray) -> GuidedMotion:
 
 
 def follows(position: np.ndarray) -> JointPositions:
-    """Return positions of joints that follow their commands exactly."""
+    """Return the positions of joints that follow their commands exactly."""
     return JointPositions(position, position)
 
 

@@ -52,7 +52,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         assert up == "up"
         with running(folder, port, str(link), "--arm", "my_arm"):
             with arm_client() as arm:
-                arm.wait(arm.send(READY))  # Without torque, the arm has sunk.
+                arm.wait(arm.send(READY))  # The arm has sunk without torque.
             yield
 
 
@@ -89,7 +89,7 @@ def standstill(robot: LiveRobot) -> None:
 
 
 def hold_on(moving: RobotClient, joint: str) -> None:
-    """Move the joint a short distance. Retry if a slow machine has interrupted the motion."""
+    """Move the joint a short distance. The motion is repeated if a slow machine has interrupted it."""
     try:
         moving.jog(joint, 1.0)
     except HandlingError as error:
@@ -174,7 +174,7 @@ def test_deactivated_controller_is_named_and_others_still_move(robot: LiveRobot)
 
 
 class Faulty:
-    """A robot with an additional servo fault."""
+    """A robot whose servo faults include one more fault."""
 
     def __init__(self, robot: LiveRobot) -> None:
         self._robot = robot
@@ -255,7 +255,8 @@ def test_arm_stops_when_the_moving_program_is_killed(robot: LiveRobot) -> None:
 
 
 class Screen:
-    """Output of a program in a terminal. It is read continuously, so that a full terminal cannot block the program."""
+    """Output of a program in a terminal. The output is read continuously, so that a full terminal cannot block the
+    program."""
 
     def __init__(self, terminal: int) -> None:
         self.shown = b""

@@ -19,7 +19,7 @@ FIRST_REPEAT_S, REPEATS_S = 0.5, 0.04
 
 
 class Client:
-    """Client that moves joints while it is called. ``wrong`` is the reason why it refuses."""
+    """Client that moves joints while it is called. ``wrong`` is the reason with which the client refuses to move."""
 
     def __init__(self, now: "Terminal", joints: Sequence[str] = JOINTS) -> None:
         self.now, self.joints, self.wrong = now, joints, ""
@@ -48,7 +48,7 @@ class Terminal:
         self._held, self._next_s, self._repeats = "", 0.0, False
 
     def hold(self, key: str) -> None:
-        """Hold a key; an empty string releases it."""
+        """Hold a key down; an empty string releases it."""
         self._held, self._next_s, self._repeats = key, self.s, False
 
     def typed(self, wait_s: float) -> list[str]:

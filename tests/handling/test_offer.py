@@ -1,4 +1,4 @@
-"""Joints and poses that the page can move to, from the arm's files and its active controllers."""
+"""Joints and poses that the page can move or go to, from the arm's files and its active controllers."""
 
 from pathlib import Path
 from threading import Event, Thread

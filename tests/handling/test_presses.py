@@ -1,4 +1,4 @@
-"""Held buttons: which reports count, for how long, and which browser has control."""
+"""Held buttons: which reports are accepted, for how long, and which browser has control."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ PERIOD_S = 1.0 / REPEATS_HZ
 
 
 class Page:
-    """Browsers that report held buttons. Each browser has one button here."""
+    """Browsers that report held buttons. Each browser has one button in these tests."""
 
     def __init__(self) -> None:
         self.clock = SimulatedClock()

@@ -1,4 +1,4 @@
-"""Manual motion over the command socket, without ROS: jogging, poses, and what prevents them."""
+"""Manual motion over the command socket, without ROS: jogging, poses, and what prevents a motion."""
 
 import subprocess
 import sys
@@ -35,7 +35,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[SocketRig]:
 
 
 def files(folder: Path) -> Files:
-    """Files of an arm whose poses are in a folder of the test."""
+    """Files of an arm whose poses are stored in a folder of the test."""
     (folder / "mine").mkdir()
     (folder / "mine" / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
     return read_arm_files(find_arm(f"{folder}/mine"))
@@ -84,7 +84,7 @@ def test_running_goal_of_another_program_is_not_replaced_and_stop_cancels_it(rig
 def test_one_program_at_a_time_moves_the_arm(rig: SocketRig) -> None:
     with mover(rig, "first") as first, mover(rig, "second") as second:
         hold(first, JOINT)
-        with pytest.raises(HandlingError, match=r"first \(process \d+\) has taken the motion"):
+        with pytest.raises(HandlingError, match=r"first \(process \d+\) has control of the arm"):
             second.jog(JOINT, 1.0)
 
         def free() -> bool:

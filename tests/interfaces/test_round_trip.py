@@ -63,7 +63,7 @@ def run_action(node, kind, name, goal):
         return result
 
     result = run()
-    # The services may be discovered before the feedback topic, and feedback sent meanwhile is lost.
+    # The services may be discovered before the feedback topic. Feedback that is sent in the meantime is lost.
     for _ in range(20):
         if feedback:
             break

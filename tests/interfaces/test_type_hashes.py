@@ -1,5 +1,6 @@
 # ruff: noqa: E501
-"""Tests that our message types equal the public ones field by field, because clients connect only if the hashes agree."""
+"""Tests that our message types equal the public ones field by field, because clients connect only if the type hashes
+agree."""
 
 import importlib
 import json
@@ -11,9 +12,9 @@ import pytest
 
 INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
 
-# Hashes of a ROS 2 Jazzy installation: control_msgs 5.8, controller_manager_msgs 4.46, tf2_msgs of geometry2. Those of
-# moveit_msgs 2.6, mujoco_ros2_control_msgs 0.0.3, object_recognition_msgs 2.0, octomap_msgs 2.0 and pal_statistics_msgs
-# 2.6 are computed from their published fields.
+# Hashes of a ROS 2 Jazzy installation: control_msgs 5.8, controller_manager_msgs 4.46, and tf2_msgs of geometry2. The
+# hashes of moveit_msgs 2.6, mujoco_ros2_control_msgs 0.0.3, object_recognition_msgs 2.0, octomap_msgs 2.0 and
+# pal_statistics_msgs 2.6 are computed from their published fields.
 PUBLIC = {
     "control_msgs/action/FollowJointTrajectory": "738ebcb7a2d7cfa42f9f1001cc99ce3a4383d1cfe508015d9be8485e4b1c66f6",
     "control_msgs/action/GripperCommand": "e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84",
@@ -104,7 +105,7 @@ PUBLIC = {
     "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 }
 
-# Nodes of users contain these fields, so a change here breaks them.
+# Nodes of users use these fields, so a change here breaks these nodes.
 SORTING_CELL = {
     "apple_quality_msgs/msg/AppleQuality": "428f4fa8d4872d1dab7c4d192850d341346088906f3d27e4b87611882d62da6e",
     "apple_quality_msgs/msg/AppleQualityArray": "d41a4f298046db54b9b251cd868583ab6fd8055ad5e83d9bba615d48a4d0fec4",
@@ -115,7 +116,7 @@ EXPECTED = PUBLIC | SORTING_CELL
 
 
 def built_hashes(name: str) -> dict[str, str]:
-    """Return the hashes from the build of a type and of all types that it contains, by name."""
+    """Return the hashes of a type and of all types that it contains, by name, as stored in its build."""
     prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
     files = [Path(prefix) / "share" / f"{name}.json" for prefix in prefixes]
     found = [path for path in files if path.exists()]
@@ -161,8 +162,8 @@ def test_constant(module: str, path: str, constant: str, value: int) -> None:
     assert getattr(owner, constant) == value
 
 
-# The types of the pick-and-place cell have no public hash, so their fields are compared with the description of the
-# cell.
+# No hash of the types of the pick-and-place cell has been published, so their fields are compared with the description
+# of the cell.
 FIELDS = [
     ("sorting_arm_interfaces.action", "PickPlace.Goal", {"grade": "string"}),
     (

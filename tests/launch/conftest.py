@@ -25,7 +25,7 @@ def install(folder: Path, *options: str) -> Path:
     search = os.pathsep.join([str(Path(sys.prefix) / "bin"), os.environ["PATH"]])
     cmake = shutil.which("cmake", path=search)
     assert cmake, "no cmake"
-    # As in a sourced ROS environment. The wheels install ROS into Python's own prefix.
+    # The environment is that of a shell in which ROS was sourced. The wheels install ROS into Python's own prefix.
     environment = os.environ | {
         "PATH": search,
         "CMAKE_PREFIX_PATH": ros_prefixes(),
@@ -44,7 +44,7 @@ def install(folder: Path, *options: str) -> Path:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark all tests that need a workspace as slow, because they wait for its build."""
+    """Mark all tests that need a workspace as slow, because these tests wait until the workspace is built."""
     for item in items:
         if "workspace" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
@@ -59,7 +59,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def workspace(installed: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return the prefix, and set the environment as its setup script would."""
+    """Return the prefix, with the environment set as its setup script would set it."""
     (packages,) = installed.glob("lib/python*/site-packages")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{installed}{os.pathsep}{ros_prefixes()}")
     monkeypatch.setenv("PYTHONPATH", str(packages))

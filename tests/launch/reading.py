@@ -1,4 +1,4 @@
-"""Read launch files with the replacements in recorders.py, and return the actions that they would start."""
+"""Read launch files with the replacements in recorders.py, and return the actions that the files would start."""
 
 from pathlib import Path
 from runpy import run_path

@@ -1,4 +1,5 @@
-"""Replacements for ``launch`` and ``launch_ros``, for which no wheels exist. They record the requests of a launch file.
+"""Replacements for ``launch`` and ``launch_ros``, because no wheels of these packages exist. The replacements record
+the actions that a launch file requests.
 
 Each class accepts exactly the arguments that the launch files use, with their names in ROS 2 Jazzy.
 """
@@ -34,7 +35,7 @@ class DeclareLaunchArgument:
 
 @dataclass
 class LaunchConfiguration:
-    """Value of an argument, which is known when the launch runs."""
+    """Value of an argument, which is known only when the launch runs."""
 
     name: str
 

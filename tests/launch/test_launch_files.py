@@ -1,7 +1,7 @@
 """Tests of the launch files without the package launch, for which no wheel exists.
 
-tests/launch/recorders.py replaces it. The requested files and programs are real: the files are those of a workspace,
-and the programs are started.
+tests/launch/recorders.py replaces this package. The files and programs that the launch files request are real: the
+files are those of a workspace, and the programs are started.
 """
 
 import signal

@@ -1,4 +1,5 @@
-"""Tests of the arguments for MoveIt and RViz. Neither has a wheel, but the real ROS parser reads the parameters."""
+"""Tests of the arguments for MoveIt and RViz. There is no wheel of MoveIt or RViz, but the real ROS parser reads the
+parameters."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -84,7 +85,7 @@ def test_move_group_and_stack_get_the_same_robot(share: Path, tmp_path: Path) ->
 
 
 def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: int, tmp_path: Path) -> None:
-    """Like launch_ros, write each dictionary to a file and pass the file to the node."""
+    """Write each dictionary to a file and pass the file to the node, as launch_ros does."""
     _, move_group, *_ = actions(share / "launch" / MOVEIT)
     wanted: dict[str, Any] = {}
     arguments = ["--ros-args"]

@@ -95,7 +95,7 @@ def test_programs_run(workspace: Path) -> None:
 
 @pytest.mark.slow
 def test_symlink_installation_runs_too_and_follows_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After colcon build --symlink-install, changes in the checkout need no new build."""
+    """After colcon build --symlink-install, changes in the checkout take effect without a new build."""
     pytest.importorskip("ament_package")
     prefix = install(tmp_path, "-DAMENT_CMAKE_SYMLINK_INSTALL=1")
     (packages,) = prefix.glob("lib/python*/site-packages")

@@ -17,14 +17,15 @@ from tests.servoloop.served import eventually
 
 @contextmanager
 def runtime_folder(monkeypatch: MonkeyPatch) -> Iterator[Path]:
-    """Return a separate folder for sockets of running stacks. Its path is short, as socket paths are limited."""
+    """Return a separate folder for sockets of running stacks. The path of the folder is short, because the length of
+    socket paths is limited."""
     with tempfile.TemporaryDirectory(prefix="live") as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         yield Path(folder)
 
 
 class LiveRig(Rig):
-    """Active stack with its feed. ``play`` sends cycles to the feed."""
+    """Active stack with its feed. ``play`` sends the cycles of the stack to the feed."""
 
     def __init__(self, arm: str = "robot_arm", pid: int = 1, folder: Path | None = None) -> None:
         """``folder`` is the folder of the arm, if the stack publishes it."""
@@ -33,7 +34,7 @@ class LiveRig(Rig):
         self.feed = LiveFeed(socket_path(arm, pid), self.messages, folder)
 
     def play(self, seconds: float) -> int:
-        """Run for this time, and return the number of cycles."""
+        """Run for a given time, and return the number of cycles."""
         samples = self.run(seconds)
         for sample in samples:
             self.feed.write(sample)
@@ -46,7 +47,7 @@ class LiveRig(Rig):
 
 
 class LiveViewer:
-    """Program that receives the feed, in a thread of its own."""
+    """Program that receives the feed in a separate thread."""
 
     def __init__(self, stream: MessageStream) -> None:
         self.state = RobotState()

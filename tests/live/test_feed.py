@@ -71,7 +71,7 @@ def test_new_viewer_receives_the_running_goal() -> None:
 
 
 def test_new_viewer_receives_the_result_of_the_last_goal() -> None:
-    """Otherwise the goal would appear to run forever."""
+    """Otherwise, the goal would seem to run forever."""
     rig = LiveRig()
     for joint6 in (0.2, 0.4):
         rig.stack.go([*READY[:5], READY[5] + joint6], 0.5)
@@ -185,7 +185,7 @@ def test_folder_link_of_a_killed_stack_is_removed() -> None:
 
 
 def test_stack_publishes_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The arm of a user may have the name of an included arm, but has its own folder."""
+    """The arm of a user may have the name of an included arm, but it has its own folder."""
     own = tmp_path / "robot_arm"
     own.mkdir()
     (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
@@ -225,7 +225,7 @@ def test_live_folder_is_private_to_its_user() -> None:
 
 
 def test_socket_of_a_paused_stack_stays_while_many_programs_look_for_it() -> None:
-    """Their connections are not accepted, because no cycle runs."""
+    """The connections of these clients are not accepted, because no cycle runs."""
     rig = LiveRig()
     for _ in range(30):
         assert len(running_stacks()) == 1

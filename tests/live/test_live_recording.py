@@ -1,4 +1,4 @@
-"""``servoloop record`` of a running stack writes the same file as ``--record``."""
+"""``servoloop record`` of a running stack writes the same file as the option ``--record``."""
 
 import threading
 from collections.abc import Iterator

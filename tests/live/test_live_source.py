@@ -1,4 +1,5 @@
-"""Source of a running stack: it reconnects after a restart, and a stack without cycles is not live."""
+"""Source for a running stack: it reconnects after a restart, and a stack that sends no cycles does not count as
+live."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Playback of a recording: forward, backward, and with seeks."""
+"""Playback of a recording: forward, backward, and with jumps in time."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Two stacks of one arm: a program that chose one by its process ID stays with it."""
+"""Two stacks of one arm: a program that has chosen one of them by its process ID keeps using that stack."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Displayed robot: one thread processes messages while another reads."""
+"""State of a displayed robot, while one thread processes messages and another thread reads the state."""
 
 import threading
 from collections import deque

@@ -15,7 +15,7 @@ SIZE = (140, 44)
 
 
 class FixedSource:
-    """Source with a constant state."""
+    """Source whose state is constant."""
 
     status, up_to_date = "robot_arm: live", True
 
@@ -32,7 +32,7 @@ def on_screen(
     size: tuple[int, int] = SIZE,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Show a source and run ``look`` on the screen. Errors of the screen are raised."""
+    """Show a source on the screen, and run ``look`` on that screen. Errors of the screen are raised."""
     app = MonitorApp(source, stop)
 
     async def run() -> None:

@@ -21,7 +21,7 @@ ESCAPE = re.compile(rb"\x1b(\[[0-9;?<=>]*[a-zA-Z]|[()][A-Z0-9]|[=>])")
 
 
 class Terminal:
-    """Pseudo-terminal with a program in it. ``written`` is the program's output without escape sequences."""
+    """Pseudo-terminal with a program in it. ``written`` contains the program's output without escape sequences."""
 
     def __init__(self, *arguments: str, folder: Path) -> None:
         self._ours, theirs = pty.openpty()
@@ -65,7 +65,7 @@ class Terminal:
 
     @property
     def restored(self) -> bool:
-        """Whether the terminal's modes and its original screen are restored."""
+        """Return whether the modes and the original screen of the terminal have been restored."""
         left = self._bytes.rfind(b"\x1b[?1049l") > self._bytes.rfind(b"\x1b[?1049h")
         return left and termios.tcgetattr(self._theirs) == self._modes
 

@@ -107,7 +107,7 @@ def test_keys_select_a_joint_and_its_plots(seen: ObservedRobot) -> None:
 
 
 def test_the_plots_show_the_last_minute(seen: ObservedRobot) -> None:
-    """The latest seconds are on the right, where the position rises; the rest of the minute is blank."""
+    """The latest seconds are on the right, where the position rises; the remaining minute is blank."""
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         rows = [line[AXIS:] for line in str(app._charts[0].content).splitlines()[1:]]

@@ -30,7 +30,7 @@ from tests.mutated.kind import SO101, Kind, files_of, of_paths
 
 
 def come_up(files: Files) -> None:
-    """Do everything that ``servoloop up`` and ``servoloop emulate`` do with the files before they open a port."""
+    """Process the files as ``servoloop up`` and ``servoloop emulate`` do before they open a port."""
     initial_states(files)
     devices = {name: f"/dev/none{name}" for name in files.robot.file.lines()}
     clock = MonotonicClock()
@@ -106,13 +106,14 @@ def beside_arm(folder: Path) -> None:
 
 
 def read_arm_folder(path: Path) -> None:
-    """Raise the problems that ``servoloop arms check`` would print."""
+    """Raise an error with the problems that ``servoloop arms check`` would print."""
     if problems := check_arm(path.parent):
         raise ArmFileError("\n".join(problems))
 
 
 def _each(kind: str, name: str, read: Callable[[str], Callable[[Path], None]]) -> dict[str, Kind]:
-    """Return a kind for each arm with its own file. ``read`` returns the reader for the name of an arm."""
+    """Return a kind of file for each arm that has its own file. ``read`` returns the reader for an arm, given its
+    name."""
     paths = {getattr(arm, kind): arm.name for arm in reversed(arms())}
     return {f"{kind} of {arm}": Kind(name, of_paths(path), read(arm)) for path, arm in paths.items()}
 

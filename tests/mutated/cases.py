@@ -24,7 +24,7 @@ OF_THE_WHOLE: Final = (
     *("larger than", r"more than \d+ values", "cut off", "says nothing"),
     *("has no section for", "has no <ros2_control> block"),
 )
-"""Patterns of mistakes that concern a whole file and have no line, such as its size or missing content."""
+"""Patterns of mistakes that concern a whole file and therefore have no line, such as its size or missing content."""
 PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
 """Pattern of a line number, or of a mistake that concerns the whole file."""
 FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|srdf|xml|json|mcap)\b|LeRobot's file")
@@ -34,7 +34,8 @@ LINED: Final = (".yaml", ".urdf")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of reading a mutated file. ``wrong`` is empty if it was read, or refused with a good message."""
+    """Result of reading a mutated file. ``wrong`` is empty if the file was read, or if it was refused with a good
+    message."""
 
     refused: str
     wrong: str
@@ -85,13 +86,13 @@ def tried(kind: str, data: bytes, folder: Path) -> Outcome:
 
 
 def _where(error: Exception) -> str:
-    """Return the last place in this project in a traceback."""
+    """Return the last place within this project in a traceback."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "site-packages" not in f.filename]
     return f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}"
 
 
 def complaint(text: str, path: Path) -> str:
-    """Return why a message of refusal is not helpful, or an empty text if it is."""
+    """Return the reason why an error message is not helpful, or an empty text if it is helpful."""
     lines = text.splitlines()
     if not FILE.search(text):
         return f"does not name a file: {text[:300]}"
@@ -102,7 +103,7 @@ def complaint(text: str, path: Path) -> str:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress warnings about files with strange values."""
+    """Suppress warnings about files with unusual values."""
     logging.disable(logging.CRITICAL)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Changes in the structure of XML: elements and attributes are removed, repeated, moved, and filled with nonsense."""
+"""Changes in the structure of XML: elements and attributes are removed, repeated, moved, or filled with nonsense."""
 
 from collections.abc import Callable
 from copy import deepcopy

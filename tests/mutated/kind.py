@@ -14,13 +14,13 @@ SO101: Final = "so101"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of file: its name in its folder, good files, and the reader of that folder."""
+    """A kind of file: its file name, good examples, and the reader of the folder that contains it."""
 
     name: str
     good: Callable[[], list[bytes]]
     read: Callable[[Path], None]
     beside: Callable[[Path], None] = lambda folder: None
-    """Writes the other files that the folder must contain."""
+    """Function that writes the other files that the folder must contain."""
 
 
 def of_paths(*paths: Path) -> Callable[[], list[bytes]]:
@@ -30,5 +30,5 @@ def of_paths(*paths: Path) -> Callable[[], list[bytes]]:
 
 @cache
 def files_of(arm: str) -> Files:
-    """Read the files of an arm once."""
+    """Read the files of an arm only once."""
     return read_arm_files(find_arm(arm))

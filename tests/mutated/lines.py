@@ -1,6 +1,6 @@
 """Send mutated streams to every decoder and to the virtual servos of every make.
 
-A stream fails if it raises an error.
+A stream fails if a decoder or a servo raises an error.
 """
 
 from collections.abc import Callable
@@ -19,13 +19,13 @@ PACKET_S: Final = 0.003
 STREAMS_PER_LINE: Final = 500
 """Number of streams after which a new line with factory-new servos is used."""
 ARMS: Final = {"sts": "so101", "x": "robot_arm_dynamixel", "xl330": "koch"}
-"""An arm for each make that an arm has."""
+"""One arm for each make of servo that an arm has."""
 
 Hear = Callable[[bytes], object]
 
 
 def decoders(make: str) -> dict[str, Hear]:
-    """Return all functions that decode bytes of a line: in the driver, the simulation, traces and campaigns."""
+    """Return all functions that decode bytes of a bus: those in the driver, the simulation, traces and campaigns."""
     one = MAKES[make]
     reply = one.packets.ReplyDecoder(6, frozenset(range(256)), 0x80)
     found: dict[str, Hear] = {

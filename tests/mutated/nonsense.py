@@ -29,4 +29,4 @@ IN_TEXT: Final = (b"\x00", b"\xff", b"\xfe\xff", b"\xff\xfe", b"\xef\xbb\xbf", b
                   b"{", b"}", b"[", b"]", b"'", b'"', b"#", b"<!--", b"<![CDATA[", b"]]>",
                   b"<?xml version='1.0' encoding='x'?>", b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"&lt;", b"&b;", b"\xc3",
                   b"\xed\xa0\x80")  # fmt: skip
-"""Bytes with a special meaning, or that are invalid in UTF-8."""
+"""Bytes that have a special meaning or are invalid in UTF-8."""

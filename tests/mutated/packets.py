@@ -1,4 +1,4 @@
-"""Streams of packets of every make, as sent by a careless or hostile program."""
+"""Streams of packets of every make, such as a careless or hostile program might send."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -104,7 +104,8 @@ def _group(make: Make, chance: Random) -> bytes:
 
 
 def _number(make: Make, chance: Random) -> bytes:
-    """Return an address or a size in the width of the protocol: of a register, at an end, or random."""
+    """Return an address or a size in the width of the protocol: that of a register, one at an end of the range, or a
+    random one."""
     width = 1 if make.packets is v1 else 2
     largest = 256**width - 1
     value = chance.choice((chance.randrange(80), chance.randrange(160), 0, largest, chance.randint(0, largest)))

@@ -1,4 +1,4 @@
-"""Changes in bytes regardless of their meaning: flips, cuts, lost or repeated parts, and other encodings."""
+"""Changes of bytes regardless of their meaning: flipped bits, cuts, lost or repeated parts, and other encodings."""
 
 from random import Random
 from typing import Final

@@ -107,7 +107,7 @@ def good_recordings() -> list[bytes]:
 
 @cache
 def good_recording() -> list[bytes]:
-    """Return a recording of ``servoloop simulate`` in which a joint moves."""
+    """Return a recording of ``servoloop simulate`` that contains the motion of a joint."""
     job = load_pick_place(find_arm(SO101).pick_place)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.mcap"

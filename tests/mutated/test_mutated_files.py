@@ -15,13 +15,13 @@ from tests.mutated.readers import KINDS
 pytestmark = pytest.mark.slow
 
 FILES = int(os.environ.get("SERVOLOOP_MUTATED_FILES", "150"))
-"""Number of mutated files of all kinds together."""
+"""Total number of mutated files of all kinds."""
 SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Look for plug-ins of other packages once instead of for each file, and suppress warnings."""
+    """Search for plug-ins of other packages only once instead of for each file, and suppress warnings."""
     for module in (hardware, plugins):
         monkeypatch.setattr(module, "entry_points", cache(module.entry_points))
     with quiet():
@@ -40,7 +40,7 @@ def test_mutated_files_are_read_or_refused_with_a_sentence(kind: str, tmp_path: 
     wrong: list[str] = []
     for number in range(max(1, FILES // len(KINDS))):
         data = mutated(kind, SEED, number)
-        (tmp_path / "case").write_bytes(data)  # keeps the file even if reading it ends the process
+        (tmp_path / "case").write_bytes(data)  # keeps the file in case reading it ends the process
         if said := tried(kind, data, tmp_path / "arm").wrong:
             wrong.append(f"{kind}, seed {SEED}, file {number}: {said}")
     assert not wrong, "\n".join(wrong[:20])

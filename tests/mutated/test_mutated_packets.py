@@ -10,7 +10,7 @@ from tests.mutated.packets import MAKES
 pytestmark = pytest.mark.slow
 
 STREAMS = int(os.environ.get("SERVOLOOP_MUTATED_STREAMS", "7000"))
-"""Number of mutated streams for the virtual servos of all makes together."""
+"""Total number of mutated streams for the virtual servos of all makes."""
 SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
 

@@ -29,11 +29,11 @@ class Anchored:
 
 
 class Mapping(list[list[Any]]):
-    """List of pairs of key and value. Unlike in a dict, keys may occur more than once."""
+    """List of pairs, each with a key and a value. Unlike in a dict, keys may occur more than once."""
 
 
 Slot = tuple[list[Any], int]
-"""A list and the index of a value in it."""
+"""A list, and the index of a value in it."""
 
 
 def parsed(text: str) -> Any:

@@ -16,7 +16,7 @@ from tests.controller.bench import Bench
 
 
 class FakeNode:
-    """Fake controller node. Its name selects the operation that fails."""
+    """Fake controller node. The name of the controller selects the operation that fails."""
 
     def __init__(self, spec: ControllerSpec, *_: object) -> None:
         if spec.name == "unmade":

@@ -8,7 +8,7 @@ RATE, BURST = 100.0, 20
 
 
 def served(asked_hz: dict[str, float], seconds: float = 10.0) -> dict[str, int]:
-    """Return the number of served requests of each client, given its request rate."""
+    """Return the number of served requests of each client for given request rates."""
     rate = FairRate(RATE, BURST)
     asks = sorted((k / hz, name) for name, hz in asked_hz.items() for k in range(round(seconds * hz)))
     counts = dict.fromkeys(asked_hz, 0)

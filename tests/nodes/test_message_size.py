@@ -24,7 +24,7 @@ SEQUENCE, POINT = 24, 104
 
 
 def measured(message: Any, allowed: int = HUGE) -> int:
-    """Convert a message to C and return its size without the fixed size of its type."""
+    """Convert a message to C and return its size minus the fixed size of its type."""
     kind = type(message)
     layout = layout_of(kind)
     create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(capsule_address(kind._CREATE_ROS_MESSAGE))

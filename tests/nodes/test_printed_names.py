@@ -1,4 +1,4 @@
-"""Messages show names from clients and files shortened and on one line."""
+"""Messages show names from clients and files in shortened form and on one line."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,7 +15,7 @@ from nodes.pick_place.node import PickPlaceNode
 
 WILD = "arm\nERROR all is well\x1b[2J" + "x" * 1_000_000
 SPARE = 100
-"""Maximum number of characters in a message besides the name."""
+"""Maximum number of characters in a message, not counting the name."""
 
 
 class Log:

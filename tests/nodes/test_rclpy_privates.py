@@ -9,7 +9,7 @@ import pytest
 NODES = Path(__file__).parents[2] / "nodes"
 MODULES = [path for path in NODES.rglob("*.py") if path.parent.name != "rclpy_patches"]
 RCLPYS = ("Node", "SingleThreadedExecutor")
-"""Classes of rclpy from which our classes inherit."""
+"""Classes of rclpy from which classes of this project inherit."""
 OWN = ("self", "cls", "os")
 
 
@@ -18,14 +18,14 @@ def private(name: str) -> bool:
 
 
 def on_others(tree: ast.AST) -> Iterator[str]:
-    """Yield private attributes of all objects except ``self``."""
+    """Yield the private attributes that are used of any object except for ``self``."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and private(node.attr) and ast.unparse(node.value) not in OWN:
             yield ast.unparse(node)
 
 
 def inherited(tree: ast.AST) -> Iterator[str]:
-    """Yield private attributes that a class uses and inherits from rclpy."""
+    """Yield the private attributes that a class uses and inherits from rclpy."""
     for kind in (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)):
         if any(ast.unparse(base) in RCLPYS for base in kind.bases):
             used = [n for n in ast.walk(kind) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "self"]
@@ -35,7 +35,7 @@ def inherited(tree: ast.AST) -> Iterator[str]:
 
 
 def imported(tree: ast.AST) -> Iterator[str]:
-    """Yield imported private modules of rclpy."""
+    """Yield the private modules of rclpy that are imported."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("rclpy.impl", "rclpy._")):
             yield str(node.module)
@@ -58,5 +58,6 @@ def test_private_parts_in_patches_are_found() -> None:
 
 
 def test_replaced_clock_is_found() -> None:
-    """An own attribute with the same name as one of rclpy would not be found, so the node uses a different name."""
+    """If an attribute of ours had the same name as one of rclpy, it would not be found, so the node must use a
+    different name."""
     assert of_rclpy("class Ours(Node):\n    def now(self):\n        return self._clock.now()\n") == ["Ours._clock"]

@@ -32,7 +32,7 @@ def test_missing_package_is_named(
 def test_another_distribution_is_refused(
     verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A sourced distribution precedes the installed packages on the path."""
+    """The folder of a sourced distribution precedes the installed packages on the path."""
     pytest.importorskip("rclpy")
     info = tmp_path / "rclpy-9.1.0.dist-info"
     info.mkdir()
@@ -58,7 +58,7 @@ SETTINGS = [
     ("HOME", "/proc/nope", "ROS 2 cannot write its logs to /proc/nope/.ros/log, the folder that HOME selects"),
     ("HOME", "", "HOME is not set, but ROS 2 needs a folder for its logs: set ROS_LOG_DIR"),
 ]
-"""Environment variable, its value and the expected message."""
+"""Environment variable, value of the variable, and expected message."""
 
 
 @pytest.fixture

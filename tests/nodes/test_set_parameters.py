@@ -18,7 +18,7 @@ WHY = "parameter 'strange' cannot be set because its type 77 does not exist: use
 
 
 def setting(request: Any, response: Any) -> Any:
-    """Respond like rclpy, with one result per parameter or one for all."""
+    """Respond as rclpy does, with one result per parameter or one result for all parameters."""
     if any(parameter.name == "failing" for parameter in request.parameters):
         raise ZeroDivisionError("a plug-in's")
     result = SetParametersResult(successful=True)

@@ -1,4 +1,4 @@
-"""Which apple started which job, from the messages of the cell."""
+"""Tests which apple started which job, according to the messages of the cell."""
 
 import json
 from types import SimpleNamespace

@@ -14,7 +14,7 @@ Serve = Callable[..., str]
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Serve]:
-    """Yield the function ``serve(model, *ids)``, which starts a line and returns its path."""
+    """Yield the function ``serve(model, *ids)``, which starts a line and returns the path of its port."""
     served: list[subprocess.Popen[str]] = []
 
     def start(model: str, *servo_ids: int) -> str:

@@ -1,6 +1,6 @@
 """Tests of the ROBOTIS SDK on virtual Dynamixels, as in its published examples, with both protocols.
 
-A busy machine loses replies, so the tests repeat requests that the examples send once.
+A busy machine loses replies, so the tests repeat requests that the examples send only once.
 """
 
 import importlib
@@ -23,7 +23,7 @@ POSITION, GOAL, TORQUE, LED = (r.address for r in (x.present_position, x.goal_po
 
 
 class Client:
-    """The two objects of the examples, a port and a packet handler."""
+    """The two objects that the examples use, a port and a packet handler."""
 
     def __init__(self, link: str, protocol: float) -> None:
         self.port = sdk.PortHandler(link)
@@ -32,7 +32,7 @@ class Client:
         assert self.port.setBaudRate(1_000_000)
 
     def ask(self, question: str, *arguments: Any) -> Any:
-        """Call a method of the handler until it is answered, and return its first result."""
+        """Call a method of the handler until the servo answers, and return its first result."""
         answers: list[Any] = []
 
         def answered() -> bool:

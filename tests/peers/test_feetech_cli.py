@@ -22,7 +22,7 @@ class Feetech:
     def says(self, *arguments: str, status: int = 0) -> str:
         """Run a command and return its output without colors.
 
-        It is tried three times, because the program does not repeat requests.
+        The command is tried three times, because the program does not repeat requests.
         """
         for _ in range(3):
             run = subprocess.run([*self._command, *arguments], capture_output=True, text=True, timeout=60)

@@ -1,7 +1,7 @@
 """Tests of the Feetech SDK on virtual servos, as in its published examples: ping, read and write, groups.
 
-The tests repeat requests that the examples send once, because a busy machine may delay a reply. The SDK waits 34 ms,
-and a later reply collides with the next request.
+The tests repeat requests that the examples send only once, because a busy machine may delay a reply. The SDK waits 34
+ms, and a later reply collides with the next request.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ ACCELERATION, GOAL, SPEED, POSITION, PRESENT_SPEED, MOVING = 41, 42, 46, 56, 58,
 
 
 class Client:
-    """The two objects of the examples, a port and a packet handler."""
+    """The two objects that the examples use, a port and a packet handler."""
 
     def __init__(self, link: str) -> None:
         self.port = sdk.PortHandler(link)
@@ -32,7 +32,7 @@ class Client:
         assert self.port.setBaudRate(1_000_000)
 
     def ask(self, question: str, *arguments: Any) -> Any:
-        """Call a method of the handler until it is answered, and return its first result."""
+        """Call a method of the handler until the servo answers, and return its first result."""
         answers: list[tuple[Any, ...]] = []
 
         def answered() -> bool:
@@ -60,7 +60,8 @@ def test_ping(client: Client) -> None:
 
 
 def test_read_write(client: Client) -> None:
-    """Write acceleration, speed and goal one by one, and read position and speed as one number until the arrival."""
+    """Write acceleration, speed and goal one by one, and read position and speed as one number until the servo
+    arrives."""
     client.ask("write1ByteTxRx", 2, ACCELERATION, 50)
     client.ask("write2ByteTxRx", 2, SPEED, 1000)
     for goal in (2300, 1800):

@@ -1,6 +1,7 @@
 """LeRobot's Dynamixel bus class on virtual servos, with the settings that LeRobot gives a Koch.
 
-LeRobot needs Python 3.12 and is not in the group ``peers``: the test runs where it is installed (tried with 0.6.1).
+LeRobot needs Python 3.12 and is not in the group ``peers``: the test runs only where LeRobot is installed (tested with
+0.6.1).
 """
 
 import importlib
@@ -27,7 +28,7 @@ MODELS = {
 IDS = dict(zip(MODELS, range(1, 7), strict=True))
 RANGE = (700, 3400)
 RETRIES = 20
-"""A busy machine loses replies, and the class repeats a request only on request of its caller."""
+"""A busy machine loses replies, and the class repeats a request only if its caller asks for it."""
 
 
 @pytest.fixture

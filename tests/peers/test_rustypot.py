@@ -1,6 +1,6 @@
 """Tests of rustypot on virtual servos of both makes: single registers, groups and motions.
 
-tests/drivers tests its tables.
+The tests in tests/drivers check the tables of rustypot.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Tests of the Rust driver st3215-bus on virtual servos. It verifies its EEPROM writes."""
+"""Tests of the Rust driver st3215-bus on virtual servos. The driver verifies its EEPROM writes."""
 
 import importlib
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """Paint apples on a table: a small renderer of spheres that shares no code with the virtual camera.
 
-Light is a sum of a directional lamp (with shadows) and ambient light; textures are linear albedos; sRGB gamma and noise
-come last. The truth is counted in the same pixels.
+The light is the sum of a directional lamp (with shadows) and ambient light. Textures are linear albedos. The sRGB gamma
+and the noise are applied last. The true values are counted in the same pixels.
 """
 
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class PaintedApple:
 
 @dataclass
 class PaintedTruth:
-    """What the camera sees of one apple."""
+    """The camera's view of one apple."""
 
     diameter_mm: float
     position_m: Array
@@ -69,7 +69,7 @@ def view(focal_px: float = 620.0, height_m: float = 0.5, back_m: float = 0.25) -
 def paint(
     view: CameraView, apples: list[PaintedApple], lamp: Lamp, seed: int, table: Array | None = None
 ) -> tuple[NDArray[np.uint8], list[PaintedTruth]]:
-    """Return a picture (h, w, 3) and the truth of each apple."""
+    """Return a picture (h, w, 3) and the true values of each apple."""
     table = np.array([0.55, 0.55, 0.55]) if table is None else table
     width, height = view.intrinsics.size
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
@@ -140,7 +140,7 @@ def srgb(linear: Array) -> NDArray[np.uint8]:
 
 
 def random_apples(rng: np.random.Generator, count: int, gap_m: float = 0.005) -> list[PaintedApple]:
-    """Return apples beside each other in front of ``view()``."""
+    """Return apples that lie beside each other in front of ``view()``."""
     apples: list[PaintedApple] = []
     while len(apples) < count:
         radius = rng.uniform(0.018, 0.04)

@@ -25,7 +25,7 @@ SQUARE_PX = 90
 
 
 def seen(turn: np.ndarray, shift: np.ndarray, seed: int) -> Picture:
-    """Return a picture of the board at a pose in the frame of the camera, through the lens."""
+    """Return a picture of the board at a given pose in the camera frame, as seen through the lens."""
     x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
     pixels = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
     flat = cv2.undistortPoints(pixels, LENS.matrix, LENS.distortion).reshape(-1, 2)
@@ -41,12 +41,12 @@ def seen(turn: np.ndarray, shift: np.ndarray, seed: int) -> Picture:
 
 
 def views(count: int, tilt_rad: float) -> list[BoardView]:
-    """Return views of the board of ``pictures``."""
+    """Return the views of the board in ``pictures``."""
     return [DETECTOR.view(picture) for picture in pictures(count, tilt_rad)]
 
 
 def pictures(count: int, tilt_rad: float) -> list[Picture]:
-    """Return pictures of a board that is tilted to all sides, in all parts of the picture."""
+    """Return pictures of a board that is tilted to all sides and appears in all parts of the picture."""
     rng = np.random.default_rng(3)
     found = []
     for number in range(count):

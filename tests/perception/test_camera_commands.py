@@ -28,7 +28,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def pictures(folder: Path, count: int) -> None:
-    """Write views of a board, each of them twice."""
+    """Write views of a board to files, each of them twice."""
     folder.mkdir()
     for number, view in enumerate(boards.pictures(count, 0.45)):
         for again in range(2):

@@ -1,4 +1,4 @@
-"""Pixels, rays and points of the plane."""
+"""Conversions between pixels, rays and points of the plane."""
 
 from pathlib import Path
 

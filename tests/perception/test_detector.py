@@ -1,4 +1,4 @@
-"""Detectors of the user, with a tiny ONNX model that the test makes."""
+"""Detectors that users provide, with a tiny ONNX model that the test creates."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ SIZE = 320
 
 
 def model(path: Path, boxes: list[list[float]], shape: tuple[object, ...] = (1, 3, SIZE, SIZE)) -> Path:
-    """Write a model whose boxes are fixed, and whose scores vanish in a black picture.
+    """Write a model whose boxes are fixed, and whose scores are 0 in a black picture.
 
     Args:
         path: The file.
@@ -51,7 +51,7 @@ def scene() -> tuple[Grader, np.ndarray, list[float]]:
     picture, _ = painted.paint(painted.view(), [apple], painted.Lamp(lamp=0.7), 0)
     grader = Grader(painted.view())
     left, top, width, height = grader.grade(picture)[0].box_px
-    # 640 × 480 pixels fill 320 × 240 of the input, below a margin of 40.
+    # The 640 × 480 pixels fill 320 × 240 pixels of the input, below a margin of 40.
     return grader, picture, [(left + width / 2) / 2, (top + height / 2) / 2 + 40, width / 2, height / 2]
 
 

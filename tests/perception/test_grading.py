@@ -1,4 +1,4 @@
-"""The grader against painted pictures whose truth is known pixel by pixel."""
+"""The grader is tested with painted pictures whose true values are known for each pixel."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def grader() -> Grader:
 def graded(
     grader: Grader, apples: list[painted.PaintedApple], lamp: painted.Lamp, seed: int = 0
 ) -> list[tuple[GradedApple, painted.PaintedTruth]]:
-    """Return each apple of a picture with its truth; fail if an apple is missed or invented."""
+    """Return each apple of a picture together with its true values; fail if an apple is missed or invented."""
     picture, truth = painted.paint(painted.view(), apples, lamp, seed)
     found = grader.grade(picture)
     assert len(found) == len(truth), [apple.position_m for apple in found]

@@ -1,4 +1,4 @@
-"""The loop that reads and grades: failures of the camera, and frames that are not graded."""
+"""The loop that reads and grades pictures: failures of the camera, and frames that are not graded."""
 
 from collections.abc import Iterator
 

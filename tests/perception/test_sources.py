@@ -1,4 +1,4 @@
-"""Camera sources: cameras of the machine, recordings, and what goes wrong with them."""
+"""Camera sources: cameras of the machine, recordings, and their failures."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ CLOCK = MonotonicClock()
 
 
 class FakeCapture:
-    """A capture of OpenCV whose frames have the gray values that the test puts in."""
+    """A capture of OpenCV whose frames have the gray values that the test provides."""
 
     def __init__(self, size: tuple[int, int] = (64, 48), period_s: float = 0.01, age_s: float = 0.0) -> None:
         self.size, self.period_s, self.age_s = size, period_s, age_s

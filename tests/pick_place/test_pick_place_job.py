@@ -29,7 +29,7 @@ STATES_BEFORE_HAND = [3, 6, 9]
 
 @dataclass
 class RecordingArm:
-    """Arm that completes every command immediately. The hooks run inside the n-th call."""
+    """Arm that completes every command immediately. The hooks run within the n-th call."""
 
     done: list[tuple[float, ...] | float] = field(default_factory=list)
     on_move: Callable[[int], JobOutcome] = lambda _: JobOutcome(True)

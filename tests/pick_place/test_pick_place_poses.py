@@ -40,7 +40,7 @@ PHASES = [
 
 @dataclass
 class RecordingPlanner:
-    """Planner whose motions take no time. The hook runs inside the n-th call."""
+    """Planner whose motions take no time. The hook runs within the n-th call."""
 
     calls: list[tuple[str, Any]] = field(default_factory=list)
     on_call: Callable[[int], JobOutcome] = lambda _: JobOutcome(True)

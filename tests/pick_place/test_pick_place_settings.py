@@ -26,7 +26,7 @@ def test_configuration_file_equals_the_defaults() -> None:
     assert parameters.pop("grades") == list(bins) == list(default.bins_rad)
     assert {grade: tuple(pose) for grade, pose in bins.items()} == default.bins_rad
     assert parameters == {name: getattr(default, name) for name in parameters}
-    assert len(parameters) == 8  # six times and two gripper positions
+    assert len(parameters) == 10  # six times, two gripper positions and two controllers
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Chains of the arms for the tests of kinematics."""
+"""Kinematic chains of the arms, for the tests of kinematics."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -37,7 +37,7 @@ def model(arm: str) -> Any:
 
 
 def limits(arm: str) -> Mapping[str, JointLimits]:
-    """Return the limits of all joints above the tool, from the base on."""
+    """Return the limits of all joints between base and tool, starting at the base."""
     joints = {joint.child: joint for joint in description(arm).joints.values()}
     link, found = TOOLS[arm], {}
     while link in joints:

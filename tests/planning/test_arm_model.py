@@ -1,4 +1,4 @@
-"""The arm of a scene: its links, joints and world objects."""
+"""Model of an arm from its scene: links, joints and world objects."""
 
 import math
 

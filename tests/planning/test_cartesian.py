@@ -1,4 +1,4 @@
-"""The tool follows straight lines, and a path that ends early says how far it came and why."""
+"""The tool follows straight lines, and a path that ends early reports how far it got and why it ended."""
 
 import math
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ def test_a_path_ends_at_the_edge_of_the_reach() -> None:
 
 
 def test_the_joint_at_its_limit_is_named() -> None:
-    """Only joint6 turns the gripper that points down. Its upper limit is at 3.05 rad."""
+    """Only joint6 turns a gripper that points down. The upper limit of joint6 is 3.05 rad."""
     over = DOWN + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.7])
     wide = DOWN + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.5])
     twice = DOWN + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0])
@@ -132,7 +132,7 @@ def test_a_wrong_waypoint_is_refused() -> None:
 
 
 def test_a_five_joint_arm_keeps_the_line_and_turns_within_the_tolerance() -> None:
-    """SO-101 cannot keep the yaw of its tool on a line to the side."""
+    """The SO-101 cannot keep the yaw of its tool on a sideways line."""
     start = np.array([0.3, -0.3, 0.4, 0.8, 0.0])
     end = moved(start, (0.0, 0.05, 0.0), "so101")
     assert tool_path(chain("so101"), start, [end], Steps()).fraction < 1.0

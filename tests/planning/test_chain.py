@@ -109,7 +109,7 @@ def test_the_pose_equals_that_of_the_urdf(arm: str, shares: list[float]) -> None
         position = (position[0] + step[0], position[1] + step[1], position[2] + step[2])
         turned = multiply(turned, rotation)
     pose = chain(arm).pose(positions)
-    assert pose.position_m == pytest.approx(position, abs=2e-5)  # the scenes have rounded angles
+    assert pose.position_m == pytest.approx(position, abs=2e-5)  # the scenes contain rounded angles
     assert matrices(pose.quaternion_xyzw) == pytest.approx(matrices(np.array(turned)), abs=2e-5)
 
 

@@ -1,4 +1,4 @@
-"""Which pairs of links and objects count, and the check of edges."""
+"""Which pairs of links and objects are checked, and the check of edges."""
 
 import itertools
 import math
@@ -154,7 +154,8 @@ def test_after_the_warm_up_nothing_is_compiled():
 
 
 def test_an_edge_that_needs_too_many_poses_is_refused():
-    """A capsule turns about its own axis beside a wall. Its bound of the speed does not know that nothing moves."""
+    """A capsule turns about its own axis beside a wall. The speed bound of the capsule does not take into account that
+    no surface moves."""
     scene = """<mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="0.201 0 0"/>
     <body name="hand"><joint name="turn" axis="0 0 1"/><geom type="capsule" size="0.1 0.3"/></body>
     </worldbody></mujoco>"""

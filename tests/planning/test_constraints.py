@@ -1,4 +1,4 @@
-"""Path constraints hold at every point of a motion, and a start or a goal that breaks one is refused."""
+"""Path constraints hold at every point of a motion, and a start or a goal that violates one is refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Distances of shapes, compared with MuJoCo's and with brute force."""
+"""Distances between shapes, compared with those of MuJoCo and with a brute-force search."""
 
 import math
 
@@ -17,7 +17,7 @@ KINDS = ("sphere", "capsule", "box", "cylinder", "ellipsoid", "plane")
 
 
 def two_geoms(geoms: str, moving: str) -> ArmModel:
-    """A fixed geom, and one that slides."""
+    """A fixed geom, and a geom that slides."""
     hand = f'<body name="hand"><joint name="slide" type="slide" axis="0 0 1"/>{moving}</body>'
     scene = f"<mujoco><worldbody>{geoms}{hand}</worldbody></mujoco>"
     return ArmModel.from_string(scene, {"slide": limits(-1.0, 1.0)})

@@ -1,4 +1,4 @@
-"""Goals of clients are checked, and regions contain the poses that their tolerances allow."""
+"""Goals of clients are checked, and regions contain all poses that their tolerances allow."""
 
 import math
 from typing import Any
@@ -97,7 +97,7 @@ def test_a_rounded_quaternion_is_normalized() -> None:
 def test_a_region_contains_what_its_tolerances_allow(
     region: Any, tolerance: Any, offset: Any, turn: Any, inside: bool
 ) -> None:
-    """``offset`` is along the axes of the base, ``turn`` about the axes of the goal."""
+    """``offset`` is given along the axes of the base, ``turn`` about the axes of the goal."""
     goal = PoseGoal(ToolPose(np.array([0.1, 0.2, 0.3]), np.array([0.5, 0.5, 0.5, 0.5])), region, tolerance)
     tool = np.eye(4)
     tool[:3, :3] = matrices(goal.pose.quaternion_xyzw) @ matrices(np.array(turn))

@@ -1,4 +1,4 @@
-"""Groups, end effectors and named states come from an SRDF, or from the arm's description."""
+"""Groups, end effectors and named states come from an SRDF or from the description of the arm."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ FINGER = "hand_right_joint"
 
 
 def parsed(*body: str) -> Groups:
-    """Parse an SRDF whose first body line is line 2."""
+    """Parse an SRDF whose body begins at line 2."""
     return parse_srdf("\n".join(['<robot name="robot_arm">', *body, "</robot>"]), description("robot_arm"), "arm.srdf")
 
 

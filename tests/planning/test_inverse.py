@@ -1,4 +1,4 @@
-"""Inverse kinematics reaches what forward kinematics has reached, and refuses the rest with the nearest pose."""
+"""Inverse kinematics solves poses that forward kinematics has reached, and refuses all others with the nearest pose."""
 
 import contextlib
 import math
@@ -28,7 +28,7 @@ from tests.planning.chains import SHARES, around, at_shares, chain, limits, mode
 ARMS = ("robot_arm", "so101")
 SOLVERS = {arm: InverseKinematics(chain(arm)) for arm in ARMS}
 AT_ONCE_S = 1.0
-"""Maximum time of an answer, in seconds of processor."""
+"""Maximum processor time of an answer, in seconds."""
 
 
 def start(arm: str) -> FloatArray:
@@ -48,7 +48,7 @@ def far(seed: int) -> FloatArray:
 
 
 def solved(arm: str, seed: int, number: int) -> tuple[int, float]:
-    """Return the number of reachable poses that are solved, and the longest time, in seconds of processor."""
+    """Return the number of reachable poses that are solved, and the longest processor time, in seconds."""
     count, longest_s = 0, 0.0
     for positions in random_positions(arm, number, seed):
         goal, began_s = around(arm, positions), time.process_time()
@@ -94,7 +94,7 @@ def test_nearly_all_of_500_reachable_poses_are_solved(arm: str) -> None:
 
 
 def refused(arm: str, number: int) -> float:
-    """Check that poses out of reach are refused, and return the longest time, in seconds of processor."""
+    """Check that poses out of reach are refused, and return the longest processor time, in seconds."""
     longest_s = 0.0
     for seed in range(number):
         goal = PoseGoal(ToolPose(far(seed), turned(seed)), PositionSphere(0.005), (0.05,) * 3)
@@ -197,7 +197,7 @@ def _tilted(quaternion: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("angles", ["rotation_vector", "xyz_euler"])
 @pytest.mark.parametrize("tolerance_rad", [(0.05, 0.05, 0.05), (0.05, 0.05, math.pi), (0.5, 0.5, 0.5)])
 def test_a_pose_shifted_within_its_tolerances_is_reached(arm: str, angles: Any, tolerance_rad: Any) -> None:
-    """Neither arm reaches the shifted pose exactly: both move their tool in five directions only."""
+    """Neither arm reaches the shifted pose exactly, because both can move their tools in five directions only."""
     random = np.random.default_rng(9)
     for positions in random_positions(arm, 3, seed=10):
         tool = chain(arm).transforms(positions[None])[0]
@@ -238,7 +238,7 @@ def test_solutions_that_are_not_valid_are_left_out() -> None:
 
 
 def test_a_solution_is_checked_once() -> None:
-    """Most starts of SO-101 end in the same solution."""
+    """Most starts of the SO-101 end in the same solution."""
     seen: list[FloatArray] = []
     goal = around("so101", random_positions("so101", 1, seed=8)[0])
     with pytest.raises(CollidingError):
@@ -272,7 +272,7 @@ def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
 
 
 def test_the_start_is_tried_first() -> None:
-    """The robot_arm reaches a pose in infinitely many ways, of which only those near the start are valid here."""
+    """The robot_arm reaches a pose in infinitely many ways, but only those near the start are valid here."""
     positions = random_positions("robot_arm", 1, seed=8)[0]
     goal = around("robot_arm", positions)
 

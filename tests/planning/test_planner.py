@@ -1,4 +1,4 @@
-"""Plans of the planar arm and of the project's arms: short, free and repeatable."""
+"""Plans of the planar arm and of the project's arms are short, collision-free and repeatable."""
 
 import itertools
 
@@ -65,7 +65,8 @@ def test_a_start_near_an_obstacle_is_timed_with_the_margins_of_its_plan():
 
 
 def test_a_start_near_an_obstacle_reduces_the_margins_only_near_the_start():
-    """The arm lies along a wall at 0.5 mm. On its way around the post, it keeps almost the padding of 20 mm."""
+    """The arm lies along a wall, at a distance of 0.5 mm. On its way around the post, the arm keeps almost the whole
+    padding of 20 mm."""
     arm = planar()
     wall = SceneObject("wall", ((Box(0.2, 0.2, 0.2), Pose()),), Pose(np.array([0.8, -0.1205, 0.15])))
     collisions = Collisions(arm, Scene().with_object(wall))

@@ -1,4 +1,4 @@
-"""Objects come from MoveIt's scene files and from YAML; every mistake has its file and line."""
+"""Objects come from MoveIt's scene files and from YAML; every mistake is reported with its file and line."""
 
 import re
 from pathlib import Path

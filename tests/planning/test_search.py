@@ -25,7 +25,7 @@ def in_time(seconds: float):
 
 
 def touches(collisions: Collisions, path) -> bool:
-    """Whether any of many poses on a path is in contact."""
+    """Return whether one of many poses on a path is in contact."""
     parts = np.linspace(0.0, 1.0, 300)
     return any(
         collisions.clearance(one + (other - one) * part).distance_m <= 0.0
@@ -45,7 +45,7 @@ def test_the_arm_passes_around_the_post_the_same_way_twice(planner):
     assert path[0].tolist() == START.tolist()
     assert path[-1].tolist() == GOAL.tolist()
     assert not touches(collisions, path)
-    find_path(arm, collisions, PathRequest(GOAL, (START,), seed=3), in_time(5.0))  # must not influence the next one
+    find_path(arm, collisions, PathRequest(GOAL, (START,), seed=3), in_time(5.0))  # must not change the next search
     again = find_path(planar(), Collisions(planar(), Scene()), request, in_time(5.0))
     assert again.tolist() == path.tolist()
 
@@ -67,7 +67,7 @@ def test_one_of_several_goals_is_reached():
 
 
 def enclosed() -> Scene:
-    """Two walls between which the arm cannot leave."""
+    """Two walls that enclose the arm."""
     walls = [
         SceneObject(f"wall{i}", ((Box(2.0, 0.02, 1.0), Pose()),), Pose(np.array([0.0, y, 0.0])))
         for i, y in enumerate((-0.4, 0.4))

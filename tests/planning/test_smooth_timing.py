@@ -1,4 +1,4 @@
-"""A spline through the points of a smooth path is followed within the limits of every joint."""
+"""A spline through the points of a smooth path can be followed within the limits of every joint."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The time along a path: limits, ends, and clearance of the timed path."""
+"""Timing of a path: limits, ends, and clearance of the timed path."""
 
 import itertools
 
@@ -43,7 +43,7 @@ def test_a_timed_path_keeps_all_limits(points, factors):
         speed, acceleration = path.velocities[:, column], path.accelerations[:, column]
         assert np.abs(speed).max() <= limit.velocity * 1.0001
         assert np.abs(acceleration).max() <= limit.acceleration * 1.0001 + 1e-6
-        # the differences between the points agree with the derivatives, so neither is made up
+        # the differences between the points agree with the derivatives, so both are correct
         if len(steps_s):
             assert np.abs(np.diff(speed) / steps_s[:, 0]).max() <= limit.acceleration * 1.0001 + 1e-5
             assert np.abs(np.diff(path.positions[:, column]) / steps_s[:, 0]).max() <= limit.velocity * 1.0001 + 1e-5

@@ -1,4 +1,4 @@
-"""Recordings of other programs: ROS 2 messages of any publisher in MCAP."""
+"""Recordings of other programs, which contain ROS 2 messages of any publisher in MCAP."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -39,7 +39,7 @@ def write_states(
 
 
 def encoded(state: State) -> bytes:
-    """Return the message in CDR."""
+    """Return the message, serialized as CDR."""
     sec, nanosec = divmod(round((state.log_s if state.stamp_s is None else state.stamp_s) * 1e9), 1_000_000_000)
     header = ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(sec, nanosec), "")
     arrays = (np.array(values, dtype=np.float64) for values in (state.position, state.velocity, state.effort))
@@ -50,7 +50,8 @@ def encoded(state: State) -> bytes:
 def swing(
     joint: str, others: Mapping[str, float], seconds: float = 4.0, far: float = 0.4
 ) -> list[tuple[float, dict[str, float]]]:
-    """Return times and positions by joint. One joint moves by ``far`` and stays there; the others rest."""
+    """Return the times and the positions by joint. One joint moves by ``far`` and stays there; the other joints are at
+    rest."""
     times = np.arange(0.0, seconds, 0.05)
     way = far * 0.5 * (1.0 - np.cos(np.pi * np.clip(times / (seconds - 1.0), 0.0, 1.0)))
     return [(1e3 + float(at), {**others, joint: float(place)}) for at, place in zip(times, way, strict=True)]

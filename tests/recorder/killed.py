@@ -1,6 +1,6 @@
 """Record a simulated stack until the program is killed: ``python -m tests.recorder.killed FILE``.
 
-The program prints the number of flushed cycles after each flush.
+After each flush, the program prints the number of flushed cycles.
 """
 
 import sys

@@ -14,7 +14,7 @@ Messages = dict[str, list[Any]]
 
 
 def by_rosbags(path: Path) -> Messages:
-    """Read a file with rosbags, which takes types unknown to Jazzy from the schemas of the file."""
+    """Read a file with rosbags, which reads types that Jazzy does not know from the schemas of the file."""
     found: Messages = defaultdict(list)
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, _, data in reader.messages():
@@ -32,7 +32,7 @@ def by_mcap(path: Path) -> Messages:
 
 
 def faults(path: Path) -> list[str]:
-    """Return the faults for which a file was written, as "joint: kind", in order."""
+    """Return the faults for which files were written, as "joint: kind", in order."""
     with path.open("rb") as stream:
         return [text for record in make_reader(stream).iter_metadata() for text in record.metadata.values()]
 

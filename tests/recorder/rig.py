@@ -12,7 +12,7 @@ from tests.stack.rig import READY
 
 
 class Rig:
-    """Active stack at rest. ``samples`` has all its cycles."""
+    """Active stack at rest. ``samples`` contains all cycles of the stack."""
 
     def __init__(self, start: Sequence[float] = READY) -> None:
         self.stack = SimulatedStack(start=(*start, 0.0), keep_alive=True)
@@ -26,7 +26,7 @@ class Rig:
         self.stack.up()
 
     def run(self, seconds: float) -> list[CycleSample]:
-        """Run for this time, and return its cycles."""
+        """Run for a given time, and return the cycles of that time."""
         begun = len(self.samples)
         self.stack.run(seconds)
         return self.samples[begun:]

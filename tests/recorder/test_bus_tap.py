@@ -1,4 +1,4 @@
-"""A bus tap records what was read and written, and reports each write to an observer."""
+"""A bus tap records all bytes that were read and written, and reports each write to an observer."""
 
 import pytest
 
@@ -10,7 +10,7 @@ READ, WRITTEN = b"\xff\xff\x01", b"\xff\xff\x02"
 
 
 class Wire:
-    """Port whose cable can be pulled. Each call takes a millisecond."""
+    """Port whose cable can be pulled. Each call of the port takes a millisecond."""
 
     name, baud = "/dev/ttyACM0", 1_000_000
 

@@ -1,4 +1,5 @@
-"""Run the first command and the programs of docs/recordings.md. tests/ros/test_recordings.py runs the others."""
+"""Run the first command and the programs of docs/recordings.md. tests/ros/test_recordings.py runs the other
+commands."""
 
 import re
 import shlex
@@ -49,7 +50,7 @@ def test_documented_simulated_job_is_recorded_and_readable(tmp_path: Path, monke
 @pytest.mark.slow
 @pytest.mark.runs(*RUNNING)
 def test_documented_commands_record_a_running_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One recording lasts until the end of the stack, the other for ten seconds of its time."""
+    """One recording lasts until the end of the stack, and the other for ten seconds of the stack's time."""
     monkeypatch.chdir(tmp_path)
     for command, words, seconds in zip(RUNNING, ("out/", "run.mcap: "), (1.0, 10.0), strict=True):
         with runtime_folder(monkeypatch), ended_after(seconds + 0.2):
@@ -62,7 +63,7 @@ def test_documented_commands_record_a_running_stack(tmp_path: Path, monkeypatch:
 
 @contextmanager
 def ended_after(seconds: float) -> Iterator[None]:
-    """Run a stack for a time, faster than real time, starting when a viewer has connected."""
+    """Run a stack for a given time, faster than real time. The run begins when a viewer has connected."""
     rig = LiveRig()
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""Fault recordings: the time before each fault is in a file, and the number of files is limited."""
+"""Fault recordings: the time before each fault is recorded in a file, and the number of files is limited."""
 
 from datetime import datetime, timedelta
 from itertools import count
@@ -28,7 +28,7 @@ class FaultRig(Rig):
         return sorted(self.folder.glob("*"))
 
     def pass_on(self, seconds: float) -> None:
-        """Run for this time, in groups of cycles, as the thread of the recorder receives them."""
+        """Run for a given time, and deliver the cycles in groups, as the thread of the recorder receives them."""
         for _ in range(round(seconds / 0.5)):
             for sample in self.run(0.5):
                 self.sink.write(sample)
@@ -87,7 +87,7 @@ def test_silent_servo_writes_the_time_before_the_fault(rig: FaultRig, caplog: py
 @pytest.mark.slow
 def test_later_faults_are_in_a_second_file_without_a_gap(rig: FaultRig) -> None:
     rig.pass_on(5.0)
-    for servo_id in (3, 5, 6):  # each servo answers again before the next becomes silent
+    for servo_id in (3, 5, 6):  # each servo answers again before the next one becomes silent
         rig.silence(servo_id)
         rig.pass_on(1.0)
         rig.heal()

@@ -132,7 +132,7 @@ def test_log_times_replace_invalid_stamps(tmp_path: Path, stamps: str) -> None:
 
 
 def in_a_chunk(path: Path) -> int:
-    """Return the offset of a byte in the middle of the third chunk's data."""
+    """Return the offset of a byte in the middle of the data of the third chunk."""
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None

@@ -1,4 +1,4 @@
-"""``servoloop plot``: values of a recording, and its page."""
+"""``servoloop plot``: values of a recording, and the page that shows them."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ from tests.recorder.reading import by_rosbags
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record a job with a servo that is silent for a time."""
+    """Record a job in which a servo is silent for some time."""
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     schedule = Schedule(seed=1, job=("B",), faults=(parse("silent id=3 at=4s for=0.3s"),))
     simulate(read_files(), JobSettings(), schedule, record=path)

@@ -16,7 +16,7 @@ from tests.recorder.rig import Rig
 
 
 class Kept:
-    """Sink that keeps its samples."""
+    """Sink that stores its samples."""
 
     eager = False
 
@@ -36,7 +36,7 @@ class Kept:
 
 
 class Full(Kept):
-    """Sink on a disk that is full after one cycle."""
+    """Sink whose disk is full after one cycle."""
 
     def write(self, sample: CycleSample) -> None:
         if self.samples:

@@ -1,4 +1,4 @@
-"""Recording of a simulated job: other readers find every cycle and byte, and the run itself is unchanged."""
+"""Recording of a simulated job: independent readers find every cycle and byte, and the run itself is unchanged."""
 
 from collections.abc import Iterator
 from pathlib import Path

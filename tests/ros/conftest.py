@@ -1,4 +1,4 @@
-"""Stack and client shared by the tests of the controller manager."""
+"""Stack and client that the tests of the controller manager share."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -9,28 +9,35 @@ if TYPE_CHECKING:  # These tests are skipped without rclpy.
     from tests.ros.manager_client import ManagerClient
     from tests.ros.stack_process import StackProcess
 
-# Fixtures of the controller manager's tests. Modules that need another stack or more cleanup have their own.
+# Fixtures for the tests of the controller manager. Modules that need a different stack or more cleanup have their own
+# fixtures.
 
 
 @pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator["StackProcess"]:
+def namespace() -> str:
+    """Return the namespace of the stack. Some modules replace it, to run in several namespaces."""
+    return ""
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory, namespace: str) -> Iterator["StackProcess"]:
     from tests.ros.manager_bench import manager_stack
 
-    with manager_stack(tmp_path_factory.mktemp("stack")) as stack:
+    with manager_stack(tmp_path_factory.mktemp("stack"), namespace) as stack:
         yield stack
 
 
 @pytest.fixture(scope="module")
-def connected(stack: "StackProcess") -> Iterator["ManagerClient"]:
+def connected(stack: "StackProcess", namespace: str) -> Iterator["ManagerClient"]:
     from tests.ros.manager_client import manager_client
 
-    with manager_client() as client:
+    with manager_client(namespace) as client:
         yield client
 
 
 @pytest.fixture
 def client(connected: "ManagerClient") -> Iterator["ManagerClient"]:
-    """Provide the client, with the stack as it is after its start."""
+    """Provide the client, with the stack in its initial state."""
     from tests.ros.manager_bench import restore
 
     yield connected

@@ -34,9 +34,9 @@ class Plan(Enum):
 
 @dataclass
 class FakeArm:
-    """Records every goal and gripper value with its time, in ns since 1970.
+    """Arm that records every goal and gripper value with its time, in ns since 1970.
 
-    Its node needs a single-threaded executor.
+    The node of the arm needs a single-threaded executor.
     """
 
     node: Node
@@ -62,7 +62,7 @@ class FakeArm:
         self.node.create_subscription(Float64MultiArray, HAND_TOPIC, self._on_hand, 10)
 
     def forget(self, *plans: Plan) -> None:
-        """Clear the records and set plans for the next goals."""
+        """Clear the records, and set plans for the next goals."""
         for notes in (self.plans, self.goals, self.ended_ns, self.hand):
             notes.clear()
         self.canceled = 0
@@ -114,5 +114,5 @@ class FakeArm:
         return result
 
     def _on_hand(self, message: Any, info: Any) -> None:
-        # The time of sending counts, because a later goal may be handled first.
+        # The time of sending is used, because a later goal may be handled first.
         self.hand.append((info["source_timestamp"], list(message.data)))

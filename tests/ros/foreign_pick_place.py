@@ -2,8 +2,8 @@
 
 Usage: python tests/ros/foreign_pick_place.py A [B C ...]
 
-It runs one job per grade, without a pause after a gripper command. It then checks where the cube lies and prints one
-line of JSON. The exit status is 0 only if every cube lies in its bin.
+The program runs one job per grade, without a pause after a gripper command. After the jobs, it checks where the cube is
+and prints one line of JSON. The exit status is 0 only if every cube is in its bin.
 """
 
 import json
@@ -35,7 +35,7 @@ SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 
 
 class Robot(Node):  # type: ignore[misc]
-    """Client of arm, hand and TF that sends one command after the other."""
+    """Client of arm, hand and TF that sends its commands one after the other."""
 
     def __init__(self) -> None:
         super().__init__("foreign_pick_place")

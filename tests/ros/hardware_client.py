@@ -1,4 +1,4 @@
-"""Client requests to ``/controller_manager`` about hardware and controllers."""
+"""Requests of a client to ``/controller_manager`` about hardware and controllers."""
 
 from typing import Any
 
@@ -45,7 +45,8 @@ def activate(client: ArmClient, *names: str) -> tuple[bool, str]:
 
 
 def interfaces(client: ArmClient, joint: str) -> dict[str, tuple[bool, bool]]:
-    """Return availability and claim of each command interface (``commands/joint1/position``) and state interface."""
+    """Return whether each command interface (``commands/joint1/position``) and state interface is available and
+    claimed."""
     answer = ask(client, ListHardwareInterfaces, "list_hardware_interfaces")
     return {
         f"{kind}/{i.name}": (i.is_available, i.is_claimed)

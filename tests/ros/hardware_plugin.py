@@ -1,9 +1,9 @@
 """A user's hardware component for tests: a mock that records its calls and fails on request.
 
-The parameter ``orders`` in the URDF names a folder. A file in it, named after a call of the component, contains an
-order. "lost" or "defect" makes the call raise an error while the file exists. "rest" makes the component deactivate
-itself once, and a number delays one call by that number of seconds. The file ``pose`` displaces the first joint from
-outside, at the next call.
+The parameter ``orders`` in the URDF names a folder. A file in this folder whose name is that of a call of the component
+contains an order. "lost" or "defect" makes the call raise an error while the file exists. "rest" makes the component
+deactivate itself once, and a number delays one call by that number of seconds. The file ``pose`` displaces the first
+joint at the next call, as if it was moved by hand.
 """
 
 import time
@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Gauge(MockHardware):
-    """Mock component. State interfaces ``reads`` and ``writes`` of its first joint count these calls; ``calls`` lists
-    all others."""
+    """Mock component. The state interfaces ``reads`` and ``writes`` of the first joint count these calls; ``calls``
+    lists all other calls."""
 
     orders: Path
 
@@ -85,7 +85,7 @@ class Gauge(MockHardware):
 
 
 def make(component: HardwareInfo, clock: Clock) -> Gauge:
-    """Create the component. The entry point names this function."""
+    """Create the component. The entry point refers to this function."""
     made = Gauge.of(component, clock)
     assert isinstance(made, Gauge)
     made.orders = Path(component.parameters["orders"])
@@ -93,7 +93,7 @@ def make(component: HardwareInfo, clock: Clock) -> Gauge:
 
 
 def install(site: Path) -> str:
-    """Create the files of an installed package with this plug-in, and return the PYTHONPATH that contains it."""
+    """Create the files of an installed package with this plug-in, and return a PYTHONPATH that contains the package."""
     info = site / "acme-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
@@ -102,7 +102,7 @@ def install(site: Path) -> str:
 
 
 class Orders:
-    """Control of one component by a test, through the folder of the component."""
+    """Controls one component from a test, through the folder of the component."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir()
@@ -115,7 +115,7 @@ class Orders:
 
     @property
     def calls(self) -> list[str]:
-        """Return the calls so far that change the state of the component."""
+        """Return all calls so far that change the state of the component."""
         return (self.folder / "calls").read_text().split()
 
     def give(self, call: str, wanted: str | float) -> None:

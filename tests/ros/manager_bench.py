@@ -1,4 +1,5 @@
-"""A stack with the default controllers and two more for the same joints, used by most tests of the manager."""
+"""A stack with the default controllers and two more controllers for the same joints, which most tests of the manager
+use."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,17 +34,17 @@ spare:
 
 
 @contextmanager
-def manager_stack(folder: Path) -> Iterator[StackProcess]:
-    """Run the stack until the end of the block."""
+def manager_stack(folder: Path, namespace: str = "") -> Iterator[StackProcess]:
+    """Run the stack in a namespace until the end of the block."""
     head, rest = CONTROLLERS.read_text().split("\narm_controller:\n")
     path = folder / "controllers.yaml"
     path.write_text(f"{head.rstrip()}\n{_MORE}\narm_controller:\n{rest}")
-    with running(folder, "--hardware", "mock", "--controllers", str(path)) as stack:
+    with running(folder, "--hardware", "mock", "--controllers", str(path), "--namespace", namespace) as stack:
         yield stack
 
 
 def restore(client: ManagerClient) -> None:
-    """Restore the controllers as after the start."""
+    """Restore the initial state of the controllers."""
     for name, wanted in AT_START.items():
         state = client.states().get(name)
         if state is None:

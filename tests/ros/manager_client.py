@@ -1,4 +1,4 @@
-"""A client of /controller_manager in the process of the test, separate from the stack."""
+"""A client of /controller_manager that runs in the process of the test, separate from the stack."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -31,9 +31,11 @@ BEST_EFFORT, STRICT, AUTO, FORCE_AUTO = 1, 2, 3, 4  # of controller_manager_msgs
 
 
 class ManagerClient:
-    """Client that calls services by their short names, one after the other."""
+    """Client that calls services of a stack by their names in the root namespace, one after the other."""
 
-    def __init__(self, name: str = "manager_client") -> None:
+    def __init__(self, name: str = "manager_client", namespace: str = "") -> None:
+        self.namespace = namespace
+        """Namespace of the stack."""
         self.node = Node(name)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -42,17 +44,17 @@ class ManagerClient:
     def client(self, kind: Any, service: str) -> Any:
         """Return the client of a service after the service has been discovered."""
         if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
+            self._clients[service] = self.node.create_client(kind, self.namespace + service)
             assert self._clients[service].wait_for_service(PATIENCE_S), service
         return self._clients[service]
 
     def wait(self, *futures: Future) -> list[Any]:
-        """Wait for all results. Fail if one does not arrive."""
+        """Wait for all results. Fail if no response arrives."""
         self.spin_until(lambda: all(future.done() for future in futures))
         return [future.result() for future in futures]
 
     def call(self, kind: Any, service: str, **fields: Any) -> Any:
-        """Call a service with a request of these fields and return its response."""
+        """Call a service with a request that has these fields, and return the response."""
         return self.wait(self.client(kind, service).call_async(kind.Request(**fields)))[0]
 
     def listed(self) -> dict[str, ControllerState]:
@@ -95,12 +97,12 @@ class ManagerClient:
     def switch(
         self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = STRICT
     ) -> tuple[bool, str]:
-        """Switch controllers, and return success and message."""
+        """Switch controllers, and return whether this succeeded, and the message."""
         (answer,) = self.wait(self.switching(activate, deactivate, strictness))
         return bool(answer.ok), str(answer.message)
 
     def set_from_text(self, node: str, name: str, text: str) -> bool:
-        """Set a parameter from YAML text, like the spawner."""
+        """Set a parameter from YAML text, as the spawner does."""
         parameter = Parameter("any", value="").to_parameter_msg()
         parameter.name, parameter.value = name, get_parameter_value(string_value=text)
         (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[parameter]).results
@@ -128,7 +130,7 @@ class ManagerClient:
         assert self.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
     def spin_until(self, ready: Callable[[], object], instead: Callable[[], object] = str) -> None:
-        """Spin until a condition is true. Fail after a timeout, with ``instead`` as the actual state."""
+        """Spin until a condition is true. Fail after a timeout, and report ``instead`` as the actual state."""
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready():
             assert time.monotonic() < deadline_s, f"never came: {instead()}"
@@ -136,9 +138,9 @@ class ManagerClient:
 
     @contextmanager
     def hearing(self, kind: Any, topic: str, qos: Any = 10) -> Iterator[list[Any]]:
-        """Record the messages of a topic from the discovery of its publisher until the end of the block."""
+        """Record the messages of a topic of the stack, from the discovery of its publisher on."""
         messages: list[Any] = []
-        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        subscription = self.node.create_subscription(kind, self.namespace + topic, messages.append, qos)
         try:
             self.spin_until(subscription.get_publisher_count)
             yield messages
@@ -151,10 +153,10 @@ class ManagerClient:
 
 
 @contextmanager
-def manager_client() -> Iterator[ManagerClient]:
-    """Provide a client with its own ROS context."""
+def manager_client(namespace: str = "") -> Iterator[ManagerClient]:
+    """Provide a client of a stack in a namespace, with its own ROS context."""
     rclpy.init()
-    client = ManagerClient()
+    client = ManagerClient(namespace=namespace)
     try:
         yield client
     finally:

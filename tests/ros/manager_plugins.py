@@ -1,4 +1,5 @@
-"""A user's controller with configurable faults. The stack of a test has it installed as a plug-in."""
+"""A user's controller that can be configured to fail. The controller is installed as a plug-in in the stack of a
+test."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""The arm with a mock for almost every joint. Each mock has its own block and parameters."""
+"""The arm with a mock for almost every joint. Each mock has its own block and its own parameters."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The course's program: plan and execute with MoveIt's Python interface."""
+"""The program of the MoveIt course: plan and execute with MoveIt's Python interface."""
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
@@ -18,7 +18,7 @@ arm.set_goal_state(robot_state=state)
 plan = arm.plan()
 moved = bool(plan) and bool(robot.execute(plan.trajectory, controllers=[]))
 
-# A pose of the tool: mirrored to the other side.
+# A pose of the tool, mirrored to the other side.
 goal = PoseStamped()
 goal.header.frame_id = "base_link"
 state.set_joint_group_positions("arm", [-0.4, -0.2, -0.8, -0.6, -1.1, 1.55])

@@ -1,4 +1,4 @@
-"""A client in the process of the test that receives topics and commands the forward controllers."""
+"""A client in the process of the test that receives topics and sends commands to the forward controllers."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,11 +19,12 @@ CYCLES: Final = 5
 
 
 MATCH_S = 0.2
-"""Time for controllers to discover a new publisher, in seconds. Best-effort subscribers miss earlier messages."""
+"""Time for controllers to discover a new publisher, in seconds. Best-effort subscribers miss messages that were sent
+before."""
 
 
 class Onlooker(ManagerClient):
-    """Client whose received messages are available after ``spin_until``."""
+    """Client that stores received messages until ``spin_until`` has returned."""
 
     def __init__(self) -> None:
         super().__init__("onlooker")
@@ -42,7 +43,7 @@ class Onlooker(ManagerClient):
         return self.some(kind, topic, 1, wanted, qos)[0]
 
     def send(self, controller: str, *values: float) -> None:
-        """Send a command to a forward controller after its discovery."""
+        """Send a command to a forward controller after the controller has discovered the publisher."""
         if controller not in self._commands:
             self._commands[controller] = self.node.create_publisher(Float64MultiArray, f"/{controller}/commands", 10)
             self.spin_until(lambda: self._commands[controller].get_subscription_count() == 1)

@@ -31,7 +31,7 @@ FEEDBACK = ["start", "ready", "grasp", "place"]
 
 
 def wait_until(condition: Callable[[], Any], what: str) -> None:
-    """Wait for a condition, and fail with ``what`` after a deadline."""
+    """Wait for a condition, and fail with the message ``what`` after a deadline."""
     deadline_s = time.monotonic() + DEADLINE_S
     while not condition():
         assert time.monotonic() < deadline_s, f"not within {DEADLINE_S} s: {what}"
@@ -55,23 +55,23 @@ class Pick:
         self.accepted: bool = self._handle.accepted
 
     def cancel(self) -> None:
-        """Request a cancel and check that it is accepted."""
+        """Request a cancel, and check that the cancel is accepted."""
         answer = finished(self._handle.cancel_goal_async(), "the response to the cancel")
         assert len(answer.goals_canceling) == 1
 
     def end(self) -> tuple[int, Any]:
-        """Wait for the end, and return status (action_msgs/GoalStatus) and result."""
+        """Wait for the end of the goal, and return the status (action_msgs/GoalStatus) and the result."""
         response = finished(self._handle.get_result_async(), "the result")
         return response.status, response.result
 
     @property
     def feedback(self) -> list[Any]:
-        """Feedback of the goal so far."""
+        """All feedback of the goal so far."""
         ours = bytes(self._handle.goal_id.uuid)
         return [message.feedback for message in self._heard if bytes(message.goal_id.uuid) == ours]
 
     def phases(self) -> list[str]:
-        """Phases in the feedback so far."""
+        """All phases in the feedback so far."""
         return [feedback.phase for feedback in self.feedback]
 
 
@@ -150,8 +150,8 @@ class Cell:
         self.arm = None
 
     def forget(self, *plans: Plan) -> None:
-        """Start a test with empty records and plans for the next goals of the arm."""
-        # A result may arrive before the last states, which must not reach the next test.
+        """Start a test with empty records and with plans for the next goals of the arm."""
+        # A result may arrive before the last states, but these states must not reach the next test.
         wait_until(lambda: self._ends() >= self._accepted, "the end of every accepted job")
         self.clear(*plans)
 
@@ -159,7 +159,7 @@ class Cell:
         return self.phases().count("error") + self.phases().count("done") // 2
 
     def clear(self, *plans: Plan) -> None:
-        """Do the work of ``forget`` without waiting for messages that may be lost."""
+        """Do the work of ``forget``, but do not wait for messages that may be lost."""
         self.states.clear()
         self._feedback.clear()
         self._accepted = 0
@@ -173,7 +173,7 @@ class Cell:
         return pick
 
     def phases(self) -> list[str]:
-        """Phases in the states so far."""
+        """All phases in the states so far."""
         return [state["phase"] for state in self.states]
 
     def wait_for_end(self) -> None:
@@ -198,7 +198,7 @@ class Cell:
         self.sights += 1
 
     def see_until(self, condition: Callable[[], bool], *grades: str, age_s: float | None = 0.0) -> None:
-        """Publish a message repeatedly, because the first may be lost during discovery."""
+        """Publish a message repeatedly, because the first messages may be lost during discovery."""
 
         def see_and_look() -> bool:
             self.see(*grades, age_s=age_s)
@@ -212,7 +212,7 @@ class Cell:
         return self._log.read_text(errors="replace")
 
     def wait_for_log(self, words: str, count: int = 1) -> None:
-        """Wait until the node has printed these words a number of times."""
+        """Wait until the node has printed these words a given number of times."""
         wait_until(lambda: self.log().count(words) >= count, f"{words!r} in the log:\n{self.log()}")
 
     def _on_state(self, message: Any) -> None:

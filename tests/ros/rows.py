@@ -1,9 +1,10 @@
-"""Behavior on which clients of ros2_control rely, one row each. Tests over ROS carry the mark of their rows.
+"""Behavior on which clients of ros2_control rely, as a table with one row for each behavior. Tests over ROS have a mark
+with the names of their rows.
 
 ``@pytest.mark.row("jtc-25", "golden-path-tolerance")`` marks a test that fails if the row no longer holds.
 ``test_rows.py`` finds rows without a test and marks without a row. "Ours:" marks a deliberate difference, explained in
 docs/ros2.md. Sources: ros2_control 4.46, ros2_controllers 4.42, control_msgs 5.8, MoveIt 2 and robot_state_publisher
-(Jazzy). The ``golden`` rows are responses of the real stack.
+(Jazzy). The rows named ``golden`` contain responses of the real stack.
 """
 
 from typing import Final

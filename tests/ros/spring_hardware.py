@@ -1,6 +1,6 @@
-"""User hardware whose joints spring back to 0 in each cycle without a command.
+"""User hardware whose joints return to 0 in each cycle without a command.
 
-It counts the cycles in which it is read, and reports the count as the effort of all joints.
+The hardware counts the cycles in which it is read, and reports the count as the effort of all joints.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from hal.types import JointState
 
 
 class SpringHardware(MockHardware):
-    """Mock whose joints are at the positions commanded since the last read, or at 0."""
+    """Mock whose joints are at the positions that were commanded since the last read, or at 0."""
 
     cycles = 0
 
@@ -26,5 +26,5 @@ class SpringHardware(MockHardware):
 
 
 def make(component: HardwareInfo, clock: Clock) -> SpringHardware:
-    """Create the component. The entry point names this function."""
+    """Create the component. The entry point refers to this function."""
     return SpringHardware(component.name, component.joints, clock)

@@ -41,7 +41,7 @@ class StackProcess:
         until(path.exists, lambda: self.process.poll() is not None and self.words)
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """Send a signal if the process still runs, wait for its end, and return the exit status."""
+        """Send a signal if the process is still running, wait for its end, and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(PATIENCE_S)
@@ -82,17 +82,18 @@ def emulating(folder: Path, *arguments: str) -> Iterator[Path]:
 
 
 class ArmClient:
-    """A client of the arm's action on its own node."""
+    """A client of the arm's action on its own node. ``namespace`` is that of the stack."""
 
-    def __init__(self, name: str = "test_client") -> None:
+    def __init__(self, name: str = "test_client", namespace: str = "") -> None:
         self.node = Node(name)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self._client = ActionClient(self.node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
+        action = f"{namespace}/arm_controller/follow_joint_trajectory"
+        self._client = ActionClient(self.node, FollowJointTrajectory, action)
         assert self._client.wait_for_server(PATIENCE_S)
 
     def send(self, positions: Sequence[float], seconds: int = 2) -> Future:
-        """Send a single-point goal and return the future of its (status, error_code, error_string)."""
+        """Send a goal with one point, and return the future of its (status, error_code, error_string)."""
         goal = FollowJointTrajectory.Goal()
         goal.trajectory.joint_names = list(JOINTS)
         point = JointTrajectoryPoint(positions=list(positions))

@@ -1,4 +1,4 @@
-"""The camera node over ROS: its topics, what it grades, and what it reports if it cannot grade."""
+"""The camera node over ROS: its topics, the grades, and the reports if no picture is graded."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Use ``--arm`` with other arms than the default one, in real processes over ROS."""
+"""Run commands with ``--arm`` for arms other than the default arm, in real processes over ROS."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ INTERRUPTED = 130
 
 
 def page(arm: str) -> tuple[str, str]:
-    """Return the commands of an arm's page. The second stack is the demo's own, on a virtual port."""
+    """Return the commands of an arm's page. The demo starts a second stack of its own, on a virtual port."""
     return f"servoloop demo --arm {arm}", f"servoloop up --arm {arm} --port /dev/ttyACM0"
 
 

@@ -1,4 +1,5 @@
-"""A box that appears in the path of a running motion on virtual servos: the arm stops before it, or goes around it."""
+"""If a box appears in the path of a running motion on virtual servos, the arm stops before the box or goes around
+it."""
 
 import random
 import time
@@ -31,15 +32,15 @@ SIDE_RAD = 1.1
 SHARE = 0.3
 """Share of the limits of velocity and acceleration."""
 SIDE_M = 0.05
-"""Length of the edges of the box, in m. The box appears at least 0.7 rad ahead. The hand and the box take 0.45 rad of
-it, and the arm needs the rest to brake."""
+"""Length of the edges of the box, in m. The box appears at least 0.7 rad ahead of the arm. The hand and the box take up
+0.45 rad of this distance, and the arm needs the rest to brake."""
 ROBOT = robot_arm()
 INVALIDATED = MoveItErrorCodes.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE
 
 
 @dataclass
 class Bench:
-    """A client, and all states that the arm has reported since the last ``clear``."""
+    """A client that stores all states that the arm has reported since the last ``clear``."""
 
     client: PlanClient
     states: list[dict[str, float]] = field(default_factory=list)
@@ -77,7 +78,7 @@ def bench(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def drop(bench: Bench, chance: random.Random, *, replan: bool) -> tuple[int, list[str]]:
-    """Drop a box into the path of a motion, and return the error code and everything that the arm has touched."""
+    """Put a box into the path of a motion, and return the error code and all contacts of the arm."""
     bench.client.apply(remove("box"))
     bench.move_to(-SIDE_RAD)
     goal = joint_goal(**{**READY, "joint1": SIDE_RAD})

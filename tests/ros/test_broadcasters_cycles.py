@@ -1,4 +1,4 @@
-"""Every cycle publishes states and writes the last command again, as seen from another process."""
+"""In every cycle, states are published and the last command is written again, as seen from another process."""
 
 import math
 import os
@@ -66,7 +66,7 @@ def stamp_s(message: JointState | DynamicJointState) -> float:
 
 
 def in_a_row(states: list[JointState]) -> list[JointState]:
-    """Return consecutive states. Slow machines may skip a cycle."""
+    """Return consecutive states. A slow machine may skip a cycle."""
     row = states[-IN_A_ROW:]
     return row if [cycle(state) - cycle(row[0]) for state in row] == list(range(IN_A_ROW)) else []
 

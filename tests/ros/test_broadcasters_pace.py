@@ -1,4 +1,4 @@
-"""The rate limiter, which is evaluated once per cycle."""
+"""The rate limiter of publishers, which is evaluated once per cycle."""
 
 from collections.abc import Sequence
 

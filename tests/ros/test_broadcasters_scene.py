@@ -1,6 +1,7 @@
 """Objects of the scene in /tf, including for late subscribers."""
 
 from collections.abc import Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +16,7 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
+from controller.manager.node_parameters import parameters_of
 from drivers.clock import MonotonicClock
 from hal.robot_description.description import Description
 from nodes.robot_state_publisher import RobotStatePublisher
@@ -28,13 +30,14 @@ CYCLE_S = 0.05
 
 
 class EmptyRobot:
-    """A robot state publisher without joints, with the number of its reads of the scene."""
+    """A robot state publisher without joints that counts how often it reads the scene."""
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         self.looks = 0
         content = {"robot_state_publisher": {"ros__parameters": parameters}}
-        factory = SimpleNamespace(file=SimpleNamespace(content=content))
-        stack: Any = SimpleNamespace(description=Description("", {}), factory=factory, scene=self._scene)
+        file = SimpleNamespace(parameters=partial(parameters_of, content))
+        factory = SimpleNamespace(file=file)
+        stack: Any = SimpleNamespace(description=Description("", {}), factory=factory, scene=self._scene, namespace="")
         self.publisher = RobotStatePublisher(stack, RosTime(MonotonicClock(), simulated=False))
         self._now_s = 0.0
 

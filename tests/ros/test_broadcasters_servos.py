@@ -66,7 +66,7 @@ def test_user_can_run_a_separate_robot_state_publisher(ros_domain: int, tmp_path
         rclpy.init()
         node, executor = Node("onlooker"), SingleThreadedExecutor()
         executor.add_node(node)
-        last = ("joint_state_broadcaster", "/joint_states")  # These arrive after those that must not arrive.
+        last = ("joint_state_broadcaster", "/joint_states")  # These messages arrive after those that must not arrive.
         until(lambda: executor.spin_once(timeout_sec=0.1) or last in _publishers(node))
         nodes, topics = node.get_node_names(), dict(node.get_topic_names_and_types())
         node.destroy_node()

@@ -78,7 +78,8 @@ def test_joint_states_match_ros2_control(client: Onlooker) -> None:
 
 @pytest.mark.row("moveit-states")
 def test_moveit_finds_every_moving_joint(client: Onlooker) -> None:
-    """The subscriber of MoveIt is reliable. It waits for all joints that are neither fixed nor mimics."""
+    """The subscriber of MoveIt is reliable. The subscriber waits for all joints that are neither fixed nor mimic
+    joints."""
     robot = ET.fromstring(client.first(String, "/robot_description", qos=LATCHED).data)
     joints = {joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"}
     mimics = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
@@ -100,7 +101,7 @@ def test_dynamic_joint_states_list_the_interfaces_of_each_joint(client: Onlooker
 
 @pytest.mark.row("jsb-order", "jsb-extra", "jsb-full")
 def test_local_broadcaster_publishes_the_configured_joints(client: Onlooker) -> None:
-    """Joints are in the order of the parameters, followed by zeros for extra joints."""
+    """The joints are in the order of the parameters, followed by the extra joints with zeros."""
     client.send("pair_controller", 0.1, -0.2)
     client.arrives(joint1=0.1, joint2=-0.2)
     message = client.first(JointState, "/local_broadcaster/joint_states")

@@ -50,7 +50,7 @@ MORE = """
 </joint>
 </robot>
 """
-"""A fixed link and a link that mimics joint1. The hardware and the joint states do not contain them."""
+"""A fixed link and a link that mimics joint1. The hardware and the joint states do not contain these joints."""
 MOVING = {f"link{i}" for i in range(1, 6)} | {"gripper_base_link", "hand_right_link", "hand_left_link", "pointer"}
 
 
@@ -223,7 +223,7 @@ def test_frame_prefix_applies_to_all_links_at_run_time(client: Onlooker, upstrea
     assert ("left/base_link", "left/link1") in frames(client.first(TFMessage, "/tf", prefixed))
     fixed = {("left/link5", "left/camera"), *((f"left/{parent}", f"left/{child}") for parent, child in CELL_CAMERA)}
     assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == fixed
-    # The broadcaster with local topics publishes a part of the arm and does not affect the transforms.
+    # The broadcaster with local topics publishes only a part of the arm and does not affect the transforms.
     assert {len(m.transforms) for m in client.some(TFMessage, "/tf", 10, prefixed)} == {len(MOVING)}
     assert client.put(LINKS, "frame_prefix", "") == ""
     client.first(TFMessage, "/tf", lambda m: ("base_link", "link1") in frames(m))

@@ -255,7 +255,7 @@ def test_shutdown_of_ros_raises(executor: CycleExecutor, node: Node) -> None:
 
 
 def test_failing_callback_does_not_delay_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The answer was complete at the same time and would not wake the executor again."""
+    """The answer was complete at the same time, and would not wake the executor again."""
     surface = Surface.__new__(Surface)
     answered: list[int] = []
 

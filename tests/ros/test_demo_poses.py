@@ -1,4 +1,4 @@
-"""The demo with motions planned to poses: every cube in its bin, and no contact of the arm except with the cube."""
+"""The demo with motions planned to poses: every cube reaches its bin, and the arm touches only the cube."""
 
 import json
 from pathlib import Path

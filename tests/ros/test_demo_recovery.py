@@ -1,4 +1,4 @@
-"""After a failed job, the demo restarts with the arm at home, the hand open and a cube on the stand."""
+"""After a failed job, the demo starts again with the arm in its ready pose, the hand open and a cube on the stand."""
 
 import io
 import os
@@ -21,7 +21,7 @@ SILENCE_S = 3.0
 
 
 class StopsEmulator(Live):
-    """Stop the emulator for some seconds in a phase of the running job."""
+    """Stop the emulator for some seconds in a given phase of the running job."""
 
     emulator = 0
     when = ""

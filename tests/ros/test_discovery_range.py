@@ -1,4 +1,4 @@
-"""The sockets of the arm are bound to the loopback interface, and clients on this machine find it."""
+"""The sockets of the arm are bound to the loopback interface, and clients on this machine find the arm."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ def receiving_on(pid: int, domain: int) -> set[str]:
     first_port = 7400 + 250 * domain
     targets = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
-        with suppress(FileNotFoundError):  # The socket has been closed meanwhile.
+        with suppress(FileNotFoundError):  # The socket has been closed in the meantime.
             targets.add(os.readlink(link))
     found = set()
     for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]:
@@ -38,7 +38,7 @@ def receiving_on(pid: int, domain: int) -> set[str]:
 
 @pytest.fixture
 def unset(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Set the domain without a discovery range."""
+    """Set the domain, but no discovery range."""
     monkeypatch.delenv(RANGE)
     monkeypatch.delenv(PROFILES)
     yield ros_domain

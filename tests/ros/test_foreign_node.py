@@ -1,4 +1,4 @@
-"""A third-party pick-and-place node on a new stack. A retry starts with a cube on the stand."""
+"""A third-party pick-and-place node on a new stack. When the test is repeated, a cube is on the stand again."""
 
 import subprocess
 import sys

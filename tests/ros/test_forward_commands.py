@@ -37,7 +37,7 @@ NOT_FINITE = "Non-finite value received. Dropping message"
 
 
 def _urdf() -> str:
-    """The arm on mocks that calculate dynamics. The last two joints are velocity-controlled."""
+    """The arm with mocks that compute dynamics. The last two joints are velocity-controlled."""
     text, found, blocks = URDF.read_text().partition("<ros2_control")
     ours = '<plugin>servoloop/ServoHardware</plugin>\n      <param name="robot">robot_arm.yaml</param>'
     mock = '<plugin>mock_components/GenericSystem</plugin><param name="calculate_dynamics">true</param>'
@@ -90,7 +90,7 @@ def test_empty_command_is_ignored(client: Onlooker, stack: StackProcess) -> None
     client.arrives(hand_right_joint=0.03)
     told = stack.words
     client.send("hand_controller")
-    client.send("hand_controller", math.nan)  # This message follows the empty one and is logged.
+    client.send("hand_controller", math.nan)  # This message follows the empty message, and is logged.
     until(lambda: NOT_FINITE in stack.words.removeprefix(told))
     client.stays(hand_right_joint=0.03)
     assert "command size (0)" not in stack.words
@@ -123,8 +123,8 @@ def test_command_of_wrong_length_is_ignored(
 def test_command_of_wrong_length_deactivates_the_controller_if_configured(
     client: Onlooker, stack: StackProcess
 ) -> None:
-    """As in ros2_control, the joint holds and the other controllers continue. Commands sent meanwhile are ignored
-    later."""
+    """As in ros2_control, the joint holds its position and the other controllers continue. Commands that are sent
+    meanwhile are still ignored later."""
     client.send("strict_controller", 0.1)
     client.arrives(joint1=0.1)
     client.send("strict_controller", 0.2, 0.3)
@@ -155,7 +155,7 @@ def test_hand_command_is_limited(client: Onlooker, stack: StackProcess, wanted: 
 
 @pytest.mark.row("fwd-every-cycle")
 def test_speed_falls_to_zero_without_new_commands_by_default(client: Onlooker, stack: StackProcess) -> None:
-    """In contrast, ros2_control keeps the speed even if the client has died."""
+    """In contrast, ros2_control keeps the speed even if the client has stopped."""
 
     def speed(state: JointState, joint: str) -> float:
         return float(state.velocity[state.name.index(joint)])

@@ -115,7 +115,7 @@ def _sort(arm: Path, link: Path) -> None:
         bins: list[object] = []
 
         def in_bin() -> bool:
-            bins.extend(seen["cube_bin"] for seen in feed.all())
+            bins.extend(seen["cube_bins"]["cube"] for seen in feed.all())
             return "B" in bins
 
         until(in_bin)

@@ -1,4 +1,4 @@
-"""The replaced rclpy calls send and take the same data as rclpy, and Python runs meanwhile."""
+"""The replaced rclpy calls send and take the same data as rclpy, and other Python threads run meanwhile."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""A client that floods the action receives all responses, and all other clients are served."""
+"""All clients receive their responses, even if one of them floods the action with goals."""
 
 import json
 import subprocess
@@ -66,7 +66,8 @@ with client_node("flooder") as (node, executor):
 def test_default_queue_of_a_client_loses_a_response_after_ten_others(
     client: ManagerClient, stack: StackProcess, queue: QoSProfile, kept: bool
 ) -> None:
-    """The stack has responded in both cases. A client's queue holds the responses to all clients of the action."""
+    """The stack has responded in both cases. The queue of a client receives the responses to all clients of the
+    action."""
     others = ManagerClient("others")
     actions = [ActionClient(one.node, FollowJointTrajectory, ACTION, goal_service_qos_profile=qos)
                for one, qos in ((client, queue), (others, EVERY_CALL))]  # fmt: skip

@@ -58,7 +58,7 @@ class Gripper:
         """Create a goal of the action."""
 
     def offer(self, goal: Any) -> Any:
-        """Send a goal and return its handle, accepted or not."""
+        """Send a goal and return its handle, whether or not the goal is accepted."""
         self.feedback.clear()
         sending = self._client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
         return self.wait(sending)

@@ -1,4 +1,4 @@
-"""Hardware components that are lost and return, or are missing at the start, as seen from another process."""
+"""Hardware components that are lost and return, or that are missing at the start, as seen from another process."""
 
 import math
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ def emulating(folder: Path, urdf: Path) -> Iterator[StackProcess]:
 
 @pytest.mark.row("trouble-unplugged", "cm-on-error", "trouble-nan")
 def test_unplugged_arm_can_be_activated_again(ros_domain: int, tmp_path: Path) -> None:
-    """The hand is another component and continues. If the last component is lost, ``--stay`` is needed."""
+    """The hand is a separate component and continues. If the last component is lost, ``--stay`` is needed."""
     urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
     options = ("--urdf", str(urdf), "--port", str(tmp_path / "bus"), "--stay")
     with emulating(tmp_path, urdf) as emulator, running(tmp_path, *options) as stack, arm_client() as client:
@@ -102,9 +102,10 @@ def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Pat
                 known = [*ARM] if name == "arm" else ["hand_left_joint", HAND, *ARM]
                 client.spin_until(lambda known=known: bool(messages) and messages[-1].name == known)
             assert activate(client, "arm_controller", "hand_controller")[0]
-            # Without torque the arm lies on the stand. On a busy machine it is lifted too late for the first goal.
+            # Without torque the arm lies on the stand. On a busy machine, the arm is lifted too late for the first
+            # goal.
             assert any(client.wait(client.send(READY)).status == SUCCEEDED for _ in range(2))
-            # A joint is not reported before it has been measured.
+            # A joint is not reported until it has been measured.
             assert all(map(math.isfinite, (value for message in messages for value in message.position)))
             assert stack.end() == 0, stack.words
         finally:
@@ -113,7 +114,7 @@ def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Pat
 
 @pytest.mark.row("trouble-unplugged")
 def test_two_manufacturers_on_two_buses_and_both_buses_lost(ros_domain: int, tmp_path: Path) -> None:
-    """Arm and hand are components with servos of different manufacturers. The emulator disconnects both."""
+    """Arm and hand are components with servos of different manufacturers. The emulator disconnects both components."""
     hand = tmp_path / "hand.yaml"
     urdf = write_servos(tmp_path)
     text = hand.read_text().replace("sts3215", "xl430-w250").replace("protocol: feetech", "protocol: dynamixel")

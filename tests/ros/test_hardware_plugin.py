@@ -23,7 +23,7 @@ pytestmark = pytest.mark.ros
 ABORTED = 6  # action_msgs/msg/GoalStatus
 HZ = 20
 BACKGROUND = {"hand_controller": "active", "joint_state_broadcaster": "active"}
-"""Controllers that do not use the arm component."""
+"""Controllers that do not use the component of the arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Sample:
 
 
 class Bench:
-    """The stack with the plug-in as the arm, and its published states."""
+    """The stack with the plug-in as the arm, and the states that it publishes."""
 
     def __init__(self, stack: StackProcess, client: ArmClient, arm: Orders) -> None:
         self.stack, self.client, self.arm = stack, client, arm
@@ -186,7 +186,7 @@ def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, or
 
 @pytest.mark.row("cm-write-deactivate")
 def test_component_that_deactivates_itself_is_lost_and_its_goals_fail(bench: Bench) -> None:
-    """A component cannot request its deactivation. A component either works or is lost."""
+    """A component cannot request its own deactivation. A component either works or is lost."""
     result = bench.move()
     bench.arm.give("write", "rest")
     answer = bench.client.wait(result)

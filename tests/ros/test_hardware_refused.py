@@ -19,7 +19,7 @@ HARDWARE = f"<hardware>{MOCK}</hardware>"
 COMMAND = '<command_interface name="position"/>'
 ARM_JOINT = '<joint name="joint1">'
 BROKEN = {
-    # Replaced text, its replacement and the expected message.
+    # Text to replace, its replacement, and the expected message.
     "an unknown tag": (HARDWARE, f"{HARDWARE}<wheel/>", "<ros2_control name='arm'> has the unknown tag <wheel>"),
     "a sensor element that takes commands": (
         HARDWARE,
@@ -81,7 +81,7 @@ def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str
 def test_mistake_in_the_blocks_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """The mistakes are found before a node is created, so the command runs in this process."""
+    """The mistakes are found before a node is created, so the command can run in this process."""
     what, by_what, says = BROKEN[kind]
     urdf = write_urdf(tmp_path)
     text = urdf.read_text()

@@ -62,7 +62,7 @@ def test_both_components_are_listed_as_in_the_file(client: ArmClient) -> None:
 
 
 ROWS = [
-    # States to set in order (ID and label), and the response to the last request.
+    # States to set in order (ID and label), and the expected response to the last request.
     ([(State.PRIMARY_STATE_INACTIVE, "")], (True, "inactive")),
     ([(State.PRIMARY_STATE_UNCONFIGURED, "")], (True, "unconfigured")),
     ([(0, "inactive")], (True, "inactive")),
@@ -145,7 +145,8 @@ def test_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) ->
 def test_burst_of_state_requests_ends_in_the_last_state(client: ArmClient) -> None:
     service = client.node.create_client(SetHardwareComponentState, "/controller_manager/set_hardware_component_state")
     assert service.wait_for_service(30.0)
-    # A default service queues ten requests and ten responses. Of more at a time, some may be lost.
+    # The default service profile queues ten requests and ten responses. If more than ten are sent at a time, some may
+    # be lost.
     labels = ["inactive", "unconfigured", "active", "inactive"] * 2
     wishes = [SetHardwareComponentState.Request(name="hand", target_state=State(label=label)) for label in labels]
     for _ in range(5):

@@ -26,7 +26,7 @@ REASON = "it is larger than 2 MB: send smaller messages, or raise max_message_si
 
 
 def trajectory(points: int) -> JointTrajectory:
-    """Create a trajectory to one pose with points at minimal time intervals."""
+    """Create a trajectory to one pose that has points at minimal time intervals."""
     message = JointTrajectory(joint_names=list(JOINTS))
     for number in range(1, points + 1):
         point = JointTrajectoryPoint(positions=list(READY))

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(180)]
 
 @contextmanager
 def recording() -> "Iterator[subprocess.Popen[str]]":
-    """Run a program that records into a folder, and end it after the block in all cases."""
+    """Run a program that writes a recording into a folder, and end it after the block in all cases."""
     record = [sys.executable, "-m", "servoloop", "record", "run.mcap"]
     with subprocess.Popen(record, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as recorder:
         try:

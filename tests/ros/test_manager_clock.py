@@ -51,7 +51,7 @@ def client(stack: StackProcess) -> Iterator[ManagerClient]:
 
 @pytest.fixture
 def sim_time(client: ManagerClient) -> Iterator[Any]:
-    """Set all nodes to a clock that stands still, and provide the publisher of that clock."""
+    """Switch all nodes to a clock that stands still, and provide the publisher of that clock."""
     clock = client.node.create_publisher(Clock, "/clock", LATCHED)
     for node in NODES:
         assert client.put(node, "use_sim_time", True) == ""
@@ -80,7 +80,7 @@ def joint_states(client: ManagerClient, count: int) -> list[JointState]:
 
 @pytest.mark.row("cm-update-rate")
 def test_every_cycle_takes_one_period_of_the_update_rate(client: ManagerClient) -> None:
-    # The median is used, because a busy machine has late cycles now and then.
+    # The median is used, because a busy machine has late cycles from time to time.
     assert median(periods_s(joint_states(client, 60))) == pytest.approx(1.0 / RATE_HZ, rel=0.1)
 
 
@@ -111,7 +111,7 @@ def test_sim_time_does_not_change_the_stamps_of_other_topics(client: ManagerClie
         client.hearing(ControllerManagerActivity, f"{MANAGER}/activity", LATCHED) as activity,
         client.hearing(TransitionEvent, "/hand_controller/transition_event") as events,
     ):
-        client.spin_until(lambda: len(reports) >= 2)  # Their timers run although that clock stands still.
+        client.spin_until(lambda: len(reports) >= 2)  # The timers of the nodes run although that clock stands still.
         assert client.switch((), ["hand_controller"])[0]
         client.spin_until(lambda: len(events) >= 2)
         assert client.switch(["hand_controller"])[0]

@@ -53,13 +53,13 @@ FAULTS = [
 
 @pytest.fixture(scope="module")
 def holdup(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """File that allows the loop to be blocked while it exists."""
+    """The loop can be blocked while this file exists."""
     return tmp_path_factory.mktemp("failures") / "holdup"
 
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
-    """Run the stack with the plug-in installed as by pip."""
+    """Run the stack with the plug-in installed as pip would install it."""
     folder = holdup.parent
     info = folder / "troublesome-1.0.dist-info"
     info.mkdir()
@@ -76,7 +76,7 @@ def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
 
 @pytest.fixture
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """Restore the state of the stack after its start."""
+    """Restore the initial state of the stack."""
     assert connected.states() == AT_START
     yield connected
     for name in ("troublesome", "alone"):
@@ -88,7 +88,7 @@ def client(connected: ManagerClient) -> Iterator[ManagerClient]:
 
 
 def move_the_hand(client: ManagerClient, position_m: float) -> None:
-    """Move the arm and return when it has arrived. Its controller and the broadcaster must be unaffected."""
+    """Move the arm and return when it has arrived. The controller of the arm and the broadcaster must be unaffected."""
     publisher = client.node.create_publisher(Float64MultiArray, "/hand/commands", 1)
     with client.hearing(JointState, "/joint_states") as heard:
 
@@ -131,7 +131,7 @@ def test_failed_controller_without_fallback_releases_its_joint(client: ManagerCl
     assert client.states() == {**AT_START, "alone": "inactive"}
     assert "alone failed and is deactivated" in stack.words
     move_the_hand(client, 0.01)
-    # Its state is unchanged. It fails again immediately, and after a repair it can be activated.
+    # Its state is unchanged. The controller fails again immediately, and it can be activated after a repair.
     assert client.switch(["alone"]) == (True, f"{DONE}\nActivated controllers: [ alone ]")
     client.spin_until(lambda: client.states()["alone"] == "inactive")
     assert client.put("/alone", "fault", "none") == "" and client.switch(["alone"])[0]
@@ -165,7 +165,7 @@ def test_timeout_0_means_one_second_and_then_nothing_is_switched(
         later = client.switching((), ["joint_state_broadcaster"], timeout_s=2)
         in_time = client.switching((), ["alone"], timeout_s=60)
         told = len(seconds)
-        client.spin_until(lambda: len(seconds) >= told + 4)  # once per second, by the clock of the stack
+        client.spin_until(lambda: len(seconds) >= told + 4)  # once per second, according to the clock of the stack
         assert not (late.done() or later.done() or in_time.done())
     answers = client.wait(late, later, in_time)
     assert [(answer.ok, answer.message) for answer in answers] == [
@@ -178,7 +178,7 @@ def test_timeout_0_means_one_second_and_then_nothing_is_switched(
 
 @pytest.mark.row("cm-switch-timeout")
 def test_timeout_0_waits_for_the_next_cycle(client: ManagerClient) -> None:
-    """The loop performs a switch in its next cycle, which is within the second."""
+    """The loop performs a switch in its next cycle, which comes within a second."""
     (answer,) = client.wait(client.switching((), ["hand"], timeout_s=0))
     assert (answer.ok, client.states()["hand"]) == (True, "inactive")
 

@@ -66,7 +66,7 @@ Look = Callable[[str, str], list[tuple[str, list[str]]]]
 
 
 def of_node(look: Look, node: str) -> dict[str, str]:
-    """Return names and types of the entities that ``look`` finds for a node in the root namespace."""
+    """Return the names and types of the entities that ``look`` finds for a node in the root namespace."""
     return {name: " ".join(kinds) for name, kinds in look(node.strip("/"), "/")}
 
 

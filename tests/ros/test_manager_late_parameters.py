@@ -1,4 +1,5 @@
-"""A controller is loaded before its parameters are known. They are set on its node before it is configured."""
+"""A controller is loaded before its parameters are known. The parameters are set on its node before it is
+configured."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -16,7 +16,8 @@ from tests.ros.manager_bench import AT_START
 from tests.ros.manager_client import MANAGER, STRICT, ManagerClient
 from tests.ros.stack_process import PICK, ArmClient, StackProcess
 
-pytestmark = pytest.mark.ros
+NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
+pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
 
 
 def refused(case: str, verb: str, name: str, expected: str) -> Any:
@@ -91,7 +92,7 @@ def test_unconfigured_controller_must_be_configured_before_activation(client: Ma
 
 @pytest.mark.row("cm-configure", "cm-cleanup")
 def test_action_exists_only_while_configured(client: ManagerClient) -> None:
-    name = "/arm_controller/follow_joint_trajectory"
+    name = f"{client.namespace}/arm_controller/follow_joint_trajectory"
 
     def there() -> bool:
         return name in dict(get_action_names_and_types(client.node))
@@ -114,7 +115,7 @@ def test_action_exists_only_while_configured(client: ManagerClient) -> None:
 
 @pytest.mark.row("cm-configure", "cm-cleanup")
 def test_node_exists_from_load_to_unload_and_publishes_every_transition(client: ManagerClient) -> None:
-    """A client that has discovered the node once can use it through all configurations."""
+    """A client that has discovered the node once can use it after every new configuration."""
     assert client.get("/hand_controller", "interface_name") == ["position"]
     with client.hearing(TransitionEvent, "/hand_controller/transition_event") as received:
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
@@ -126,7 +127,7 @@ def test_node_exists_from_load_to_unload_and_publishes_every_transition(client: 
     begun = ["deactivate", "cleanup", "configure", "cleanup", "configure", "activate"]
     assert [m.transition.label for m in received[::2]] == begun
     assert {m.transition.label for m in received[1::2]} == {"transition_success"}
-    client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 1)
+    client.spin_until(lambda: client.node.count_subscribers(f"{client.namespace}/hand_controller/commands") == 1)
     client.spin_until(lambda: client.node.get_node_names().count("hand_controller") == 1)
 
 
@@ -134,13 +135,13 @@ def test_subscriptions_exist_only_while_configured(client: ManagerClient) -> Non
     assert client.switch((), ["hand_controller"])[0]
     for _ in range(3):
         assert client.cleanup("hand_controller")
-        client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 0)
+        client.spin_until(lambda: client.node.count_subscribers(f"{client.namespace}/hand_controller/commands") == 0)
         assert client.configure("hand_controller")
-        client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 1)
+        client.spin_until(lambda: client.node.count_subscribers(f"{client.namespace}/hand_controller/commands") == 1)
 
 
 def test_goal_that_ends_with_its_controller_receives_its_result(client: ManagerClient) -> None:
-    arm = ArmClient("goal_client")
+    arm = ArmClient("goal_client", client.namespace)
     result = arm.send(PICK, seconds=5)
     assert client.switch((), ["arm_controller"])[0]
     assert client.cleanup("arm_controller")
@@ -165,7 +166,7 @@ def test_fifty_listing_clients_and_a_hundred_switches_are_served(client: Manager
     all_of_them = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 
     def another(kind: Any, name: str) -> Any:
-        return client.node.create_client(kind, f"{MANAGER}/{name}", qos_profile=all_of_them)
+        return client.node.create_client(kind, f"{client.namespace}{MANAGER}/{name}", qos_profile=all_of_them)
 
     listing = [another(ListControllers, "list_controllers") for _ in range(50)]
     switching = [another(SwitchController, "switch_controller") for _ in range(10)]

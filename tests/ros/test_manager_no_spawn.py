@@ -1,4 +1,4 @@
-"""Controllers of ``servoloop up --no-spawn`` wait for a spawner. The file has its own stack."""
+"""Controllers of ``servoloop up --no-spawn`` wait for a spawner. This test file uses its own stack."""
 
 from pathlib import Path
 

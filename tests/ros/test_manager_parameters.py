@@ -45,7 +45,8 @@ def listed(client: ManagerClient, node: str, prefix: str, depth: int) -> set[str
 
 
 def put_together(client: ManagerClient, node: str, **values: Any) -> str:
-    """Set all parameters or none, and return the reason for a failure or ''. ``__`` in names stands for a dot."""
+    """Set all parameters or none, and return the reason for a failure or ''. In keyword names, ``__`` represents a
+    dot."""
     parameters = [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
     result = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=parameters).result
     assert result.successful == (not result.reason)
@@ -165,7 +166,7 @@ def test_separate_call_sets_the_valid_parameters(client: ManagerClient) -> None:
     assert client.put(ARM, "constraints.goal_time", 0.0) == ""
 
 
-# Refused and preserved values
+# Refused values and preserved values
 
 
 @pytest.mark.row("golden-read-only")
@@ -205,7 +206,7 @@ def test_set_parameter_survives_a_new_configuration(client: ManagerClient) -> No
 
 
 def put_strange(client: ManagerClient, node: str) -> list[str]:
-    """Return the reasons of both services for the rejection of a value of type 77."""
+    """Return the reasons with which both services reject a value of type 77."""
     strange = ParameterMessage(name="use_sim_time", value=ParameterValue(type=77))
     (one,) = client.call(SetParameters, f"{node}/set_parameters", parameters=[strange]).results
     all_ = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=[strange]).result

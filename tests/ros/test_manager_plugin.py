@@ -1,4 +1,4 @@
-"""A user's controller and hardware as Python classes. They appear in the graph like the built-in ones."""
+"""A user's controller and hardware as Python classes. User classes appear in the graph like the built-in classes."""
 
 from pathlib import Path
 
@@ -73,8 +73,8 @@ def test_user_controller_has_its_interface_node(
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)
         assert "read-only" in client.put("/wave", "joint", "joint1")
         assert "must be at least 0" in client.put("/wave", "amplitude", -1.0)
-        assert client.put("/wave", "amplitude", 0.6) == ""  # Only its interface fails from here on.
-        client.spin_until(lambda: "controller wave stops publishing after this error" in stack.words)
+        assert client.put("/wave", "amplitude", 0.6) == ""  # From here on, only the interface of the controller fails.
+        client.spin_until(lambda: "controller wave stops publishing because of this error" in stack.words)
         assert client.states() == {"wave": "active"}
         assert client.switch((), ["wave"])[0] and client.cleanup("wave")
         client.spin_until(lambda: "/wave/stop" not in dict(client.node.get_service_names_and_types()))

@@ -1,10 +1,10 @@
-"""Make the calls of the ros2_control spawner with our own client, from another process.
+"""Make the same calls as the ros2_control spawner with a client of our own, from another process.
 
 The spawner first calls ``list_controllers``. If the controller is not loaded, it sets the parameters
 ``NAME.node_options_args``, ``NAME.params_file`` (a list), ``NAME.type`` and ``NAME.fallback_controllers`` of the
 manager from text and calls ``load_controller``. It then calls ``configure_controller`` and ``switch_controller``
-(strict, with a timeout of 5 s). If it is killed with ``--unload-on-kill``, it deactivates strictly and unloads. It
-repeats a call without a response after 10 s, up to three times.
+(strict, with a timeout of 5 s). If it is killed with ``--unload-on-kill``, it deactivates strictly and unloads. The
+spawner repeats a call without a response after 10 s, up to three times.
 """
 
 import signal
@@ -30,29 +30,30 @@ from std_msgs.msg import Float64MultiArray
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
-pytestmark = pytest.mark.ros
+NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
+pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
 
 FORWARD = "forward_command_controller/ForwardCommandController"
 EMPTY = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
 ARM = """
-arm:
+/**/arm:
   ros__parameters:
     type: joint_trajectory_controller/JointTrajectoryController
     joints: [joint1, joint2, joint3, joint4, joint5, joint6]
     command_interfaces: [position]
     state_interfaces: [position, velocity]
     fallback_controllers: [spare]
-spare:
+/**/spare:
   ros__parameters: {joints: [joint1], interface_name: position}
 /**:
   ros__parameters: {use_sim_time: false}
 """
-HAND = f"hand: {{ros__parameters: {{type: {FORWARD}, joints: [hand_right_joint], interface_name: position}}}}\n"
-NARROW = "hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
+HAND = f"/**/hand: {{ros__parameters: {{type: {FORWARD}, joints: [hand_right_joint], interface_name: position}}}}\n"
+NARROW = "/**/hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
 
 
 class Spawner:
-    """Client with the calls of the ros2_control spawner, in their order."""
+    """Client that makes the calls of the ros2_control spawner in the same order."""
 
     def __init__(self, client: ManagerClient) -> None:
         self.client = client
@@ -88,7 +89,7 @@ class Spawner:
         return "" if inactive or self._switch([name], []) else "activate"
 
     def unload(self, name: str) -> str:
-        """Deactivate and unload, as after ``--unload-on-kill``."""
+        """Deactivate and unload the controller, as the spawner does with ``--unload-on-kill``."""
         if not self._switch([], [name]):
             return "deactivate"
         return "" if self.client.unload(name) else "unload"
@@ -116,8 +117,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stack(ros_domain: int, files: Path) -> Iterator[StackProcess]:
-    with running(files, "--hardware", "mock", "--controllers", str(files / "empty.yaml")) as stack:
+def stack(ros_domain: int, files: Path, namespace: str) -> Iterator[StackProcess]:
+    empty = str(files / "empty.yaml")
+    with running(files, "--hardware", "mock", "--controllers", empty, "--namespace", namespace) as stack:
         yield stack
 
 
@@ -142,7 +144,7 @@ def test_spawner_fills_a_stack_without_controllers(spawner: Spawner, files: Path
     listed = {c.name: c for c in spawner.client.call(ListControllers, f"{MANAGER}/list_controllers").controller}
     assert listed["hand"].claimed_interfaces == ["hand_right_joint/position"]
     assert spawner.client.get("/arm", "joints") == [[f"joint{i}" for i in range(1, 7)]]
-    # The controller is loaded, so the spawner only configures it, which an active controller refuses.
+    # The controller is already loaded, so the spawner only configures it, which is refused for an active controller.
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == "configure"
 
 
@@ -186,14 +188,14 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
         ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
         ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such'; known types are"),
         ("hand", "nowhere", FORWARD, "load", "cannot read"),
-        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node /hand"),
-        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node /hand"),
+        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node"),
+        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node"),
     ],
 )
 def test_failed_load_or_configuration_is_logged(
     spawner: Spawner, stack: StackProcess, files: Path, name: str, file: str, kind: str, step: str, said: str
 ) -> None:
-    # The manager still has the parameters of earlier tests.
+    # The manager still has the parameters that earlier tests have set.
     assert spawner.client.set_from_text(MANAGER, f"{name}.type", kind or "''")
     assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
     assert said in stack.words
@@ -214,7 +216,7 @@ def stopped(stack: StackProcess) -> Iterator[None]:
 
 
 def repeated(stack: StackProcess, client: ManagerClient, kind: Any, service: str, **fields: Any) -> list[bool]:
-    """Return whether each of three identical requests is granted. All of them wait for the stack."""
+    """Return, for each of three identical requests, whether it is granted. All of these clients wait for the stack."""
     caller, request = client.client(kind, f"{MANAGER}/{service}"), kind.Request(**fields)
     with stopped(stack):
         futures = [caller.call_async(request) for _ in range(3)]
@@ -245,7 +247,7 @@ def test_repeated_requests_after_a_late_response_are_handled(
 
 @pytest.mark.row("cm-spawner")
 def test_second_spawner_completes_the_work_of_the_first(spawner: Spawner, stack: StackProcess, files: Path) -> None:
-    """The second spawner finds the late results of the first one and continues from there."""
+    """The second spawner finds the late results of the first one and continues from that state."""
     client = spawner.client
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD, load_only=True) == ""
     assert repeated(stack, client, LoadController, "load_controller", name="hand") == [False] * 3

@@ -125,7 +125,8 @@ def test_diagnostics_are_published_once_per_second(client: ManagerClient) -> Non
 
 @pytest.mark.row("cm-description")
 def test_different_description_is_ignored_with_a_warning(client: ManagerClient, stack: StackProcess) -> None:
-    """The description in use is set at the start. The robot state publisher of the stack latches the same one."""
+    """The description in use is set at the start. The robot state publisher of the stack latches the same
+    description."""
     warning = "a different robot description on /robot_description is ignored"
     assert client.get(MANAGER, "robot_description") == [URDF.read_text()]
     assert warning not in stack.words

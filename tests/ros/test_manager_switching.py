@@ -1,4 +1,4 @@
-"""Switch controllers over ROS, with the messages of ros2_control. Invalid requests change nothing."""
+"""Switch controllers over ROS, with the messages of ros2_control. Invalid requests do not change anything."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -12,7 +12,8 @@ from tests.ros.manager_bench import AT_START, DONE, restore
 from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, STRICT, ManagerClient
 from tests.ros.stack_process import StackProcess
 
-pytestmark = pytest.mark.ros
+NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
+pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
 
 NOTHING = "After checking the controllers, no controllers need to be activated or deactivated."
 NOPE = "Could not activate controller with name 'nope' because no controller with this name exists"
@@ -31,7 +32,7 @@ EVERY_STRICTNESS = (0, BEST_EFFORT, STRICT, AUTO, FORCE_AUTO)
 
 @pytest.fixture
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """Restore the state of the stack after its start."""
+    """Restore the initial state of the stack."""
     yield connected
     connected.set_hardware("active")
     restore(connected)
@@ -102,7 +103,7 @@ def test_switch_of_unknown_and_known_controllers(client: ManagerClient) -> None:
 def test_switch_with_one_invalid_name(client: ManagerClient, bad: str, text: str) -> None:
     assert client.switch((), ["hand_controller"])[0] and client.cleanup("spare")
     before = client.states()
-    # The valid controllers of both lists keep their states, including the one to deactivate.
+    # The valid controllers of both lists keep their states, including the controller to deactivate.
     assert client.switch([bad, "hand_controller"], ["joint_state_broadcaster"], STRICT) == (False, text)
     assert client.states() == before
     done = f"{DONE}\nDeactivated controllers: [ joint_state_broadcaster ]\nActivated controllers: [ hand_controller ]"

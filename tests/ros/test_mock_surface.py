@@ -63,7 +63,7 @@ class Bench:
         return len(self.seen)
 
     def go(self, joint1: float, joint2: float, joint4: float, hand_m: float) -> list[Seen]:
-        """Send positions. Return the states until the moving joints have arrived and some time has passed."""
+        """Send positions. Return the states until the moving joints have arrived and some more time has passed."""
         wanted = {"joint1": joint1, "joint2": joint2, HAND: hand_m}
         begin = self.command("positions", joint1, joint2, joint4, hand_m)
 
@@ -140,7 +140,8 @@ def test_mimic_joint_has_states_but_no_commands(bench: Bench) -> None:
 
 
 def differentiates(course: list[Seen], name: str) -> bool:
-    """Return whether position changes equal velocity times a whole number of periods. States may be missing."""
+    """Return whether each change of position equals the velocity times a whole number of periods. States may be
+    missing."""
     steady = [
         (before.position[name], after.position[name], after.velocity[name])
         for before, after in pairwise(course)

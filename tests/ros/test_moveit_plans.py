@@ -1,4 +1,5 @@
-"""Run plans like those of MoveIt over the real action and virtual servos: executed, canceled and blocked."""
+"""Run plans like those of MoveIt over the real action and on virtual servos: some are executed, some canceled and some
+blocked."""
 
 import math
 import re
@@ -33,7 +34,7 @@ LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
 """Velocity and acceleration limits of config/moveit/joint_limits.yaml."""
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 AROUND_THE_STAND = (0.0, -0.41, -0.76, -0.70, -1.10, 1.55)
-"""Pose below the top of the stand, with a finger on either side."""
+"""Pose below the top of the stand, with one finger on each side of it."""
 LEFT, RIGHT = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55), (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55)
 BOWS = {
     "straight": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -41,7 +42,7 @@ BOWS = {
     "over an obstacle": (0.0, 0.25, 0.0, 0.0, 0.1, 0.0),
 }
 FOLLOWING_RAD = 0.04
-"""Maximum following error of full-speed plans, in rad, from sag and lag."""
+"""Maximum following error of full-speed plans that sag and lag cause, in rad."""
 START_RAD = 0.01
 """Value of MoveIt's allowed_start_tolerance, in rad."""
 BACKLASH_RAD = math.radians(1.0)
@@ -64,12 +65,12 @@ def driven(client: TrajectoryClient, curve: Curve, scale: float = 1.0) -> FloatA
     first = len(client.states)
     status, code, text = client.outcome(client.send(goal_of(message(plan(curve, LIMITS, scale)))))
     assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED), text
-    client.cycles(4)  # It has arrived within the tolerance and approaches the goal further.
+    client.cycles(4)  # The arm has arrived within the tolerance and continues to approach the goal.
     return references(client, first)
 
 
 def references(client: TrajectoryClient, first: int) -> FloatArray:
-    """Return the reference positions. The commands to the servos are ahead by the lag of each servo."""
+    """Return the reference positions. The commands to the servos lead the reference by the lag of each servo."""
     return np.array([state.reference.positions for state in client.states[first:]])
 
 

@@ -1,4 +1,4 @@
-"""The course's program for MoveIt's Python interface, and ``servoloop goto`` and ``scene``, with the plan server."""
+"""The program of the MoveIt course, and ``servoloop goto`` and ``scene``, with the plan server."""
 
 import sys
 from collections.abc import Iterator

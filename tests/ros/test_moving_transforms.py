@@ -25,7 +25,7 @@ def joint(name: str, kind: str, mimic: Mimic | None = None, axis: tuple[float, f
 
 
 def shown(transforms: Sequence[TransformStamped]) -> dict[str, tuple[list[float], list[float]]]:
-    """Return translation and rotation by child frame."""
+    """Return the translation and the rotation, by child frame."""
     return {
         t.child_frame_id: (
             [t.transform.translation.x, t.transform.translation.y, t.transform.translation.z],
@@ -43,7 +43,7 @@ def test_moving_link_matches_the_direct_calculation(
 ) -> None:
     moving = joint("a", kind, axis=axis)
     transforms = MovingTransforms([moving], "")
-    transforms.transforms(("a",), (1.0,), STAMP)  # The messages of one cycle must not affect the next.
+    transforms.transforms(("a",), (1.0,), STAMP)  # The messages of one cycle must not affect those of the next cycle.
     (transform,) = transforms.transforms(("a",), (position,), STAMP)
     place, turn = shown([transform])["after_a"]
     wanted_place, wanted_turn = child_pose(moving, position)

@@ -40,7 +40,7 @@ TOLD = [2, 5, 8, 10]
 
 @pytest.fixture(scope="module")
 def shared_cell(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """Provide one node for most tests. Discovery is complete when no message of a whole job is lost."""
+    """Provide one node for most of the tests. Discovery is complete when no message of a whole job has been lost."""
     parameters = Path(__file__).parents[2] / "config" / f"{NODE}.yaml"
     log = tmp_path_factory.mktemp("node") / "log"
     with Cell(ros_domain, log, ["--ros-args", "--params-file", str(parameters)]) as cell:
@@ -293,7 +293,7 @@ def test_vision_can_be_switched_off(ros_domain: int, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "auto_goal_from_vision:=false"]
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
         cell.see_until(lambda: cell.sights == 10, "A")
-        assert cell.pick("B").end()[0] == SUCCEEDED  # The node does not reject the goal as busy.
+        assert cell.pick("B").end()[0] == SUCCEEDED  # The node does not reject the goal because it is busy.
         assert BIN["A"] not in positions(cell)
 
 
@@ -436,7 +436,7 @@ GIVEN = [
     (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "parameter 'move_times_s' is ignored"),
     ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml contains no parameters for /{NODE_NAME}"),
 ]
-"""Parameter file and the expected warning or error."""
+"""Content of a parameter file, and the expected warning or error."""
 
 
 @pytest.mark.slow

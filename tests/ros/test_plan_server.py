@@ -1,4 +1,4 @@
-"""Tests of the planning server with a stack and a client of MoveIt's interfaces."""
+"""Tests of the planning server with a stack and a client that uses MoveIt's interfaces."""
 
 import os
 import time
@@ -44,7 +44,7 @@ def client(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 @pytest.fixture
 def ready(client: PlanClient) -> PlanClient:
-    """Provide the client, with the arm at ready."""
+    """Provide the client, with the arm in the ready pose."""
     assert client.run(joint_goal(**READY)).error_code.val == SUCCESS
     return client
 

@@ -30,7 +30,7 @@ SERVERS = {
     "servoloop up --port ./bus": "ready: robot_arm",
     "servoloop emulate ./bus": "ready: 7 servos",
 }
-"""Commands that run until they are ended, with their output when they are ready."""
+"""Commands that run until they are ended, with the output that shows that they are ready."""
 TOGETHER = (". .venv/bin/activate", NODE, "servoloop pick B")
 MEASURE = "servoloop bench bus --port /dev/ttyACM0 --ids 1-7 --model sts3215"
 ONCE = {
@@ -39,7 +39,7 @@ ONCE = {
     "make demo": "make demo DEMO_ARGS='--out {tmp}'",
     "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
 }
-"""Commands that end without a signal, with arguments that keep them short here."""
+"""Commands that end without a signal, with arguments that shorten their run in these tests."""
 
 
 @pytest.fixture

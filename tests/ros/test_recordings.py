@@ -42,7 +42,7 @@ def check_cycles(recorded: Messages) -> int:
 
 
 class Recorded:
-    """A recording of a stack whose servo 3 became silent during a motion."""
+    """A recording of a stack whose servo 3 becomes silent during a motion."""
 
     def __init__(self, path: Path, words: str, begun_s: float) -> None:
         self.path, self.words, self.begun_s = path, words, begun_s
@@ -95,7 +95,7 @@ def test_bus_traffic_is_recorded_from_the_first_byte(recorded: Recorded) -> None
 
 
 def test_fault_is_recorded_in_a_separate_file_named_in_the_log(recorded: Recorded) -> None:
-    """On a slow machine all servos may have been late before. This fault is then in a later file."""
+    """On a slow machine, all servos may have been late before. In that case, this fault is in a later file."""
     files = {path: faults(path) for path in recorded.fault_files}
     path = next(path for path in reversed(files) if "joint3: silent" in files[path])
     assert f"{files[path][0]}: the last 30 s are recorded in out/faults/{path.name}" in recorded.words

@@ -35,7 +35,7 @@ JOINT_STATES = ["surface", "spinning", "ros_time", "controller_nodes", "broadcas
 
 
 class InProcess:
-    """A stack on simulated time with its ROS nodes in this thread and a client in another thread."""
+    """A stack in simulated time with its ROS nodes in this thread and a client in another thread."""
 
     def __init__(self) -> None:
         self.rig = SimulatedStack().up()
@@ -85,7 +85,7 @@ def stack(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[InProces
 
 
 def own(files: list[str]) -> list[str]:
-    """Return the files of nodes/ by base name."""
+    """Return the files of nodes/, by file name."""
     return [name.rpartition("/")[2].removesuffix(".py") for name in files if name.startswith("nodes/")]
 
 
@@ -96,7 +96,7 @@ def test_goal_passes_few_files_from_callback_to_controller(stack: InProcess) -> 
     goal.trajectory.joint_names = list(ARM)
     goal.trajectory.points = [JointTrajectoryPoint(positions=list(PICK))]
     goal.trajectory.points[0].time_from_start.sec = 2
-    first = threading.Event()  # This also caches the information about each message type.
+    first = threading.Event()  # This call also caches the information about each message type.
     stack.action.send_goal_async(goal).add_done_callback(lambda _: first.set())
     stack.serve(PATIENCE_S, first)
     trip = TripRecorder(until=JointTrajectoryController.submit)

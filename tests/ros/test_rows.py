@@ -1,4 +1,4 @@
-"""Every row of the specification has a test over ROS, and every mark names a row."""
+"""Every row of the specification has a test over ROS, and every mark refers to an existing row."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A stack on simulated time (``servoloop up --rtf`` and ``--step``), as seen from other processes."""
+"""A stack in simulated time (``servoloop up --rtf`` and ``--step``), as seen from other processes."""
 
 import shlex
 import signal
@@ -34,11 +34,12 @@ NODES = ("controller_manager", "arm_controller", "robot_arm", "robot_state_publi
 PERIOD_S = 0.05
 _, *UP = commands("simulation.md")
 LONGEST_JOB_S = 15.0
-"""Time limit of a job in simulated seconds. It includes delays of clients, for which simulated time does not wait."""
+"""Time limit of a job in simulated seconds. The limit includes delays of clients, for which simulated time does not
+wait."""
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 BINS_Y_M = {"A": 0.123, "B": 0.0, "C": -0.123}
 TABLE_M = 0.05
-"""Height below which a cube lies in a bin, in m. On the stand or in the hand it is higher."""
+"""Height below which a cube is in a bin, in m. The height of a cube on the stand or in the hand is greater."""
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +69,10 @@ def step(client: ManagerClient, steps: int) -> Any:
 
 @contextmanager
 def stamps(client: ManagerClient) -> Iterator[Callable[[], list[float]]]:
-    """Record the stamps of the joint states of cycles within the block. The latched first one is skipped."""
+    """Record the stamps of the joint states of all cycles within the block. The first message, which is latched, is
+    skipped."""
     with client.hearing(JointState, "/joint_states") as heard:
-        while not heard:  # After the first message, the stack has discovered the subscription.
+        while not heard:  # The stack has discovered the subscription when the first message arrives.
             assert step(client, 1).success
             client.executor.spin_once(timeout_sec=0.2)
         yield lambda: [seconds(message.header.stamp) for message in heard]
@@ -88,7 +90,7 @@ def test_steps_are_cycles_and_only_they_advance_time(client: ManagerClient) -> N
         periods_s = [after - before for before, after in pairwise(since)]
         assert periods_s == pytest.approx([PERIOD_S] * 8, abs=0.001)  # The time on the bus varies slightly.
         clock.clear()
-        client.spin_until(lambda: len(clock) > 5)  # A paused simulation repeats its time for new subscribers.
+        client.spin_until(lambda: len(clock) > 5)  # A paused simulation publishes its time again for new subscribers.
         assert {seconds(message.clock) for message in clock} == {since[-1]}
         assert heard()[-1] == since[-1]
 
@@ -130,7 +132,7 @@ def test_every_node_uses_simulated_time(client: ManagerClient) -> None:
 
 @pytest.fixture
 def picker(client: ManagerClient, tmp_path: Path) -> Iterator[ActionClient]:
-    """Run the unchanged pick-and-place node on /clock."""
+    """Run the unchanged pick-and-place node with simulated time from /clock."""
     module, parameters = "nodes.vision_pick_place_controller", str(CONFIG / "vision_pick_place_controller.yaml")
     arguments = ["--ros-args", "--params-file", parameters, "-p", "use_sim_time:=true"]
     with (tmp_path / "node.log").open("wb") as log:

@@ -1,7 +1,8 @@
-"""Clients are killed, flood the stack or send invalid data. The arm holds and all other clients are served.
+"""Clients are killed, flood the stack or send invalid data. The arm holds its position and all other clients are
+served.
 
-Whether cycles are late during a storm depends on the machine. ``python -m benchmarks.storms`` measures that at full
-size.
+Whether cycles are late during such a flood depends on the machine. ``python -m benchmarks.storms`` measures this at
+full size.
 """
 
 import threading
@@ -29,7 +30,7 @@ def watch() -> Iterator[Watch]:
         thread = threading.Thread(target=watch.run)
         thread.start()
         try:
-            goals(0.0)  # start position of every storm
+            goals(0.0)  # initial position for every flood
             yield watch
         finally:
             watch.end()

@@ -28,11 +28,11 @@ JOINT = "shoulder_pan"
 PERIOD_S = 0.01
 STATUS = "servoloop: topic host"
 (HOST,) = commands("ros2-control-host.md")
-"""Command of the documentation. Its servos are replaced by a mock."""
+"""Command of the documentation. The servos of the command are replaced by a mock."""
 
 
 class PluginNode:
-    """The plug-in in a node, as the controller manager runs it: read and write in each cycle."""
+    """The plug-in as a node, which reads and writes in each cycle, as in the controller manager."""
 
     def __init__(self) -> None:
         self.node = Node("plugin")
@@ -54,7 +54,7 @@ class PluginNode:
         self.statuses += [status for status in message.status if status.name == STATUS]
 
     def run(self, seconds: float, wanted: Callable[[float], dict[str, float]] | None = None) -> None:
-        """Run cycles. Without ``wanted``, nothing is sent."""
+        """Run cycles. Without ``wanted``, the plug-in sends nothing."""
         begun_s = due_s = time.monotonic()
         while (now_s := time.monotonic()) < begun_s + seconds:
             self.executor.spin_once(timeout_sec=max(0.0, due_s - now_s))
@@ -75,7 +75,7 @@ class PluginNode:
             self.run(0.05)
 
     def phase(self) -> str:
-        """Return the next report of the host on its topics."""
+        """Return the next report of the host about its topics."""
         self.statuses.clear()
         self.run_until(lambda: bool(self.statuses))
         return str(self.statuses[-1].message)
@@ -116,7 +116,7 @@ def plugin(host: StackProcess) -> Iterator[PluginNode]:
 @pytest.mark.runs(HOST)
 def test_the_arm_follows_commands_at_100_hz_and_holds_when_they_end(host: StackProcess, plugin: PluginNode) -> None:
     assert set(plugin.states[-1].name) == set(JOINTS) and len(plugin.states[-1].velocity) == len(JOINTS)
-    plugin.run(0.3, lambda time_s: {})  # no controller is active: NaN for each joint
+    plugin.run(0.3, lambda time_s: {})  # no controller is active, so the value of each joint is NaN
     assert plugin.sent > 10 and plugin.phase() == "waiting for the first command"
     middle = dict(plugin.plugin.states)
     plugin.run(3.0, lambda t: {**middle, JOINT: middle[JOINT] + 0.3 * math.sin(math.pi * t) ** 2})
@@ -135,7 +135,7 @@ def test_the_arm_holds_when_the_sender_leaves(host: StackProcess, plugin: Plugin
     plugin.node.destroy_publisher(plugin.publisher)
     plugin.run(0.4)
     assert plugin.way_rad(0.1) == 0.0
-    assert plugin.phase() == f"holding: no program publishes on {COMMANDS} any longer"
+    assert plugin.phase() == f"holding: no program publishes on /{COMMANDS} any longer"
 
 
 def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: PluginNode) -> None:

@@ -67,7 +67,7 @@ SUCCEEDING = [
 @pytest.mark.row("jtc-26")
 @pytest.mark.parametrize("message", SUCCEEDING)
 def test_goal_succeeds_through_its_points_and_holds_the_last(ours: TrajectoryClient, message: Any) -> None:
-    ours.executed(goal_of(T(P(0.1, 0.6))))  # Every case starts at the same pose.
+    ours.executed(goal_of(T(P(0.1, 0.6))))  # Every case starts in the same pose.
     states = ours.executed(goal_of(message))
     assert largest_step_rad(states) <= LARGEST_STEP_RAD
     order = [list(message.joint_names).index(name) for name in states[-1].joint_names]

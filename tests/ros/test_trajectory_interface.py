@@ -28,7 +28,7 @@ pytestmark = pytest.mark.ros
 
 
 class Behind:
-    """A trajectory interface with its client in one process. The test decides when cycles are published."""
+    """A trajectory interface with its client in one process. The test determines when cycles are published."""
 
     def __init__(self) -> None:
         self.node = Node("behind")

@@ -54,8 +54,8 @@ def speed_rad_s(client: TrajectoryClient) -> float:
 def test_ended_goals_are_removed_as_in_ros2_control(ours: TrajectoryClient) -> None:
     """rclpy would list every goal of the last 15 min in every status message.
 
-    This must be the first test of the stack, and its second goal must take longer. rcl removes old goals only at
-    certain times, which depend on all earlier goals.
+    This must be the first test that uses the stack, and its second goal must take longer than the first. rcl removes
+    old goals only at certain times, which depend on all earlier goals.
     """
     statuses: list[GoalStatusArray] = []
     topic = "/arm_controller/follow_joint_trajectory/_action/status"
@@ -144,7 +144,8 @@ def test_trajectory_on_the_topic_is_executed_unless_empty_or_partial(ours: Traje
 
 @pytest.mark.row("jtc-32", "golden-topic-over-goal", "trouble-reason")
 def test_trajectory_on_the_topic_ends_a_goal_with_a_reason(ours: TrajectoryClient) -> None:
-    """In contrast, ros2_control lets the goal succeed with a trajectory that its client never sent."""
+    """In contrast, ros2_control ends the goal as successful although the arm follows a trajectory that the goal's
+    client never sent."""
     sent = ours.send(goal_of(T(P(0.8, 3.0))))
     ours.publish(T(P(0.2, 0.5)))
     text = "Current goal preempted by a trajectory on the topic joint_trajectory."
@@ -188,7 +189,7 @@ def test_controller_is_deactivated_during_a_goal_and_activated_again(ours: Traje
 
 @pytest.mark.row("jtc-1", "golden-inactive", "golden-query")
 def test_inactive_controller_rejects_goals_ignores_the_topic_and_publishes_nothing(ours: TrajectoryClient) -> None:
-    """The action server exists from configure on."""
+    """The action server exists as soon as the controller is configured."""
     assert ours.switch(on=False)
     assert ours.call(CleanupController, f"{MANAGER}/cleanup_controller", CleanupController.Request(name=NAME)).ok
     ours.until(lambda: not ours.action.server_is_ready())

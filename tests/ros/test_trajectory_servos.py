@@ -34,9 +34,9 @@ def servos(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def planned(start: list[float], way_rad: float, duration_s: float, count: int) -> Any:
-    """Create a plan as a planner does: from the start at time 0, with velocities and accelerations at every point.
+    """Create a plan like that of a planner: it begins at time 0, with velocities and accelerations at every point.
 
-    Only the wrist turns. The arm starts beside the stand, and any other joint could hit it.
+    Only the wrist turns. The arm starts beside the stand, and a motion of any other joint could hit it.
     """
     points = []
     for index in range(count):
@@ -60,7 +60,7 @@ PLANS = [
 def test_result_arrives_within_the_timeout_of_moveit(
     servos: TrajectoryClient, way_rad: float, duration_s: float, count: int
 ) -> None:
-    """The time is measured by the stamps of the feedback. The last feedback precedes the result by one cycle."""
+    """The time is measured with the stamps of the feedback. The last feedback precedes the result by one cycle."""
     start = measured(servos)
     sent = servos.send(goal_of(planned(start, way_rad, duration_s, count)))
     status, code, text = servos.outcome(sent)

@@ -1,6 +1,7 @@
-"""Motion between points with splines: a ros2_control file without a robot file, as seen from another process.
+"""Motion between points with splines: the controllers file is that of ros2_control, without a robot file, as seen from
+another process.
 
-The tests compare the values within one state: reference position, velocity, and the command one period later. The
+The tests compare values within one state: the reference position, the velocity, and the command one period later. The
 result therefore does not depend on delays of the machine.
 """
 
@@ -103,7 +104,7 @@ def test_degree_depends_on_both_ends_of_a_segment(
 
 @pytest.mark.row("jtc-21", "golden-no-velocity")
 def test_accelerations_without_velocities_are_ignored(at_zero: TrajectoryClient) -> None:
-    """In contrast, ros2_control holds until the end and then jumps."""
+    """In contrast, ros2_control holds its position until the end and then jumps."""
     states = at_zero.executed(goal_of(T(P(0.8, 0.8, (), A))))
     assert on_curve(Polynomial((0.0, 1.0)), 0.8, states)
 
@@ -137,7 +138,8 @@ def test_single_point_without_time_is_reached_within_the_limits(at_zero: Traject
 
 @pytest.mark.row("jtc-18", "golden-first-at-zero")
 def test_first_point_at_time_0_causes_no_jump(at_zero: TrajectoryClient) -> None:
-    """In contrast to ros2_control, a first point away from the arm is skipped. Planners start at the arm."""
+    """In contrast to ros2_control, a first point that is away from the arm is skipped. Planners begin at the position
+    of the arm."""
     states = at_zero.executed(goal_of(T(P(0.0, 0.0), P(0.2, 0.3), P(0.5, 0.6))))
     assert on_curve(Polynomial((0.0, 2.0 / 3.0)), 0.3, [s for s in states if s.reference.positions[0] < 0.2])
     states = at_zero.executed(goal_of(T(P(-0.5, 0.0), P(1.0, 0.5))))

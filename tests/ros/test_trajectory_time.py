@@ -1,6 +1,7 @@
 """Start, progress and end of a trajectory with splines, as seen from another process.
 
-A state on a straight line reveals the time of the trajectory: its stamp shows when the line started and when it ends.
+A state on a straight line reveals the time of the trajectory: its stamp shows when the line started and when it will
+end.
 """
 
 import re
@@ -32,7 +33,8 @@ pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 CLOCK_S = 0.02
-"""Accuracy of a stamp as the time of measurement and of the next cycle, in seconds. It is below half a period."""
+"""Accuracy with which a stamp gives the time of the measurement and of the next cycle, in seconds. The value is below
+half a period."""
 LATE_S = 0.5
 
 
@@ -50,26 +52,26 @@ def at_zero(plain: TrajectoryClient) -> TrajectoryClient:
 
 
 def on_line(states: Sequence[Any], speed_rad_s: float) -> list[Any]:
-    """Return the states that move at this speed."""
+    """Return the states in which the joint moves at this speed."""
     found = [state for state in states if abs(state.reference.velocities[0] - speed_rad_s) < 1e-3]
     assert found
     return found
 
 
 def passes_s(states: Sequence[Any], position_rad: float) -> list[float]:
-    """Return the time at which each state, moving uniformly, would be at this position."""
+    """Return, for each state of a uniform motion, the time at which the joint would be at this position."""
     refs = [state.reference for state in states]
     return [stamp_s(s) + (position_rad - r.positions[0]) / r.velocities[0] for s, r in zip(states, refs, strict=True)]
 
 
 def first_after(client: TrajectoryClient, moment_s: float) -> float:
-    """Return the stamp of the first cycle after a moment."""
+    """Return the stamp of the first cycle after a given time."""
     client.until(lambda: stamp_s(client.states[-1]) > moment_s)
     return next(stamp_s(state) for state in client.states if stamp_s(state) > moment_s)
 
 
 def finish(client: TrajectoryClient, sent: Sent, before: int) -> list[Any]:
-    """Return the states from ``before`` to the success of the goal."""
+    """Return all states from ``before`` to the success of the goal."""
     assert client.outcome(sent) == (SUCCEEDED, 0, REACHED)
     client.cycles(2)
     return client.states[before:]
@@ -183,7 +185,7 @@ def test_blocked_loop_skips_cycles_and_the_trajectory_continues(plain: Trajector
             assert on_s == pytest.approx(between_s, abs=CLOCK_S)
     for one, other in pairwise(states):
         between_s = stamp_s(other) - stamp_s(one)
-        # Otherwise the pair is not consecutive, because a state was skipped
+        # Otherwise, the two states are not consecutive, because a state was skipped
         if between_s < 1.5 * PERIOD_S or between_s > LATE_S:
             assert abs(other.feedback.positions[0] - one.feedback.positions[0]) <= LARGEST_STEP_RAD
     assert states[-1].output.positions[0] == pytest.approx(there, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Tolerances, timeouts and the position held afterwards, with joints that do not move.
+"""Tolerances, timeouts and the position that is held afterward, with joints that do not move.
 
 The states of the mock are frozen. The controllers file sets tolerances only for joint1.
 """
@@ -38,7 +38,7 @@ OFF = r"joint\d is off by \d\.\d{4,}, allowed is \d\.\d{4}"
 
 
 def cut(ended: tuple[int, int, str]) -> tuple[int, int, str]:
-    """Return an outcome whose text has no joint and deviation."""
+    """Return an outcome without the joint and the deviation in its text."""
     status, code, text = ended
     said, _, off = text.partition(": ")
     assert re.fullmatch(OFF, off), text
@@ -64,7 +64,8 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture
 def stuck(stack: TrajectoryClient) -> Iterator[TrajectoryClient]:
-    """Provide a client that holds the measured positions, and restore the parameters of the file at the end."""
+    """Provide a client with an arm that holds the measured positions, and restore the parameters of the file at the
+    end."""
     if list(stack.states[-1].output.positions) != pytest.approx(MEASURED):
         stack.executed(goal_of(T(P(MEASURED, 0.2)), path=ERASED, goal=ERASED))
     yield stack
@@ -83,7 +84,7 @@ def commanded(client: TrajectoryClient, number: int) -> float:
 
 
 def exceeded_s(text: str) -> float:
-    """Return the time by which goal_time was exceeded, according to the result."""
+    """Return the time by which goal_time was exceeded, as stated in the result."""
     said, _, off = text.partition(": ")
     assert re.fullmatch(OFF, off), text
     said = re.fullmatch(r"Aborted due to goal_time_tolerance exceeding by (\d+\.\d{6}) seconds", said)
@@ -159,7 +160,7 @@ def test_invalid_tolerance_is_named_in_the_log(stuck: TrajectoryClient, kind: st
 
 @pytest.mark.row("jtc-25", "golden-stuck-path", "golden-path-tolerance")
 def test_violated_path_tolerance_aborts_and_holds_the_measured_position(stuck: TrajectoryClient) -> None:
-    """This applies without deceleration, as in ros2_control."""
+    """Without deceleration this also applies, as in ros2_control."""
     before = stuck.now()
     sent = stuck.send(goal_of(joint(2, 0.8, 1.6), path={"joint2": 0.05}))
     assert cut(stuck.outcome(sent)) == PATH
@@ -171,7 +172,7 @@ def test_violated_path_tolerance_aborts_and_holds_the_measured_position(stuck: T
 
 @pytest.mark.row("jtc-25", "jtc-34", "golden-path-tolerance")
 def test_decelerating_abort_brakes_and_relieves_a_blocked_joint(stuck: TrajectoryClient) -> None:
-    """This is the default here. The goal ends when the joints are at rest and release their pressure."""
+    """This is the default here. The goal ends when the joints are at rest and no longer press against an obstacle."""
     assert stuck.set("constraints.decelerate_on_cancel", True) == (True, "")
     before = stuck.now()
     assert cut(stuck.outcome(stuck.send(goal_of(joint(2, 1.5, 1.5), path={"joint2": 0.4})))) == PATH
@@ -189,7 +190,7 @@ def test_decelerating_abort_brakes_and_relieves_a_blocked_joint(stuck: Trajector
 @pytest.mark.row("jtc-28", "jtc-34", "golden-stuck-goal-time")
 @pytest.mark.parametrize("decelerate", [False, True])
 def test_blocked_joint_is_relieved_after_goal_time(stuck: TrajectoryClient, decelerate: bool) -> None:
-    """In contrast to ros2_control, the command returns slowly and without a step to the measured position."""
+    """In contrast to ros2_control, the command returns to the measured position slowly and without a step."""
     assert stuck.set("constraints.decelerate_on_cancel", decelerate) == (True, "")
     before = stuck.now()
     ended = stuck.outcome(stuck.send(goal_of(joint(2, 0.5, 0.3), goal_time_s=0.3, goal={"joint2": 0.01})))

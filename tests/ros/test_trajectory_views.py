@@ -36,9 +36,9 @@ def ours(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def without_feedback(cycles_s: list[float], with_feedback_s: Collection[float]) -> list[float]:
-    """Return the cycles without feedback.
+    """Return the cycles for which no feedback was published.
 
-    A cycle that follows a late one closely is excluded, because it may have no separate feedback.
+    A cycle that follows shortly after a late cycle is excluded, because it may have no feedback of its own.
     """
     close = {after for before, after in pairwise(cycles_s) if after - before < 0.6 * PERIOD_S}
     return [cycle_s for cycle_s in cycles_s if cycle_s not in with_feedback_s and cycle_s not in close]
@@ -89,7 +89,7 @@ def test_controller_state_is_published_every_cycle_with_the_command(ours: Trajec
     stamps = [stamp_s(state) for state in ours.states]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
     between = sorted(after - before for before, after in pairwise(map(stamp_s, states)))
-    # Half of them suffice, because machines can be late.
+    # Half of the messages are sufficient, because machines can be late.
     assert between[len(between) // 2] == pytest.approx(PERIOD_S, abs=0.01)
     for before, after in pairwise(states):
         assert list(after.joint_names) == list(JOINTS)

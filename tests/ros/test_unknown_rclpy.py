@@ -89,7 +89,7 @@ def test_services_change_the_loaded_controllers(stack: StackProcess) -> None:
 
 
 def refused(client: ManagerClient) -> None:
-    """Read-only parameters are kept and others are checked."""
+    """Read-only parameters keep their values, and other parameters are checked."""
     assert "read-only" in client.put("/arm_controller", "joints", ["a"])
     assert "not declared" in client.put("/arm_controller", "joint", "a")
     assert client.get(MANAGER, "update_rate") == [20]

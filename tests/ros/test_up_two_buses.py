@@ -1,4 +1,4 @@
-"""One component on two serial buses with Feetech and Dynamixel servos, in real processes."""
+"""One component with Feetech and Dynamixel servos on two serial buses, in real processes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROBOT = ("--robot", str(CONFIG / "robot_arm_two_buses.yaml"))
 HAND = "hand_right_joint"
-HALF_CLOSED_M = 0.015  # The cube is closer to the arm.
+HALF_CLOSED_M = 0.015  # The cube is closer to the arm here.
 SERVOS = {f"{joint} (servo arm/{i})" for i, joint in enumerate(JOINTS, start=1)} | {f"{HAND} (servo hand/1)"}
 HARDWARE_IDS = {f"robot_arm/arm/{i}" for i in range(1, 7)} | {"robot_arm/hand/1"}
 ERROR_RAD = 0.08  # Servos sag when the arm leans.
@@ -27,7 +27,7 @@ ERROR_M = 0.002
 
 
 def _controllers(folder: Path) -> Path:
-    """The controller of the arm also moves the hand and has no other controller to wait for."""
+    """The controller of the arm also moves the hand, so it does not have to wait for another controller."""
     text = CONTROLLERS.read_text()
     arm = "joints: [joint1, joint2, joint3, joint4, joint5, joint6]"
     assert text.count(arm) == 1

@@ -1,4 +1,4 @@
-"""Calls of the ros2_control command-line tools, recorded by running them and repeated with our client."""
+"""Calls of the ros2_control command-line tools, which were recorded from the tools and are repeated with our client."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,7 +65,7 @@ def client(stack: StackProcess) -> Iterator[ManagerClient]:
 
 
 def spawn(client: ManagerClient, name: str, files: list[Path], arguments: list[str] | None = None) -> None:
-    """Spawn a controller like ``spawner NAME --param-file … --controller-ros-args … --inactive``."""
+    """Spawn a controller as ``spawner NAME --param-file … --controller-ros-args … --inactive`` does."""
     kind = TRAJECTORY if name == "arm" else "forward_command_controller/ForwardCommandController"
     settings = {"node_options_args": arguments, "params_file": [str(path) for path in files], "type": kind}
     for key, value in settings.items():
@@ -142,7 +142,7 @@ def test_unloaded_controller_leaves_nothing_behind(client: ManagerClient, files:
     ],
 )
 def test_late_subscriber_receives_no_old_state(client: ManagerClient, kind: type, topic: str) -> None:
-    """These topics are published only to subscribers, so the latest message may be old."""
+    """These topics are published only if they have subscribers, so the latest message may be old."""
     clock = client.node.get_clock()
     with client.hearing(kind, topic, LATCHED) as messages:
         client.spin_until(lambda: messages)

@@ -1,4 +1,4 @@
-"""The demo sorts an apple by what the virtual camera sees, from the picture to the bin."""
+"""The demo sorts an apple by the pictures of the virtual camera, from the picture to the bin."""
 
 import io
 import json
@@ -66,7 +66,7 @@ def test_two_apples_are_sorted_with_a_small_arm(ros_domain: int, tmp_path: Path)
 
 
 def pictures_of(recording: Path) -> list[Image.Image]:
-    """Return the compressed pictures of a recording, in which the messages of the stack are, too."""
+    """Return the compressed pictures of a recording that also contains the messages of the stack."""
     pictures, topics = [], set()
     with recording.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():

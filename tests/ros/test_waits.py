@@ -1,4 +1,4 @@
-"""Every command ends if a process that it waits for is killed or stopped, and after a second signal."""
+"""Every command ends if a process for which it waits is killed or stopped, and after a second signal."""
 
 import os
 import signal
@@ -24,7 +24,8 @@ AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses after two simultaneous signals, either of which may be handled first."""
 
 LEAVE_S = 5.0
-"""Time in which a command ends on a busy machine, in seconds. On a quiet machine it takes one, and ten if it waits."""
+"""Time in which a command ends on a busy machine, in seconds. On an idle machine, a command ends after one second, or
+after ten if it has to wait."""
 
 
 @pytest.fixture
@@ -81,7 +82,7 @@ def test_two_signals_end_pick(cell: Cell, pick: StackProcess) -> None:
 
 
 def test_signal_before_the_job_of_pick_prevents_it(ros_domain: int, tmp_path: Path) -> None:
-    """No node serves the action, so the command waits for a server."""
+    """No node provides the action, so the command waits for a server."""
     pick = StackProcess(tmp_path / "pick.log", "pick", "A")
     until(lambda: handles(pick.process.pid, signal.SIGTERM), lambda: pick.process.poll() is not None and pick.words)
     assert pick.end(signal.SIGTERM) == 130

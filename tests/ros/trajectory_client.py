@@ -1,4 +1,4 @@
-"""A client of one trajectory controller in a process separate from the stack."""
+"""A client of one trajectory controller, in a process separate from the stack."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -164,14 +164,14 @@ class TrajectoryClient:
         return len(self.wait(sent.handle.cancel_goal_async()).goals_canceling)
 
     def refusal(self, goal: Any) -> str:
-        """Send a goal that is rejected, and return the reason from the topic."""
+        """Send a goal that must be rejected, and return the reason that is published on the topic."""
         before = len(self.reasons)
         assert self.send(goal).handle is None
         self.until(lambda: len(self.reasons) > before)
         return self.reasons[-1]
 
     def cycles(self, count: int) -> list[JointTrajectoryControllerState]:
-        """Return the states of at least the next ``count`` cycles. Older states may still arrive."""
+        """Return the states of at least the next ``count`` cycles. States from before the call may still arrive."""
         first = self.now()
         self.until(lambda: len(self.states) >= first + count)
         return self.states[first:]
@@ -199,13 +199,13 @@ class TrajectoryClient:
         return self.call(QueryTrajectoryState, f"{ARM}/query_state", QueryTrajectoryState.Request(time=stamp))
 
     def switch(self, on: bool) -> bool:
-        """Switch the arm's controller and return whether the manager has succeeded."""
+        """Switch the controller of the arm, and return whether the manager reports success."""
         names = {"activate_controllers" if on else "deactivate_controllers": ["arm_controller"]}
         request = SwitchController.Request(strictness=2, **names)
         return bool(self.call(SwitchController, "/controller_manager/switch_controller", request).ok)
 
     def set(self, name: str, value: Any) -> tuple[bool, str]:
-        """Set a parameter of the controller, and return success and reason."""
+        """Set a parameter of the controller, and return whether this succeeded, and the reason."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         (result,) = self.call(SetParameters, f"{ARM}/set_parameters", request).results
         return result.successful, result.reason

@@ -80,7 +80,7 @@ def mock_urdf(folder: Path, initial_rad: Mapping[str, float], **parameters: str)
 
 
 def case(name: str, *values: Any, rows: Sequence[str]) -> Any:
-    """A table row with the rows of the specification that it tests."""
+    """A row of a test table, with the rows of the specification that it tests."""
     return pytest.param(*values, id=name, marks=pytest.mark.row(*rows))
 
 

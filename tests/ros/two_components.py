@@ -1,4 +1,4 @@
-"""The URDF of the arm with arm and hand as two hardware components."""
+"""The URDF of the arm, with the arm and the hand as two hardware components."""
 
 import re
 from pathlib import Path
@@ -60,7 +60,7 @@ def servos(path: Path) -> str:
 
 
 def write_servos(folder: Path) -> Path:
-    """Write the URDF with servos in both components. Each has its own robot file and bus."""
+    """Write the URDF with servos in both components. Each component has its own robot file and bus."""
     arm, hand = write_robot_file(folder, "arm", *ARM), write_robot_file(folder, "hand", HAND)
     return write_urdf(folder, servos(arm), servos(hand))
 

@@ -1,4 +1,4 @@
-"""A program in a pseudo-terminal that is controlled by the test."""
+"""A program in a pseudo-terminal that the test controls."""
 
 import fcntl
 import os
@@ -9,11 +9,12 @@ import time
 from collections.abc import Sequence
 
 LIMIT_S = 60.0
-"""Timeout for a very busy machine, in seconds. It does not check any promise."""
+"""Timeout for a very busy machine, in seconds. No test checks this value as a promise."""
 
 
 class AtTerminal:
-    """Program that runs in a context. The terminal is its controlling terminal, so closing it sends SIGHUP."""
+    """Program that runs in a context. The terminal is the controlling terminal of the program, so closing the terminal
+    sends SIGHUP."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self.master, self.slave = os.openpty()

@@ -28,7 +28,7 @@ def served(line: ServoLine[Any], link: Path, on_tick: Callable[[float], None] | 
 
 
 def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
-    """Poll until ``what()`` is true. The timeout only allows for a very busy machine."""
+    """Poll until ``what()`` is true. The timeout is only needed on a very busy machine."""
     deadline_s = time.monotonic() + within_s
     while not what():
         assert time.monotonic() < deadline_s, "waited in vain"

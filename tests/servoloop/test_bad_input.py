@@ -1,4 +1,4 @@
-"""Errors on the command line and in files: each gets a message that tells the user what to do."""
+"""Errors on the command line and in files: each message tells the user what to do."""
 
 import errno
 import os

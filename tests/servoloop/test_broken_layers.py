@@ -19,7 +19,7 @@ from servoloop.simulation.schedule import Schedule
 
 SEEDS = 1000
 SCENARIO = Scenario(seconds=1.5, faults=4, within_s=1.2)
-"""Scenario with all kinds of faults that the arm supports, without a hint for the campaign."""
+"""Scenario with all kinds of faults that the arm supports, without any hint about the bug."""
 MOVING = Scenario(job=("A",), faults=4, within_s=5.0)
 """Scenario for bugs that have no effect on an arm at rest."""
 Break = Callable[[pytest.MonkeyPatch], None]
@@ -76,7 +76,7 @@ def takes_any_checksum(patch: pytest.MonkeyPatch) -> None:
 
 
 def invents_who_is_silent(patch: pytest.MonkeyPatch) -> None:
-    """A silent servo keeps its last position without a report."""
+    """A silent servo keeps its last position, and its silence is not reported."""
     receive, known = Bus.receive, dict[int, ServoState]()
 
     def wrong(bus: Bus) -> Mapping[int, Reading]:
@@ -88,7 +88,7 @@ def invents_who_is_silent(patch: pytest.MonkeyPatch) -> None:
 
 
 def gives_up_on_all(patch: pytest.MonkeyPatch) -> None:
-    """One silent servo ends the reading of the other servos."""
+    """One silent servo ends the reading of the servos after it."""
     receive = Bus.receive
 
     def wrong(bus: Bus) -> Mapping[int, Reading]:
@@ -111,7 +111,7 @@ def tells_the_next_servo(patch: pytest.MonkeyPatch) -> None:
 
 
 def believes_in_torque(patch: pytest.MonkeyPatch) -> None:
-    """A servo that has lost its torque is believed to have it."""
+    """A servo that has lost its torque is assumed to have it."""
 
     def wrong(bus: Bus, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         return dict.fromkeys(servo_ids, True)
@@ -164,7 +164,7 @@ LATE = {
     "knows_no_ends": 25,
     "invents_who_is_silent": 120,
 }
-"""First seeds of campaigns that would otherwise search for a long time."""
+"""First seeds for campaigns that would otherwise search for a long time."""
 
 
 def first_that_breaks(invariant: str, scenario: Scenario, first: int) -> Schedule:

@@ -166,7 +166,7 @@ EVENTS = st.lists(
 
 @given(events=EVENTS)
 def test_minimizing_leaves_only_the_fault_that_matters(events: list[tuple[str, float]]) -> None:
-    """Any silent servo at any time counts as a violation here."""
+    """In this test, any silent servo at any time counts as a violation."""
     faults = tuple(parse(f"{text} at={at_s}s for=1s") for text, at_s in (*events, ("silent id=3", 4.321)))
 
     def breaks(schedule: Schedule) -> bool:

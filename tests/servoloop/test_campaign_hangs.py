@@ -1,4 +1,4 @@
-"""Tests of runs that hang: their simulated time never ends or stands still."""
+"""Tests of runs that hang because their simulated time never ends or stands still."""
 
 import itertools
 import signal
@@ -33,7 +33,7 @@ class SwitchedStandstill:
 
 @pytest.fixture
 def switched(monkeypatch: pytest.MonkeyPatch) -> SwitchedStandstill:
-    """Return a standstill that the test triggers. The time of a run is polled often."""
+    """Return a clock standstill that the test triggers. The simulated time of a run is polled often."""
     switched = SwitchedStandstill()
     monkeypatch.setattr(supervised, "POLL_S", 0.01)
     monkeypatch.setattr(supervised, "ClockStandstill", lambda: switched)

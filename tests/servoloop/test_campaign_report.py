@@ -34,7 +34,8 @@ JUMPS = Schedule(
 
 
 class Page(HTMLParser):
-    """Links and tags of a page, and the texts by class of their element. Raises an error if tags do not match."""
+    """Links and tags of a page, and its texts by the class of their element. Parsing raises an error if tags do not
+    match."""
 
     VOID = ("meta", "br", "hr", "img", "link", "input")
 
@@ -73,7 +74,7 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def open_gate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> pytest.MonkeyPatch:
-    """Make the gate pass every command, and change to an empty folder."""
+    """Make the safety gate pass every command, and change to an empty folder."""
 
     def limit(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})
@@ -230,14 +231,14 @@ def test_an_interrupted_campaign_reports_the_completed_runs_and_ends_with_130(
     signals = signals_of_the_command(monkeypatch)
     monkeypatch.setattr(Tally, "add", add_and_interrupt)
     ran = run("--scenario", "scenario.yaml", "--seeds", "50", "--jobs", "0", "--json")
-    assert isinstance(ran.exception, Interrupted)  # The program then ends with 130.
+    assert isinstance(ran.exception, Interrupted)  # The program then ends with exit status 130.
     assert "interrupted: 2 of 50 runs were completed" in str(ran.exception)
     assert json.loads(ran.stdout)["interrupted"] and json.loads(ran.stdout)["runs"] == 2
     assert "Interrupted: 2 of 50 runs were completed." in Path("out/campaign/report.html").read_text()
 
 
 def signals_of_the_command(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return a list that will have the Signals object of the command."""
+    """Return a list to which the Signals object of the command will be added."""
     made: list[Any] = []
     enter = Signals.__enter__
 

@@ -44,7 +44,7 @@ Replies = list[tuple[str, str]]
 
 @pytest.fixture
 def replies(monkeypatch: pytest.MonkeyPatch) -> Replies:
-    """ID and type of the error, or ``ok``, of each reply."""
+    """For each reply, its ID and the type of its error, or ``ok``."""
     found: Replies = []
     judge = socket_program.SocketProgram._judge
 
@@ -58,7 +58,7 @@ def replies(monkeypatch: pytest.MonkeyPatch) -> Replies:
 
 
 def path_of(*acts: Act, seconds: float = 3.0) -> FloatArray:
-    """Run actions without a violation, and return the command of the joint in each cycle, in rad."""
+    """Run actions, check that no invariant is violated, and return the command of the joint in each cycle, in rad."""
     commands: list[float] = []
 
     def prepare(stack: FaultyStack) -> None:

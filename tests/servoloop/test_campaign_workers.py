@@ -44,7 +44,7 @@ def never() -> bool:
 
 
 class OtherOrder:
-    """Workers that complete their tasks in a drawn order."""
+    """Workers that complete their tasks in a random order."""
 
     def __init__(self, order: Callable[[list[int]], int]) -> None:
         self._order = order
@@ -58,7 +58,7 @@ class OtherOrder:
         return future
 
     def work(self) -> bool:
-        """Complete one task. ``in_order`` calls it to find out whether to stop."""
+        """Complete one task. ``in_order`` calls this function to find out whether to stop."""
         if self._open:
             future, chunk = self._open.pop(self._order(list(range(len(self._open)))))
             future.set_result([seed * seed for seed in chunk])
@@ -150,7 +150,7 @@ def test_a_killed_run_is_the_only_lost_result_and_keeps_its_place() -> None:
 
 
 def test_after_a_stop_no_task_starts_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Otherwise a task whose runs hang would last for minutes after Ctrl-C."""
+    """Otherwise, a task whose runs hang would continue for minutes after Ctrl-C."""
     begun, goes_on, ran = Event(), Event(), list[int]()
 
     class Waits(Supervisor):
@@ -216,7 +216,7 @@ def loops_at_7(seed: int) -> int:
     if seed == 7:
         signal.pthread_sigmask(
             signal.SIG_BLOCK, {supervised.SIGNAL}
-        )  # Like an endless loop in C, the loop ignores the signal.
+        )  # The loop ignores the signal, like an endless loop in C.
         ON_TIME.get()(1.25)  # type: ignore[misc]
         while True:
             pass
@@ -250,7 +250,7 @@ def no_loss(seed: int, loss: Loss) -> RunReport:
 
 
 def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> RunReport:
-    """Run a seed. The process of the victim is killed the first time."""
+    """Run a seed. The process of the chosen run is killed the first time."""
     if seed == victim and not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -299,14 +299,14 @@ def test_a_missing_ray_is_reported_with_the_command_that_installs_it(
     ],
 )
 def test_an_address_without_a_cluster_is_refused(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
-    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # It is not used before the address answers.
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # The address is not used before it answers.
     with pytest.raises(RayError, match=words):
         list(on_ray(kill_at_7, lost, range(3), address, 1, never))
 
 
 @pytest.mark.slow
 def test_ctrl_c_ends_the_processes_and_reports_the_completed_runs(tmp_path: Path) -> None:
-    """This test uses real time. The whole process group gets the signal, as from a terminal."""
+    """This test uses real time. The whole process group receives the signal, as from a terminal."""
     (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
     words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "100000", "--jobs", "2"]
     command = [sys.executable, "-m", "servoloop", *words]
@@ -316,7 +316,7 @@ def test_ctrl_c_ends_the_processes_and_reports_the_completed_runs(tmp_path: Path
         children: list[psutil.Process] = []
         while (
             process.poll() is None and len(children) < 3
-        ):  # There are two workers and the resource tracker of multiprocessing.
+        ):  # These are two workers and the resource tracker of multiprocessing.
             children = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=100)

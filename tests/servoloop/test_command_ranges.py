@@ -138,7 +138,7 @@ def test_velocities_and_efforts_have_their_own_ranges(
     stack = Stack(tmp_path, text, ForwardCommandController.kind, f"joints: [lift], interface_name: {kind}")
     assert isinstance(stack.controller, RateCommandController)
     assert stack.sent([command]) == pytest.approx(reaches)
-    stack.controller.command = np.array([command])  # the gate does not rely on the controller
+    stack.controller.command = np.array([command])  # the safety gate does not rely on the controller
     stack.loop.send(np.array([command]))
     assert stack.loop.command[0] == pytest.approx(reaches)
 

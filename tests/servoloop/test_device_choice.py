@@ -16,7 +16,7 @@ FILES = read_arm_files(find_arm("so101"))
 
 @pytest.fixture(autouse=True)
 def emulator(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Serve a path in place of an emulator."""
+    """Serve a pseudo-terminal at a path, as an emulator would."""
 
     @contextmanager
     def served(files: object, signals: Callable[[], int]) -> Iterator[Mapping[str, str]]:

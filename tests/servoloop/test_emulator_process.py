@@ -24,7 +24,7 @@ def named(name: str) -> ReadFiles:
 
 
 def as_a_copy(name: str) -> ReadFiles:
-    """Return a user folder with the name of an included arm but other zeros, given by its relative path."""
+    """Return a user's folder that has the name of an included arm but different zeros, given by its relative path."""
 
     def files(folder: Path) -> Files:
         for one in ("so101", name):
@@ -46,7 +46,7 @@ def two_components(folder: Path) -> Files:
 
 
 def single_files(folder: Path) -> Files:
-    """Return single files by relative paths, whose joints are not those of the default arm."""
+    """Return single files, given by relative paths, whose joints are not those of the default arm."""
     so101 = find_arm("so101")
     for path in (so101.urdf, so101.controllers, find_arm("so101_12v").robot):
         shutil.copy(path, folder / path.name)
@@ -129,7 +129,7 @@ def test_a_missing_scene_is_reported(
 
 @pytest.mark.parametrize("verb", ["emulate ./bus", "doctor --port ./none", "tune shoulder_pan --port ./none --yes"])
 def test_servos_of_another_urdf_need_no_controllers(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The controllers of the default arm are for other joints."""
+    """The controllers of the default arm are for different joints."""
     monkeypatch.chdir(tmp_path)
     read: list[ServoFiles] = []
     monkeypatch.setattr("servoloop.stack.emulator.emulate", lambda files, *more, **named: read.append(files))

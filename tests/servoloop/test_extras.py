@@ -1,4 +1,4 @@
-"""Commands in messages that install optional parts, and the version."""
+"""Installation commands in messages about missing extras, and the version."""
 
 import shlex
 import sys

@@ -33,7 +33,7 @@ def test_each_block_has_its_own_plugin_robot_file_and_rate(tmp_path: Path) -> No
     assert (arm.hardware.joints, hand.hardware.joints) == (ARM, (HAND,))
     assert (arm.cycles_per_update, hand.cycles_per_update) == (1, 2)
     assert list(below.set_compensation) == ["arm"]
-    assert not below.virtual  # the port has no feed of an emulator
+    assert not below.virtual  # there is no feed of an emulator at this port
     assert files.robot_paths == {"arm": tmp_path / "arm.yaml"}
 
 

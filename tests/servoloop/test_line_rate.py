@@ -1,4 +1,5 @@
-"""A cycle rate that exceeds the capacity of a bus is refused with a calculation; the highest possible rate is not."""
+"""A cycle rate that exceeds the capacity of a bus is refused with a calculation, but the highest possible rate is
+accepted."""
 
 from pathlib import Path
 from typing import Any

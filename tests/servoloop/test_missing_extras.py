@@ -1,4 +1,4 @@
-"""Every command runs in the base installation, or names the extra that it needs."""
+"""Every command works in the base installation, or names the extra that it needs."""
 
 import json
 import shlex
@@ -27,7 +27,7 @@ ARM = ROOT / "config" / "arms" / "so101"
 
 
 class Line(NamedTuple):
-    """Command line, and the extras that it needs in addition to the base installation."""
+    """Command lines, and the extras that each of them needs in addition to the base installation."""
 
     line: str
     needs: tuple[str, ...] = ()
@@ -82,6 +82,7 @@ LINES: Final = (
     Line("campaign --scenario short.yaml --ray local", ("sim", "ray")),
     Line("arms"),
     Line("arms new mine robot.urdf"),
+    Line("arms combine left=so101 right=so101 --out two"),
     Line("arms check so101"),
     Line("arms show so101", ("sim", "view")),
     Line("arms moveit so101 moveit", ("sim",)),
@@ -111,13 +112,17 @@ LINES: Final = (
     Line("teach remove no_such_motion"),
 )
 """Each ends without an arm. A command that needs an extra is refused before it reads the rest of its command line."""
-OPTIONAL: Final = {"arms check so101": "sim", "arms new mine robot.urdf": "sim"}
-"""Commands that leave a part out without an extra, and say so."""
+OPTIONAL: Final = {
+    "arms check so101": "sim",
+    "arms new mine robot.urdf": "sim",
+    "arms combine left=so101 right=so101 --out two": "sim",
+}
+"""Commands that omit a part if an extra is missing, and report this."""
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder with the files of the command lines, in which no stack of this machine is found."""
+    """Return a folder with the files of the command lines, in which no running stack of this machine is found."""
     shutil.copy(ARM / "arm.urdf", tmp_path / "robot.urdf")
     (tmp_path / "short.yaml").write_text("{seconds: 0.5}")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -126,7 +131,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(folder: Path, extras: Sequence[str], lines: Sequence[Line]) -> list[str]:
-    """Run the lines without the extras, and return their outputs. Each one must end without a traceback."""
+    """Run the command lines without the extras, and return their outputs. Each command must end without a traceback."""
     command = [sys.executable, "-m", "tests.servoloop.without", ",".join(extras)]
     asked = "".join(json.dumps(shlex.split(one.line)) + "\n" for one in lines)
     done = subprocess.run(command, input=asked, stdout=subprocess.PIPE, text=True, cwd=folder, timeout=LIMIT_S)
@@ -139,7 +144,7 @@ def run(folder: Path, extras: Sequence[str], lines: Sequence[Line]) -> list[str]
 
 
 def refusal(extra: str) -> str:
-    """Return the end of the sentence that names the extra, as far as it is known."""
+    """Return the end of the sentence that names the extra, if it is known."""
     return "ROS 2 Jazzy is required" if extra == "ros" else "pip install"
 
 
@@ -214,7 +219,7 @@ def test_a_real_arm_needs_only_the_base_installation_and_ros(folder: Path) -> No
 
 
 def up(folder: Path, link: Path) -> None:
-    """Start and end the stack on the servos of a port without any extra but ROS."""
+    """Start and end the stack with the servos on a port, without any extra except for ROS."""
     ready = folder / "ready"
     without = [sys.executable, "-m", "tests.servoloop.without", ",".join(LIBRARIES)]
     log = folder / "up.log"

@@ -1,4 +1,4 @@
-"""Commands that need a scene report how to create it if an arm has none."""
+"""If an arm has no scene, commands that need a scene report how to create one."""
 
 import shutil
 from pathlib import Path
@@ -18,7 +18,7 @@ COMMANDS = [
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """Copy an arm whose scene is to be removed or damaged."""
+    """Copy an arm, so that its scene can be removed or damaged."""
     return Path(shutil.copytree(ARMS / "so101", tmp_path / "mine"))
 
 

@@ -1,4 +1,4 @@
-"""A command can take a dataclass whose fields are options."""
+"""A command can use a dataclass whose fields are its options."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The example class of docs/hardware.md works from its package to the control loop."""
+"""The example class in docs/hardware.md works from its package to the control loop."""
 
 import re
 import tomllib

@@ -12,7 +12,7 @@ PERIOD_S = 0.05
 
 
 class TestWall:
-    """Wall clock that advances when a caller waits. ``events`` happen at the next wait."""
+    """Wall clock that advances when a caller waits. The next function in ``events`` is called at the next wait."""
 
     __test__ = False
 
@@ -45,7 +45,7 @@ class Loop:
         self.cycles = 0
 
     def run(self, cycles: int, look: Callable[[], bool] = lambda: False) -> float:
-        """Run a number of cycles and return the real time they took, in seconds."""
+        """Run a number of cycles and return the real time that they took, in seconds."""
         begun_s = self.wall.time_s
         for _ in range(cycles):
             self.pace.wait(self.cycles * PERIOD_S, look)

@@ -1,4 +1,4 @@
-"""However the thread of the control loop ends, the arm is stopped and the main thread is notified."""
+"""The arm is stopped and the main thread is notified, however the thread of the control loop ends."""
 
 import threading
 from collections.abc import Callable

@@ -54,7 +54,7 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 def asked(err: IO[str]) -> str:
-    """Return the next request to the user, and skip the output before it."""
+    """Return the next request to the user, skipping the output before it."""
     for line in err:
         if "press Enter" in line:
             return line

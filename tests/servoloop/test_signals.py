@@ -1,4 +1,5 @@
-"""Of SIGINT, SIGTERM and SIGHUP, the first is counted and the second ends the program, even if it is blocked."""
+"""The first signal (SIGINT, SIGTERM or SIGHUP) is counted, and the second one ends the program, even if the program is
+blocked."""
 
 import signal
 import subprocess
@@ -22,7 +23,7 @@ WAITING = "while not signals.count: time.sleep(0.01)\n"
 
 @contextmanager
 def program(within: str, behind: str = "") -> Iterator["subprocess.Popen[bytes]"]:
-    """Return a program that prints "ready", runs ``within`` in the context of Signals, then runs ``behind``."""
+    """Return a program that prints "ready", runs ``within`` in the context of Signals, and then runs ``behind``."""
     lines = [
         "import os, signal, sys, time",
         "from servoloop.stack.signals import Signals",

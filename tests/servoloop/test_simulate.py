@@ -126,7 +126,7 @@ def test_a_fault_that_the_arm_does_not_support_is_refused_before_the_start() -> 
 
 
 def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim_backend.scene.world.World.cube_bin", lambda world: "C")
+    monkeypatch.setattr("sim_backend.scene.world.World.cube_bin", lambda world, joint: "C")
     ran = CliRunner().invoke(cli.app, ["simulate", "--job", "B"])
     assert ran.exit_code == 1 and "digest " in ran.output
 

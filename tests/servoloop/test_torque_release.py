@@ -1,4 +1,5 @@
-"""Every command that switches torque off asks first, or refuses, if torque is enabled. These tests run in real time."""
+"""Every command that switches torque off asks for confirmation, or refuses, if torque is enabled. These tests run in
+real time."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -37,7 +38,7 @@ class Row:
 
     command: str
     said: Sequence[str]
-    """Texts in the message of the command."""
+    """Texts that the message of the command must contain."""
     asks: bool = True
     status: int = 1
 

@@ -1,4 +1,4 @@
-"""``servoloop up`` without rclpy and with ``--no-ros``: the stack runs and reports once what is missing."""
+"""``servoloop up`` without rclpy and with ``--no-ros``: the stack runs and reports once that ROS is missing."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""``--urdf FILE.xacro`` with ``--xacro-arg``, and what other processes get to read the same robot."""
+"""``--urdf FILE.xacro`` with ``--xacro-arg``, and the options with which other processes read the same robot."""
 
 from pathlib import Path
 

@@ -41,7 +41,7 @@ class Bench:
         return int(error)
 
     def write_all(self, values: dict[Register, int]) -> None:
-        """Write registers one after the other, none of which the servo may refuse."""
+        """Write registers one after the other; the servo must accept all of them."""
         assert {register.name: self.write(register, value) for register, value in values.items()} == {
             register.name: 0 for register in values
         }

@@ -1,7 +1,7 @@
-"""A second implementation of an STS servo, slow and simple, for comparison with the compiled one.
+"""A second implementation of an STS servo, slow and simple, to check the compiled implementation.
 
-It uses objects instead of a record, names instead of addresses, and Python integers. It works on decoded settings and
-shares no code with ``sim_backend.servos.sts``.
+This implementation uses objects instead of a record, names instead of addresses, and Python integers. It works with
+decoded settings and shares no code with ``sim_backend.servos.sts``.
 """
 
 import math
@@ -69,7 +69,7 @@ class Settings:
 
 
 class Encoder:
-    """Encoder: converts the angle to counts with turns and a filter, and measures the speed every 20 ms."""
+    """Encoder that converts the angle to counts with turns and a filter, and measures the speed every 20 ms."""
 
     LAG_S = 0.0018
 
@@ -107,7 +107,7 @@ class Encoder:
 
 @dataclass
 class Trapezoid:
-    """Motion profile: the set-point in 1/10000 count, and its speed."""
+    """Motion profile, which consists of the set-point in 1/10000 count and its speed."""
 
     settings: Settings
     goal: int = 0
@@ -164,7 +164,7 @@ class Trapezoid:
                 self.place += self.speed
 
     def _stop(self, speed: int) -> int:
-        """Return the sum of all speeds until rest, each smaller by ``change`` than the one before."""
+        """Return the sum of all speeds until rest, each of which is smaller by ``change`` than the one before."""
         return sum(range(speed % self.change, speed, self.change))
 
     def _slower(self, speed: int, exact: bool = True) -> int:
@@ -190,7 +190,7 @@ class Trapezoid:
 
 @dataclass
 class Loop:
-    """Control loop: converts the error to a drive. Positive drive turns to smaller counts."""
+    """Control loop: converts the error to a drive. Positive drive turns the shaft toward smaller counts."""
 
     settings: Settings
     total: int = 0
@@ -312,7 +312,7 @@ class Guard:
 
 
 class PlainServo:
-    """The whole servo. ``settings`` can be changed between two steps, and goals by ``write_goal``."""
+    """The whole servo. ``settings`` may be changed between two steps, and goals are changed with ``write_goal``."""
 
     def __init__(self, settings: Settings, angle_rad: float, kt: float, ke: float, ohm: float) -> None:
         self.settings = settings

@@ -1,4 +1,4 @@
-"""One virtual STS servo on a shaft with a load. Its registers are accessed by name."""
+"""One virtual STS servo on a shaft with a load. The registers of the servo are accessed by name."""
 
 from math import pi
 
@@ -14,7 +14,7 @@ COUNTS_PER_RAD = 4096 / (2 * pi)
 
 
 class StsBench:
-    """A servo on a shaft. A positive ``load_nm`` constantly pulls to larger counts."""
+    """A servo on a shaft. A positive ``load_nm`` constantly pulls toward larger counts."""
 
     def __init__(
         self,
@@ -31,7 +31,7 @@ class StsBench:
         self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
 
     def __setitem__(self, register: Register, value: int) -> None:
-        """Write a register and apply it: 85, 86 and phase take effect only after a write of 41 or 46."""
+        """Write a register and make it take effect: 85, 86 and phase take effect only after a write of 41 or 46."""
         self.servo.write(register.address, register.encode(value, "little"))
         if register in (sts.acceleration, sts.goal_velocity):
             self.run(0.001)
@@ -51,7 +51,7 @@ class StsBench:
             self.rig.step()
 
     def turn_to(self, count: float) -> None:
-        """Turn the shaft by hand at once. The servo measures the new angle within a few milliseconds."""
+        """Turn the shaft by hand to a new angle at once. The servo measures the new angle within a few milliseconds."""
         self.plant.place([(count + 0.5) / COUNTS_PER_RAD])
 
     def held_at(self, count: float, seconds: float) -> None:
@@ -61,6 +61,6 @@ class StsBench:
             self.rig.step()
 
     def go(self, count: int) -> None:
-        """Write a goal, and run for a millisecond so that the servo takes it over."""
+        """Write a goal, and run for a millisecond so that the servo uses the goal."""
         self[sts.goal_position] = count
         self.run(0.001)

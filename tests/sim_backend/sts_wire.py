@@ -1,4 +1,4 @@
-"""Virtual STS3215 servos on a bench that tests access only through bytes."""
+"""Virtual STS3215 servos on a bench that tests access only through bytes on the bus."""
 
 from math import pi
 
@@ -21,7 +21,7 @@ def word(value: int) -> bytes:
 
 
 class Wire:
-    """Servos with or without a load. Time passes with each packet and in ``wait``."""
+    """Servos with or without a load. Time passes with each packet, and in ``wait``."""
 
     def __init__(self, *servo_ids: int, load_nm: float = 0.0, paced: bool = False) -> None:
         self.ids = servo_ids or (1,)
@@ -33,7 +33,7 @@ class Wire:
         self.bus.advance(0.0)
 
     def send(self, data: bytes) -> list[bytes]:
-        """Send bytes and return each reply from the wire. A millisecond passes."""
+        """Send bytes and return each reply on the wire. A millisecond passes."""
         answers = [reply.data for reply in self.bus.receive(data, self.now_s)]
         self.wait(0.001)
         return answers
@@ -53,7 +53,7 @@ class Wire:
         assert len(self.send(packet(servo_id, 3, address, *data))) == 1
 
     def read(self, address: int, size: int = 1) -> int:
-        """Return a number, low byte first."""
+        """Return the number that is encoded with the low byte first."""
         (answer,) = self.send(packet(1, 2, address, size))
         assert answer[:4] == bytes((0xFF, 0xFF, 1, size + 2))
         assert ~sum(answer[2:-1]) & 0xFF == answer[-1]

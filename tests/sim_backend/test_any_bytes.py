@@ -1,4 +1,4 @@
-"""Bytes on the line and commands never end an emulator, for servos of any make."""
+"""Neither bytes on the line nor commands can end an emulator, regardless of the make of its servos."""
 
 import json
 import socket
@@ -120,7 +120,7 @@ def test_random_bytes_do_not_end_an_emulator(make: str, tmp_path: Path) -> None:
         file.unlink(missing_ok=True)
         keep_eeprom(file, [line])
         talk(line, pieces)
-        keep_eeprom(file, [MAKES[make][0]()])  # the next emulator starts with everything that this one saved
+        keep_eeprom(file, [MAKES[make][0]()])  # the next emulator starts with all values that this one has saved
 
     send()
 

@@ -1,4 +1,4 @@
-"""Apples in place of the cube: they lie on the stand, the hand carries them, and the next one comes by itself."""
+"""Apples that replace the cube: they lie on the stand, the hand carries them, and the next one appears by itself."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ from sim_backend.scene.world import World
 
 ARMS = ("robot_arm", "so101")
 PAUSE_S = 3.0
-"""Time between two jobs, in which the next apple comes."""
+"""Time between two jobs, in which the next apple appears."""
 
 
 @pytest.mark.parametrize("name", ARMS)

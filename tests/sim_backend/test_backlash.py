@@ -29,7 +29,7 @@ def push(world: World, dof: int, effort: float) -> float:
 def test_a_link_moves_freely_within_the_gap_only() -> None:
     world = world_with_gap("joint1")
     link = world.model.joint("joint1").dofadr[0]
-    # The effort is more than the link's own friction and less than the motor's.
+    # The effort exceeds the friction of the link but not that of the motor.
     torque_nm = 0.02
     assert push(world, link, torque_nm) == pytest.approx(0.5 * GAP, abs=0.05 * GAP)
     assert push(world, link, -torque_nm) == pytest.approx(-0.5 * GAP, abs=0.05 * GAP)

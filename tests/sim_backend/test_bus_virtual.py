@@ -14,7 +14,7 @@ from sim_backend.servos.sts.servo import VirtualServo
 
 BYTE_S = 1e-5
 DELAY_S = BYTE_S
-"""Time of silence after which a servo answers."""
+"""Time without traffic after which a servo answers."""
 
 
 def packet(servo_id: int, code: int, parameters: bytes = b"") -> bytes:
@@ -258,7 +258,7 @@ class OneJointWorld:
     time_s = 0.0
 
     def __init__(self) -> None:
-        # The arrays contain more than the joints, and each has its own order.
+        # The arrays contain more values than the joints, and each array has a different order.
         position, velocity = np.array([9.0, 9.0, 0.02]), np.array([-0.04, 9.0])
         self.arrays = JointArrays(position, velocity, np.zeros(2), [1, 2], [1, 0], [0, 1])
 

@@ -1,4 +1,4 @@
-"""Compilation is announced once, and not at all if the cache has everything."""
+"""Compilation is announced once, and is not announced if the cache contains all functions."""
 
 import os
 import subprocess

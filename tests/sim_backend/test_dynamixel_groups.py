@@ -44,7 +44,7 @@ class Group:
         return reader
 
     def sent(self, code: int, parameters: bytes) -> list[tuple[float, bytes]]:
-        """Return the replies to a broadcast, with their times after the end of the instruction in us."""
+        """Return the replies to a broadcast, each with the time from the end of the instruction in us."""
         request = packet(BROADCAST_ID, code, parameters)
         replies = self.bus.receive(request, now_s=1.0)
         return [(round((r.due_s - 1.0) * 1e6) - 10 * len(request), r.data) for r in replies]
@@ -102,7 +102,7 @@ def test_a_silent_servo_ends_a_fast_reply(silent: int, lengths: list[int]) -> No
     pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
     assert [len(data) for _, data in pieces] == lengths
     if pieces:
-        assert pieces[0][1][5:7] == bytes((25, 0))  # the length counts the missing blocks, too
+        assert pieces[0][1][5:7] == bytes((25, 0))  # the length also counts the missing blocks
     assert group.reader().fastSyncRead() != sdk.COMM_SUCCESS
 
 

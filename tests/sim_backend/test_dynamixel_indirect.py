@@ -30,7 +30,8 @@ def read(servo: VirtualXServo, address: int, size: int) -> int:
 
 
 def point(servo: VirtualXServo, number: int, *registers: Register, window: int = 0) -> int:
-    """Map the cells from ``number`` on (0 is the first) to these registers. Return the address of the first cell."""
+    """Map the cells from ``number`` on (0 is the first cell) to these registers. Return the address of the first
+    cell."""
     table = windows(servo.model)[window]
     targets = [register.address + i for register in registers for i in range(register.size)]
     data = b"".join(target.to_bytes(2, "little") for target in targets)

@@ -18,7 +18,7 @@ CLEAR = b"\x01\x44\x58\x4c\x22"
 
 
 def send(bench: Bench, code: int, parameters: bytes, servo_id: int = 1) -> int | None:
-    """Send an instruction. Return the error of the reply, or None if there is none."""
+    """Send an instruction. Return the error number in the reply, or None if there is no error."""
     request = packet(servo_id, code, parameters)
     replies = bench.bus.receive(request, bench.clock.now())
     bench.run(0.01)
@@ -103,7 +103,7 @@ def test_the_sdk_clears_whole_turns() -> None:
 
 
 class Pair:
-    """Two servos with the IDs 1 and 2. Both have the secondary ID 2."""
+    """Two servos with the IDs 1 and 2. Both servos have the secondary ID 2."""
 
     def __init__(self) -> None:
         self.bus = VirtualDynamixelBus.of(BenchPlant((1, 2)), {1: x.XL430_W250, 2: x.XL430_W250})

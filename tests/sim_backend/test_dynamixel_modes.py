@@ -11,7 +11,7 @@ DATA_RANGE = 4
 
 
 def bench_in(mode: int, model: x.XModel = x.XL330_M288, load_nm: float = 0.0) -> Bench:
-    """Return a servo with torque in this mode."""
+    """Return a servo in this mode with torque enabled."""
     bench = Bench(model, load_nm=load_nm)
     bench.write_all({x.operating_mode: mode, x.torque_enable: 1})
     return bench
@@ -75,7 +75,7 @@ def test_pwm_mode_applies_the_goal_pwm(goal: int) -> None:
 
 
 def test_an_x330_changes_its_pwm_with_the_pwm_slope() -> None:
-    """At 5 V and with the factory's slope, full PWM takes 18 ms."""
+    """At 5 V and with the factory slope, it takes 18 ms to reach full PWM."""
     bench = bench_in(PWM)
     bench.write_all({x.goal_pwm: 885})
     bench.run(0.008)

@@ -91,7 +91,7 @@ def test_the_bus_watchdog_stops_the_servo_and_locks_its_goals() -> None:
     bench.write_all({x.operating_mode: VELOCITY, x.torque_enable: 1, x.goal_velocity: 60, x.bus_watchdog: 10})
     for _ in range(10):
         bench.run(0.15)
-        handler.ping(bench.port, 7)  # any instruction on the bus is heard
+        handler.ping(bench.port, 7)  # any instruction on the bus restarts the timer
     assert (bench.read(x.bus_watchdog), bench.read(x.present_velocity) > 50) == (10, True)
     bench.run(0.25)
     assert bench.read(x.bus_watchdog) == 255

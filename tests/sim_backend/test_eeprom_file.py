@@ -1,4 +1,5 @@
-"""Values that virtual servos save outlive the program: write, end, start again, and read over the wire."""
+"""Values that virtual servos save survive the end of the program: write, end, start again, and read them over the
+bus."""
 
 import signal
 import subprocess
@@ -97,7 +98,7 @@ def test_the_saved_defaults_and_bytes_without_a_name_are_kept(path: Path) -> Non
     run = Run(path, STS)
     nameless = Register("nameless", 79, 1)
     run.write(1, (sts.lock, 0), (sts.position_p, 11), (nameless, 200))
-    run.line.receive(b"\xff\xff\x01\x02\x09\xf3", 11.0)  # saves the present table as the reset values
+    run.line.receive(b"\xff\xff\x01\x02\x09\xf3", 11.0)  # saves the current table as the reset values
     run.clock.sleep_until(11.1)
     run.write(1, (sts.position_p, 12))
     again = Run(path, STS)

@@ -1,4 +1,4 @@
-"""The feed next to the emulated bus: latest publication first, and it never blocks the emulator."""
+"""The feed next to the emulated bus delivers the latest publication first and never blocks the emulator."""
 
 import json
 import socket
@@ -40,8 +40,8 @@ class StillWorld:
     def poses(self) -> dict[str, StillPose]:
         return {"cube": StillPose()}
 
-    def cube_bin(self) -> str | None:
-        return "A"
+    def cube_bins(self) -> dict[str, str | None]:
+        return {"cube": "A"}
 
     def arm_contacts(self) -> set[str]:
         return {"link5 and stand"}
@@ -65,7 +65,7 @@ def test_a_publication_contains_poses_and_joints(feed: WorldFeed) -> None:
     assert client.newest() == {
         "time_s": 1.0,
         "poses": {"cube": {"position_m": [0.1, 0.2, 0.3], "quaternion_xyzw": [0, 0, 0, 1]}},
-        "cube_bin": "A",
+        "cube_bins": {"cube": "A"},
         "joints": {"joint1": 0.5, "hand": 0.01},
         "dropped_s": 0.25,
         "trace": [],
@@ -177,7 +177,7 @@ def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_clients_do_not_wait_for_an_emulator_that_hangs(tmp_path: Path) -> None:
-    """An emulator that hangs has a full queue."""
+    """The queue of an emulator that hangs is full."""
     path = feed_path(tmp_path / "bus")
     with ExitStack() as ends:
         server = ends.enter_context(socket.socket(socket.AF_UNIX))

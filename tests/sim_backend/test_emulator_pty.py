@@ -41,7 +41,7 @@ serve(VirtualBus.of(BenchPlant((1, 2, 3))), Path(sys.argv[1]), stop=lambda: bool
 
 
 def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
-    """Poll until ``what()`` is true. The limit only stops a test that fails; it is not a measurement."""
+    """Poll until ``what()`` returns True. The limit only stops a test that fails; it is not a measurement."""
     deadline_s = time.monotonic() + within_s
     while not what():
         assert time.monotonic() < deadline_s, "the condition was never true"
@@ -65,10 +65,11 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 class Client:
-    """Classes of the official SDK on ``link``. Replies that a busy machine loses are requested again.
+    """Classes of the official SDK that use the port ``link``. Requests whose replies a busy machine loses are sent
+    again.
 
-    The SDK waits 34 ms. If the emulator is held up for longer, its reply arrives after the next instruction. The SDK
-    then takes an empty reply (of a ping or a write) for that of the read, and fails on the missing values.
+    The SDK waits 34 ms. If the emulator is delayed for longer, its reply arrives after the next instruction. The SDK
+    then takes the empty reply to a ping or a write for the reply to a read, and fails because values are missing.
     """
 
     def __init__(self, link: Path) -> None:
@@ -116,7 +117,7 @@ def test_another_baud_rate_is_accepted_but_gets_no_reply(client: Client) -> None
 
 
 def test_a_client_that_hangs_up_does_not_end_the_emulator(client: Client) -> None:
-    """A terminal hangs up by setting baud rate 0."""
+    """Setting baud rate 0 hangs up the terminal."""
     terminal = client.port.ser.fileno()
     settings = termios.tcgetattr(terminal)
     rates, settings[4:6] = settings[4:6], [termios.B0, termios.B0]
@@ -202,7 +203,7 @@ def test_ticks_are_called_until_stop(tmp_path: Path) -> None:
 
 
 def test_a_tick_reports_the_time_of_the_world(tmp_path: Path) -> None:
-    """If the process is held up after the physics, the observed world has the time of the physics."""
+    """If the process is delayed after the physics, the observed world has the time of the physics."""
     bus, clock = VirtualBus.of(BenchPlant(IDS)), MonotonicClock()
     begin_s = clock.now()
     seen: list[tuple[float, float]] = []

@@ -1,4 +1,4 @@
-"""The rule for the next cube, on a fake world and once on the simulated one."""
+"""The rule for placing the next cube, tested on a fake world and once on the simulated world."""
 
 import math
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ SWING_RAD_S = 2.0 * math.pi * 1.7
 
 @dataclass
 class PaperWorld:
-    """A fake world with the properties that the feeder reads, set by the test."""
+    """A fake world with the properties that the feeder reads, which the test sets."""
 
     place: str = "bin"
     at_rest: bool = True
@@ -30,13 +30,16 @@ class PaperWorld:
     fed: int = 0
     time_s: float = 0.0
     ready = np.array(READY)
-    hand_travel = 0.05
+    travel = np.array([6.0] * 6 + [0.05])
     laid = True
     tray: Tray | None = None
 
     @property
-    def cell(self):
-        return self
+    def cells(self):
+        return (self,)
+
+    def joints_of(self, cell):
+        return np.arange(7)
 
     def velocity(self):
         return np.array(self.speed)

@@ -1,4 +1,4 @@
-"""Friction that grows with the load: its law, on a bench and in the simulated world."""
+"""Friction that grows with the load: the friction law, on a bench and in the simulated world."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,8 @@ def test_the_friction_law() -> None:
 
 
 def test_a_loaded_shaft_starts_only_beyond_the_friction_of_both_torques() -> None:
-    # At rest, 0.08 + 0.3 * (motor + load) opposes motor - load, so the motor needs (0.08 + 1.3 * load) / 0.7.
+    # At rest, friction of 0.08 + 0.3 * (motor + load) opposes the torque motor - load, so the motor needs (0.08 + 1.3 *
+    # load) / 0.7.
     needed = (0.08 + 1.3 * 1.0) / 0.7
     assert moved(bench(GEARS), 0.99 * needed, -1.0) == 0.0
     assert moved(bench(GEARS), 1.01 * needed, -1.0) > 0.1
@@ -67,7 +68,7 @@ def test_gears_are_converted_to_joint_units() -> None:
     behind = GEARS.behind(-20.0)
     assert behind.rotor_kg_m2 == pytest.approx(4.0)
     assert behind.viscous_nm_s == pytest.approx(8.0)
-    # 3 N on the joint are 0.15 N m on the shaft, and 0.01 m/s are 0.2 rad/s.
+    # A force of 3 N on the joint is 0.15 N m on the shaft, and 0.01 m/s are 0.2 rad/s.
     assert behind.friction_nm(3.0, 0.01) == pytest.approx(20.0 * GEARS.friction_nm(0.15, 0.2))
 
 
@@ -96,7 +97,7 @@ COUPLINGS = [Coupling(i, joint, transmission=0.03 if joint == JOINTS[6] else 1.0
 
 
 def held_arm(load_share: float) -> tuple[World, WorldPlant]:
-    """Return the arm at ready with gears on joint 3 only."""
+    """Return the arm in the ready pose, with gears only on joint 3."""
     world = World(initial_position=READY)
     plant = WorldPlant(world, COUPLINGS)
     gears = Gears(0.01, 0.05, 0.02, load_share)
@@ -110,7 +111,7 @@ def gravity(world: World) -> list[float]:
 
 
 def drift(load_share: float, given: float) -> float:
-    """Return the motion of joint 3 in 0.3 s (rad) with this share of its holding torque. The other joints hold."""
+    """Return the motion of joint 3 within 0.3 s (rad) at this share of its holding torque. The other joints hold."""
     world, plant = held_arm(load_share)
     for _ in range(300):
         torques = gravity(world)
@@ -122,7 +123,7 @@ def drift(load_share: float, given: float) -> float:
 
 def test_load_dependent_friction_holds_a_joint_in_the_world() -> None:
     assert drift(0.0, 0.8) > 10.0 * drift(0.3, 0.8)
-    # With half of the torque, friction of 0.3 times the sum of motor and load is less than the missing torque.
+    # At half of the torque, the friction (0.3 times the sum of motor and load) is less than the missing torque.
     assert drift(0.3, 0.3) > 0.05
 
 

@@ -27,7 +27,7 @@ def test_the_profile_duration_matches_feetechs_formula(goal: int, speed: int, ac
     profile = _profile(speed, acceleration)
     profile.goal = goal
     ramp_s, distance = speed / acceleration, abs(goal)
-    # Feetech's examples give |distance| / V + V / A. A short motion never reaches V.
+    # Feetech's examples give the duration |distance| / V + V / A. A short motion never reaches V.
     expected_s = distance / speed + ramp_s
     if distance < speed * ramp_s:
         expected_s = 2.0 * (distance / acceleration) ** 0.5

@@ -1,4 +1,4 @@
-"""The servos of a Koch with LeRobot's settings: its calibration, modes 4 and 5, and group reads and writes of the SDK.
+"""The servos of a Koch with LeRobot's settings: the calibration, modes 4 and 5, and group reads and writes of the SDK.
 
 The steps are those of ``KochFollower.calibrate`` and ``configure`` in LeRobot 0.6.1. ``tests/peers/test_lerobot.py``
 runs LeRobot itself.
@@ -58,7 +58,7 @@ class Koch:
         assert writer.txPacket() == sdk.COMM_SUCCESS
 
     def calibrate(self) -> dict[int, int]:
-        """Make the present pose the middle of all servos. Return the homing offsets."""
+        """Make the current pose the middle position of all servos. Return the homing offsets."""
         for servo_id in KOCH:
             self.write(servo_id, x.torque_enable, 0)
             self.write(servo_id, x.operating_mode, x.EXTENDED_POSITION_MODE)

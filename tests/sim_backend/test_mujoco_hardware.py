@@ -1,4 +1,4 @@
-"""The arm in MuJoCo as hardware: its first pose, and how far it sinks under its weight."""
+"""The arm in MuJoCo as a hardware component: its initial pose, and how far it sinks under its weight."""
 
 import numpy as np
 import pytest
@@ -16,14 +16,14 @@ from sim_backend.scene.world import World
 
 PERIOD_S = 0.02
 SAG = 0.006
-"""Maximum error of a joint at rest with gravity compensation by servos, in rad or m."""
+"""Maximum error of a joint at rest in an arm with servos and gravity compensation, in rad or m."""
 POSES = {
     "robot_arm": ([0, -1.5, 0, 0, 0, 0, 0], [0.5, -0.9, -0.6, 0.4, -0.3, 1, 0.03]),
     "so101": ([0, 0.6, 0, 0, 0, 0], [0.5, 0.9, -0.6, 0.4, -0.3, 1]),
     "so100": ([0, 0.6, 0, 0, 0, 0], [0.5, 0.9, -0.6, 0.4, -0.3, 1]),
     "koch": ([0, -0.6, 0, 0, 0, -0.5], [0.5, -0.9, 0.6, 0.4, -0.3, -1]),
 }
-"""Two poses by arm, one of them stretched out."""
+"""Two poses for each arm, one of which is stretched out."""
 
 
 def followed(hardware: MujocoHardware, clock: SimulatedClock, goal: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Pictures: the rays compared with MuJoCo's own, and the saved files."""
+"""Pictures: the rays are compared with MuJoCo's own, and the saved files are checked."""
 
 from typing import Any
 

@@ -85,7 +85,7 @@ def test_a_virtual_port_is_a_port() -> None:
 
 
 def _transcript() -> tuple[list[bytes], list[float]]:
-    """Move three servos as a group for a second, like a control loop."""
+    """Move three servos as a group for a second, as a control loop does."""
     port, clock, bus = wire(1, 2, 3)
     bus.rig.plant.load_nm[:] = [0.2, -0.4, 0.6]  # type: ignore[attr-defined]
     port.write(packet(0xFE, Code.WRITE, b"\x2a\x00\x08"))

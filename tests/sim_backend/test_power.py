@@ -1,4 +1,4 @@
-"""Power of a virtual line: servos report the voltage, are silent without power, and lose RAM in a restart."""
+"""Power of a virtual line: servos report the voltage, are silent without power, and lose their RAM in a restart."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The compiled timestep of all servos of a line gives the same result as one servo after the other."""
+"""The compiled timestep of all servos of a line gives the same result as simulating the servos one after the other."""
 
 import pytest
 
@@ -18,7 +18,7 @@ COUPLINGS = [
 
 
 class Arm:
-    """Seven servos on two supplies of the same voltage, one of which sags a lot."""
+    """Seven servos on two supplies with the same voltage, one of which sags strongly."""
 
     def __init__(self) -> None:
         self.world = World()
@@ -29,7 +29,7 @@ class Arm:
         self.line = VirtualBus(self.rig)
 
     def work(self) -> list[bytes]:
-        """Move to distant goals with a reboot in between. Return the state after each millisecond."""
+        """Move to distant goals, with a reboot during the motion. Return the state after each millisecond."""
         seen = []
         for servo in self.servos:
             goal = sts.goal_position.encode(2300, "little")

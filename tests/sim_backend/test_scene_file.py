@@ -1,4 +1,4 @@
-"""Scenes of users: their size, their encoding, and invalid numbers that MuJoCo only warns of or accepts."""
+"""Scenes of users: their size, their encoding, and invalid numbers that MuJoCo accepts, with or without a warning."""
 
 import os
 from pathlib import Path

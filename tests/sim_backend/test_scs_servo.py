@@ -1,4 +1,4 @@
-"""Virtual SCS servos: another table, big endian, a potentiometer, no sync read, and the common physics."""
+"""Virtual SCS servos: a different table, big endian, a potentiometer, no sync read, and the common physics."""
 
 from math import pi
 from typing import Any

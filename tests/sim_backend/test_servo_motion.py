@@ -9,7 +9,7 @@ from tests.sim_backend.sts_bench import COUNTS_PER_RAD, StsBench
 
 
 def _free(bench: StsBench) -> None:
-    """Remove the limit of acceleration."""
+    """Remove the acceleration limit."""
     bench[sts.acceleration_multiplier] = 0
     bench.run(0.001)
 

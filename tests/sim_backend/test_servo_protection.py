@@ -12,7 +12,8 @@ VOLTAGE, TEMPERATURE, CURRENT, OVERLOAD = 1 << 0, 1 << 2, 1 << 3, 1 << 5
 
 
 def _bench(**registers: int) -> StsBench:
-    """Return a servo without a current limit by default, which would act at the same time as overload."""
+    """Return a servo, by default without a current limit, because the current limit would act at the same time as the
+    overload protection."""
     bench = StsBench()
     for name, value in {"protection_current": 0, **registers}.items():
         register: Register = getattr(sts, name)

@@ -248,7 +248,7 @@ def test_the_present_angle_can_be_set_to_the_middle_or_any_count(
 
 
 def test_setting_the_middle_at_count_0_uses_bit_12_of_the_offset(servo: VirtualServo) -> None:
-    """Eleven bits and the sign cannot hold 2048."""
+    """Eleven bits and a sign bit cannot represent 2048."""
     put(servo, sts.torque_enable, 128)
     tick(servo)
     assert get(servo, sts.present_position) == 2048

@@ -1,4 +1,4 @@
-"""Differences between two arms of the same parts, and their size."""
+"""Differences between two arms that are built from the same parts, and the size of these differences."""
 
 import mujoco
 import numpy as np

@@ -83,7 +83,7 @@ GOALS = {0: "goal", 3: "goal", 1: "speed", 2: "pwm"}
 
 
 class Pair:
-    """Both implementations. The compiled one moves the shaft, and the plain one only observes it."""
+    """Both implementations. The compiled servo moves the shaft, and the plain servo only observes it."""
 
     def __init__(self, registers: dict[str, int], angle_rad: float) -> None:
         self.servo = VirtualServo(sts.STS3215, 1)

@@ -1,6 +1,6 @@
 """Behavior of an STS3215 as seen over the virtual wire, byte for byte: motion, protection and reports.
 
-docs/simulation.md lists the fact that each test checks. Numbers are register addresses.
+docs/simulation.md lists the behavior that each test checks. Numbers in these tests are register addresses.
 """
 
 import pytest

@@ -1,4 +1,4 @@
-"""The servo side of the wire: parsing a stream of bytes in any portions and with garbage in it."""
+"""The servo side of the bus: parsing a stream of bytes that is split at any place and contains garbage."""
 
 import importlib
 from collections.abc import Callable
@@ -133,7 +133,7 @@ def test_a_status_packet_has_a_correct_checksum(servo_id: int, error: int, data:
 
 
 class CapturingPort:
-    """The part of a port that the official SDK needs to send; it never answers."""
+    """The part of a port that the official SDK needs to send packets; it never receives a reply."""
 
     is_using = False
 

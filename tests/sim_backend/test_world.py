@@ -1,4 +1,4 @@
-"""The world without a stack: positions, rest, and the place of the cube."""
+"""The world without a stack: positions, states at rest, and the place of the cube."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def put_cube(world, x, y, z):
 
 
 def folded():
-    """Return a world with the arm leaning back, away from the cube."""
+    """Return a world in which the arm leans back, away from the cube."""
     return World(initial_position=[0.0, 1.5, 0.5, 0.0, 0.0, 0.0, 0.0])
 
 

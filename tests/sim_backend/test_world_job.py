@@ -1,7 +1,7 @@
-"""The whole job in the world: the cube ends in its bin with simple servos, even with joint errors.
+"""The whole job in the world: with simple servos, the cube ends in its bin even if the joints have errors.
 
-The servos are proportional with limited drive and back-EMF, and each measures its joint with a constant error. The hand
-can still be closing while the arm starts to move.
+The servos are proportional with limited drive and back-EMF, and each of them measures its joint with a constant error.
+The hand may still be closing when the arm starts to move.
 """
 
 from typing import Final
@@ -44,7 +44,8 @@ def trapezoid(s, ramp=0.3):
 
 
 class Servos:
-    """Seven servos on a world. `error_rad` has the errors of the arm's servos; the hand's limit is half its drive."""
+    """Seven servos on a world. `error_rad` contains the errors of the arm's servos; the limit of the hand is half its
+    drive."""
 
     def __init__(self, world, error_rad):
         self.world = world
@@ -65,7 +66,8 @@ class Servos:
 
 
 def do_job(grade, profile, wait_s, error_rad=(0.0,) * 6):
-    """Pick, close, bin, open, ready, with `wait_s` after each hand command. Return where the cube ended."""
+    """Pick the cube, close, move to the bin, open, and return to ready, with a pause of `wait_s` after each hand
+    command. Return the place where the cube ended."""
     world = World()
     servos = Servos(world, np.array(error_rad))
     steps = round(MOTION_S / world.timestep_s)

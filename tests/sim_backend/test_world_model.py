@@ -34,9 +34,9 @@ def rotation(axis, angle):
 
 
 def forward(values):
-    """Return link poses (rotation, position) from the URDF only."""
+    """Return the poses of the links (rotation, position), computed only from the URDF."""
     poses = {"base_link": (np.eye(3), np.zeros(3))}
-    for name in ALL:  # parents come before children
+    for name in ALL:  # parents come before their children
         joint = JOINTS[name]
         turned, moved = poses[joint.find("parent").get("link")]
         axis, value = numbers(joint.find("axis"), "xyz"), values[name]
@@ -98,7 +98,7 @@ def test_masses_and_shapes_agree(link):
 
 
 def sizes(shape):
-    """Return MuJoCo's half sizes of a URDF primitive."""
+    """Return the half sizes that MuJoCo uses for a URDF primitive."""
     if shape.tag == "box":
         return numbers(shape, "size") / 2
     assert shape.tag == "cylinder"

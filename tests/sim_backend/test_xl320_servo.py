@@ -1,4 +1,4 @@
-"""The virtual XL-320 with the real driver and the official SDK: table, rules and motion."""
+"""The virtual XL-320 with the real driver and the official SDK: its table, access rules and motion."""
 
 import importlib
 from typing import Any
@@ -29,7 +29,7 @@ START = 614
 
 
 class Bench:
-    """Two servos. The second one can be of another model."""
+    """Two servos. The second servo may be of a different model."""
 
     def __init__(self, second: x.XModel | None = None, volts: float | None = None) -> None:
         self.models = {1: xl320.XL320, 2: second or xl320.XL320}

@@ -1,4 +1,4 @@
-"""Poses of the pick-and-place job, and the job as another node may send it, without waiting for the hand."""
+"""Poses of the pick-and-place job, and the job as another node might send it, without waiting for the hand."""
 
 from controller.trajectory.goal import GoalHandle
 from pick_place.settings import JobSettings

@@ -37,4 +37,4 @@ def test_a_guided_joint_follows_the_hand_and_is_then_held(arm: str, joint: str) 
     angles, violations = turned(arm, GuideArm(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
     assert not violations
     assert angles[36] - angles[6] > 0.2
-    assert abs(angles[-1] - angles[44]) < 0.05  # The hand leaves the gears under tension, which the arm relieves.
+    assert abs(angles[-1] - angles[44]) < 0.05  # The hand leaves the gears under tension, which the arm then relieves.

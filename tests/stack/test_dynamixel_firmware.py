@@ -1,4 +1,4 @@
-"""Jobs of Dynamixel arms with old firmware, which the robot file names, and with a servo that is silent at times."""
+"""Jobs of Dynamixel arms with old firmware, as set in the robot file, and with a servo that is silent at times."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def test_one_servo_with_old_firmware_ends_the_use_of_fast_sync_reads(tmp_path: P
 
 
 class Interrupted(UnpacedJob):
-    """Job in which one servo is silent for 0.2 s, again and again."""
+    """Job in which one servo falls silent for 0.2 s repeatedly."""
 
     def __init__(self, rig: SimulatedStack, grade: str, servo_id: int) -> None:
         super().__init__(rig, grade)

@@ -1,4 +1,5 @@
-"""At shutdown, an arm whose adapter was lost is parked and released if it is reachable and still holds."""
+"""At shutdown, an arm whose adapter was lost is parked and released if it can be reached and still holds its
+position."""
 
 import pytest
 
@@ -13,7 +14,7 @@ SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
 
 
 def up(*faults: str) -> FaultyStack:
-    """Return a stack with ``on_exit: relax`` 1.5 s after it is up, with these faults."""
+    """Return a stack with ``on_exit: relax`` and these faults, 1.5 s after it is up."""
     stack = FaultyStack(files=with_exit_policy(read_files(), "relax"), keep_alive=True)
     stack.player.plan(map(parse, faults))
     stack.up()

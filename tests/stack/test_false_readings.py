@@ -1,4 +1,4 @@
-"""A false position with a valid checksum moves no joint, however a measured position becomes a goal."""
+"""A false position with a valid checksum moves no joint, for whatever reason a measured position becomes a goal."""
 
 from collections.abc import Callable
 
@@ -22,7 +22,7 @@ MOVE_S = 0.8
 
 
 class TrackedStack(FaultyStack):
-    """Stack that records the true joint positions after ``watch`` is called."""
+    """Stack that records the true joint positions once ``watch`` has been called."""
 
     def __init__(self) -> None:
         super().__init__(files=files_of("robot_arm"), keep_alive=True, start=(*READY, 0.02))
@@ -39,7 +39,7 @@ class TrackedStack(FaultyStack):
 
     @property
     def goal(self) -> list[float]:
-        """Start pose with the third joint moved."""
+        """Start pose in which the third joint has moved."""
         return [value + (REACH_RAD if index == 2 else 0.0) for index, value in enumerate(READY)]
 
     def transition(self, target: LifecycleState) -> None:
@@ -130,11 +130,11 @@ WAYS: dict[Callable[[TrackedStack], None], float] = {
     silence: 1.2,
     shutdown: 1.0,
 }
-"""Events in which a measured position becomes a goal, and their durations in seconds."""
+"""Events in which a measured position becomes a goal, with their durations in seconds."""
 
 
 def deceived(way: Callable[[TrackedStack], None], joint: int, counts: int, share: float) -> None:
-    """One reading is off by ``counts`` after a ``share`` of the event's time, and no joint leaves its path."""
+    """One reading is wrong by ``counts`` after a ``share`` of the event's time, and no joint leaves its path."""
     stack = TrackedStack()
     at_s = stack.world.time_s + share * WAYS[way]
     stack.player.play([FalsePosition(servo_id=joint, counts=counts, replies=1, at_s=at_s)])

@@ -24,7 +24,7 @@ ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.010
 COUNT_RAD = 2.0 * np.pi / 4096
 ACTIVATED_S = 2.5
-"""Time for the arm to sink after activation and rise again, in seconds."""
+"""Time for the arm to sink after the activation and to rise again, in seconds."""
 WITHOUT_LEAD = ("  arm_controller:\n", "  arm_controller:\n    command_lead: 0.0\n")
 WITHOUT_COMPENSATION = ("\non_exit:\n", "\ngravity_compensation: false\non_exit:\n")
 
@@ -37,7 +37,7 @@ class KnownOnly(JointOffset):
 
 
 UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
-"""Additional mass of the hand that its URDF does not contain (80 g)."""
+"""Additional mass of the hand that is not contained in its URDF (80 g)."""
 
 
 def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
@@ -55,7 +55,7 @@ def loaded_known_only(joints: Sequence[Joint], description: Description) -> Grav
 
 
 def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object = compensation) -> FollowingError:
-    """Return the following error of one job with a changed robot file."""
+    """Return the following error of one job with a modified robot file."""
     text = robot.read_text()
     for old, new in changes:
         assert old in text
@@ -70,7 +70,7 @@ def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object
 
 @pytest.fixture
 def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """Return a copy of a robot file, by default that of the STS arm."""
+    """Return a copy of a robot file, by default of the robot file of the STS arm."""
     path = tmp_path / getattr(request, "param", ROBOTS[0])
     path.write_text((CONFIG / path.name).read_text())
     return path

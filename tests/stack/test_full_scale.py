@@ -17,12 +17,12 @@ LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
 LIFTED_FAST = (2.899, 0.985, 0.854, 0.683, -0.9, -2.02), (0.624, -1.746, 0.352, 0.058, 0.17, -2.31)
 """Lifting the stretched arm takes the full effort of joint2, which lags by more than 0.3 rad."""
 START_RAD = 0.01
-"""MoveIt's allowed_start_tolerance."""
+"""Value of MoveIt's allowed_start_tolerance."""
 RANGE = np.array([3.0, 1.95, 1.95, 1.95, 1.95, 3.0])
 
 
 def at(pose: Sequence[float]) -> SimulatedStack:
-    """Return a stack with the arm in a pose, and no obstacle except for the table."""
+    """Return a stack with the arm in a given pose and with no obstacle except for the table."""
     stack = SimulatedStack(start=[*pose, 0.0])
     stack.world.clear_table()
     stack.up()
@@ -70,7 +70,7 @@ def test_thirty_goals_succeed_and_the_arm_is_at_rest_after_each() -> None:
 
 
 def a_free_pose(stack: SimulatedStack, random: np.random.Generator) -> FloatArray:
-    """Return a random pose that is reached on a straight line without collisions."""
+    """Return a random pose that the arm can reach on a straight line without collisions."""
     world, start = stack.world, here(stack)
     data = mujoco.MjData(world.model)
     data.qpos[:] = world.data.qpos

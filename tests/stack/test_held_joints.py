@@ -1,4 +1,5 @@
-"""Blocked joints: after the result of a goal no servo presses or releases, and the next goal succeeds."""
+"""Blocked joints: after the result of a goal, no servo presses against an obstacle or releases its torque, and the next
+goal succeeds."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Tests of the invariants: each detects its planted bug, and none is violated without a bug."""
+"""Tests of the invariants: each one detects its planted bug, and none is violated without a bug."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,4 +1,5 @@
-"""The bus stalls for up to 0.2 s at random times during motions. No goal is aborted and the arm stays close."""
+"""The bus stalls for up to 0.2 s at random times during motions. No goal is aborted, and the arm stays close to its
+path."""
 
 import random
 from typing import Any, Final
@@ -15,9 +16,10 @@ LONGEST_S: Final = 0.2
 WAY_RAD: Final = 1.5
 MOVE_S: Final = 1.8
 LARGEST_ERROR_RAD: Final = 0.2
-"""Largest measured following error, in rad. The path tolerance is 0.3."""
+"""Largest measured following error, in rad. The path tolerance is 0.3 rad."""
 LARGEST_STEP_BACK_RAD: Final = 0.01
-"""Largest step backward, in rad. Without a stall it is 0.008, at the end, as the lead overshoots."""
+"""Largest step backward, in rad. Without a stall, the largest step is 0.008 rad, at the end of the motion, because the
+lead overshoots."""
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -50,7 +52,8 @@ def test_bus_stall_does_not_abort_a_goal(seed: int, monkeypatch: pytest.MonkeyPa
 def test_path_waits_for_the_arm_and_never_runs_backward(
     at_s: float, both_ways: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Replies are lost. With ``both_ways``, goals also arrive late and all together, as from a stopped process."""
+    """Replies are lost. With ``both_ways``, goals are also delivered late and all at once, as if the process had been
+    stopped."""
     rig = SimulatedStack().up()
     rig.run(0.5)
     rig.go([*READY[:5], -WAY_RAD])

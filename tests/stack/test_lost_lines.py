@@ -1,4 +1,4 @@
-"""Loss of one of several buses, and its effect on the joints of the others, in simulated time."""
+"""Loss of one of several buses, and its effect on the joints of the other buses, in simulated time."""
 
 from pathlib import Path
 
@@ -25,12 +25,12 @@ def one_component() -> SimulatedStack:
 
 
 def two_components(folder: Path, keep_alive: bool = False) -> SimulatedStack:
-    """Return a stack with two components, each on a bus of its own."""
+    """Return a stack with two components, each with a bus of its own."""
     return SimulatedStack(files=read_files(write_servos(folder)), keep_alive=keep_alive)
 
 
 def sent(rig: SimulatedStack) -> list[FloatArray]:
-    """Record every later command of the loop."""
+    """Record all commands of the loop from now on."""
     commands: list[FloatArray] = [rig.loop.previous_command, rig.loop.command]
     write = rig.loop.hardware.write
 
@@ -95,7 +95,7 @@ def test_lost_arm_aborts_its_goal_with_a_message(tmp_path: Path) -> None:
 
 
 def test_reactivated_arm_starts_at_its_measured_position(tmp_path: Path) -> None:
-    """On reactivation, the servo goals equal the measured positions, and a new goal starts there."""
+    """On reactivation, the goals of the servos equal the measured positions, and a new goal starts there."""
     rig = two_components(tmp_path, keep_alive=True).up()
     rig.go(PICK)
     rig.run(0.9)

@@ -1,4 +1,4 @@
-"""The benchmark is realistic: ``servoloop bench bus`` makes the same port calls as the control loop."""
+"""The bus benchmark is realistic: ``servoloop bench bus`` makes the same port calls as the control loop."""
 
 from collections.abc import Mapping
 
@@ -58,7 +58,7 @@ def joints(models: Mapping[int, ServoModel]) -> list[Joint]:
 def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Call, ...], Mapping[int, ServoGoal]]:
     """Return the port calls and the goals of a number of cycles that hold the arm."""
     line, port = identified(kind)
-    # The loop also reads the torque of one servo in turn, a few times per second. This is not compared here.
+    # The loop also reads the torque of one servo at a time, a few times per second. This read is not compared here.
     monkeypatch.setattr("hal.servos.servo_faults.WATCH_S", 1e9)
     told: list[Mapping[int, ServoGoal]] = []
     write_goals = Bus.write_goals

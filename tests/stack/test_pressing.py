@@ -1,4 +1,5 @@
-"""A jammed gripper reduces its effort and is reported. Holding a cube is not a failure."""
+"""The effort of a jammed gripper is reduced, and the gripper is reported. Holding a cube does not count as a
+failure."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A servo that lost its torque is reactivated while its component is active and the other servos hold."""
+"""A servo that has lost its torque is activated again while its component is active and the other servos hold."""
 
 from collections.abc import Sequence
 

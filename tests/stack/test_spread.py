@@ -13,16 +13,17 @@ from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
 RESTING_RAD = 0.01
-"""Limit for joint1, which gravity does not load against its gear. Other joints sag under the cube at first."""
+"""Maximum oscillation of joint1, whose gear gravity does not load. Other joints sag at first under the weight of the
+cube."""
 ACTIVATED_S = 2.5
-"""Time for the arm to sink after activation and rise again, in seconds."""
+"""Time for the arm to sink after the activation and to rise again, in seconds."""
 FEW, SOME = 2, 5
 SEEDS = [
     *range(FEW),
     *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, SOME)),
     *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(SOME, CYCLES // 200)),
 ]
-"""Five seeds (two of them in make test), and fifty in make soak."""
+"""Five seeds, two of which run in make test, and fifty in make soak."""
 
 
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
@@ -62,7 +63,8 @@ def test_no_joint_oscillates_through_its_backlash_between_jobs(seed: int, jobs: 
 
 @pytest.mark.parametrize("seed", [None, 2])
 def test_damping_for_heavy_arms_does_not_excite_a_light_arm(seed: int | None) -> None:
-    """The shoulder of an SO-101 swings through its backlash at 5 Hz and comes to rest without damping."""
+    """Without damping, the shoulder of an SO-101 oscillates within its backlash at 5 Hz; with damping, it comes to
+    rest."""
     arm = find_arm("so101")
     rig = SimulatedStack(files=read_arm_files(arm), build=Build(1.0, seed)).up()
     rig.run(ACTIVATED_S)

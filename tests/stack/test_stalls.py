@@ -1,4 +1,4 @@
-"""The process stalls for up to 0.2 s at random times during motions. No goal is aborted and no joint jumps."""
+"""The process stalls for up to 0.2 s at random times during motions. No goal is aborted, and no joint jumps."""
 
 import random
 from functools import cache
@@ -13,7 +13,7 @@ from tests.stack.rig import BINS, PICK, READY
 
 SEEDS = range(5)
 LONGEST_STEP = 2.0
-"""Largest motion in a late cycle, as a multiple of that in an ordinary cycle."""
+"""Largest motion in a late cycle, as a multiple of the largest motion in an ordinary cycle."""
 SHARE = 0.15
 """Share of cycles in which the process stalls."""
 

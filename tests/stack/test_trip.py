@@ -1,4 +1,4 @@
-"""The paths of a goal and of a reply through the code stay short enough to read in an afternoon."""
+"""The code paths of a goal and of a reply stay short enough to read in an afternoon."""
 
 import re
 import threading
@@ -75,7 +75,7 @@ def test_goal_path_ends_and_reply_path_begins_at_the_port() -> None:
 
 
 def listed(heading: str) -> set[str]:
-    """Return the files of one list in docs/architecture.md."""
+    """Return the files in one of the lists in docs/architecture.md."""
     _, _, rest = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text().partition(f"<!-- {heading} -->\n")
     return set(re.findall(r"^\d+\. `(.*)`$", rest.partition("\n\n")[0], flags=re.MULTILINE))
 

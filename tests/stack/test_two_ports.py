@@ -39,7 +39,7 @@ def test_two_buses_may_share_ids_and_use_different_protocols() -> None:
 
 
 def test_two_buses_share_one_world_and_its_time() -> None:
-    """Although two buses advance the physics, time passes only once."""
+    """Although two buses advance the physics, time advances only once."""
     rig = two_ports()
     begin_s, world_s = rig.clock.now(), rig.world.time_s
     rig.run(1.0)
@@ -47,7 +47,7 @@ def test_two_buses_share_one_world_and_its_time() -> None:
 
 
 def test_two_buses_are_read_in_parallel() -> None:
-    """Reading both buses takes as long as the slower bus alone. The simulated clock is exact."""
+    """Reading both buses takes as long as the slower bus alone. The times of the simulated clock are exact."""
     rig = two_ports()
     rig.run(0.5)
     buses = rig._open_buses()

@@ -1,4 +1,4 @@
-"""Unsafe commands never reach the bus, in many random scenarios with seeds."""
+"""Unsafe commands never reach the bus, in many random scenarios drawn by seed."""
 
 import random
 from collections.abc import Callable
@@ -34,7 +34,7 @@ SCENARIO_S = 2.5
 
 @dataclass(slots=True)
 class Rogue:
-    """Defective controller that sometimes commands NaN, a huge value or the opposite end of a joint."""
+    """Defective controller that sometimes commands NaN, a huge value or the opposite end of a joint's range."""
 
     inner: Controller
     chance: random.Random
@@ -80,7 +80,7 @@ class Rogue:
 
 
 class RogueStack(SimulatedStack):
-    """Stack whose controllers are rogue, if wanted."""
+    """Stack whose controllers may be defective."""
 
     def __init__(self, chance: random.Random, rogue: bool) -> None:
         self.chance, self.rogue = chance, rogue
@@ -170,9 +170,9 @@ def test_monitor_detects_unsafe_writes() -> None:
     bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # the goal leaps
     bus.write_goals(
         {joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)}
-    )  # the goal leaps and is outside the limits
+    )  # the goal jumps and is outside the limits
     bus.torque_off([joint.servo_id])
-    bus.torque_on(joint.servo_id)  # the goal is somewhere else
+    bus.torque_on(joint.servo_id)  # the goal is at a different position
     assert [text.split(": ")[1].split(" ")[:2] for text in scenario.monitor.broken] == [
         ["goal", "leaps"],
         ["goal", f"{joint.counts_range()[1] + 1}"],
@@ -262,7 +262,7 @@ def test_corrupt_replies_during_start_leave_the_arm_holding_or_off(servo_id: int
 
 @pytest.mark.parametrize(("late_s", "found"), [(0.01, False), (0.05, True)])
 def test_torque_enabled_long_after_the_measurement_is_detected(late_s: float, found: bool) -> None:
-    """A servo horn may slip within a moment, which no stack can detect."""
+    """A servo horn may slip at any moment, which no stack can detect."""
     rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     servo = rig.bus.servo(1)

@@ -1,7 +1,7 @@
-"""Find the project files that a goal passes on its way to the bus, and that a reply passes on its way up.
+"""Find the project files that a goal passes on its way to the bus, and those that a reply passes on its way up.
 
 A file is on the path if one of its functions runs. Functions that run in the same cycle but are not on the path (other
-controllers, the read before the write) are muted, with all functions that they call.
+controllers, the read before the write) are excluded, together with all functions that they call.
 """
 
 import ast
@@ -28,8 +28,8 @@ from tests.stack.rig import ARM, BINS, PICK, READY
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("drivers", "hal", "controller", "nodes", "servoloop")
-"""Project folders that count. The simulation and the code that connects it do not count, as they replace hardware. The
-recording does not count, as it only listens.
+"""Project folders whose files count. The simulation and the code that connects it do not count, because they replace
+hardware. The recording code does not count, because it only observes.
 """
 
 Function = Callable[..., Any]
@@ -38,7 +38,7 @@ Function = Callable[..., Any]
 class TripRecorder:
     """Recorder of project files, in the order in which their functions first run.
 
-    It records the thread that starts it, and threads that start later.
+    The recorder covers the thread that starts it, and threads that start later.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class TripRecorder:
         self._names: dict[CodeType, str | None] = {}
         self._on, self._ended = since is None, False
         self._thread = threading.local()
-        """``muted`` is the frame of the muted function that the thread executes, if any."""
+        """``muted`` is the frame of the excluded function that the thread is executing, if any."""
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Allow the recording to start within the context."""
+        """Allow the recording to start while the context is active."""
         threading.setprofile(self._event)
         sys.setprofile(self._event)
         try:
@@ -146,7 +146,7 @@ def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     """Return the files from the first reply bytes of a cycle to the values published on /joint_states."""
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
-    others.append(ServoFaults.present)  # polls the torque of one servo in turn, which changes no joint state
+    others.append(ServoFaults.present)  # polls the torque of one servo at a time, which changes no joint state
     others.append(SupplyWatch.check)  # only reports
     trip = TripRecorder(since=BusTap.read, muted=others)
     with trip.recording():

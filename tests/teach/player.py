@@ -1,4 +1,4 @@
-"""Arm that plays a motion, and a dead-man key held by the test."""
+"""Arm that plays a motion, and a dead-man key that the test holds."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ PAN = 0
 
 
 class Key:
-    """Dead-man key held by a test."""
+    """Dead-man key that a test holds."""
 
     def __init__(self, held: bool = True) -> None:
         self.held, self.quit = held, False
@@ -40,7 +40,8 @@ class Player:
         self.play.begin()
 
     def go_on(self, seconds: float = 60.0, until: PlayPhase | None = None) -> bool:
-        """Run for a time, or until the end or a phase. Return whether the playback is still running."""
+        """Run for a given time, or until the end or until a phase is reached. Return whether the playback is still
+        running."""
         going = True
 
         def poll() -> bool:

@@ -1,4 +1,4 @@
-"""Virtual arm under gravity in simulated time, moved by a hand with limited force."""
+"""Virtual arm under gravity in simulated time, which is moved by a hand with limited force."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,12 +28,12 @@ Pose = Mapping[str, float]
 
 
 class Rig:
-    """Arm with its loop, not yet configured, so that a controller can be added first."""
+    """Arm with its loop, which is not configured yet, so that a controller can be added first."""
 
     def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
         self.clock = SimulatedClock()
         self.take_to: Callable[[float], Pose] = lambda time_s: {}
-        """Positions to which the hand moves joints at a time. Other joints are free."""
+        """Positions to which the hand moves the joints at a given time. Other joints are free."""
         self._moved = [joint.name for joint in files.robot.joints]
         self.lines = Lines(files, pose, self._push)
         self.arm = build_arm(Side(files, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
@@ -53,7 +53,7 @@ class Rig:
         configure_all(self.loop.hardware)
 
     def run(self, seconds: float, poll: Callable[[], bool] = lambda: True) -> bool:
-        """Run cycles for a time, or until the callback between cycles returns false. Return its last result."""
+        """Run cycles for a given time, or until the callback between cycles returns False. Return its last result."""
         end_s = self.clock.now() + seconds - 1e-9
         going = True
 
@@ -98,7 +98,7 @@ class Rig:
 
 
 class Lesson:
-    """Recording on a rig of its own. ``kept`` has the saved motions and their warnings."""
+    """Recording with its own rig. ``kept`` contains the saved motions and their warnings."""
 
     def __init__(self, soft: bool, poses: bool = False, pose: Pose = FREE) -> None:
         self.rig = Rig(soft, pose)
@@ -108,7 +108,7 @@ class Lesson:
         self.recording = TeachRecording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
 
     def begin(self) -> "Lesson":
-        """Start the recording. The hand holds the arm still while it becomes free."""
+        """Start the recording. The hand holds the arm still while the arm becomes free."""
         self.rig.configure(self.recording.take)
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: here
@@ -118,11 +118,11 @@ class Lesson:
         return self
 
     def go_on(self, seconds: float) -> bool:
-        """Run for a time or until the end of the recording. Return whether it is still running."""
+        """Run for a given time or until the end of the recording. Return whether the recording is still running."""
         return self.rig.run(seconds, lambda: self.recording.update(self.rig.clock.now()))
 
     def show(self, seconds: float, size: float = 1.0) -> None:
-        """Move the hand along a path in a given time, then hold it still."""
+        """Move the hand along a path in a given time, and then hold it still."""
         begun_s = self.rig.clock.now()
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: way(here, min((time_s - begun_s) / seconds, 1.0), size)
@@ -130,7 +130,8 @@ class Lesson:
 
 
 def way(here: Pose, share: float, size: float = 1.0) -> Pose:
-    """Return a collision-free motion from the pose ``here``, starting and ending at rest, at a share (0 to 1) of it."""
+    """Return a collision-free motion from the pose ``here``, which starts and ends at rest, evaluated at a share (0 to
+    1) of its duration."""
     rests = math.sin(math.pi * share) ** 2
     arrives = 0.2 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     return {

@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 class Typing:
-    """Program on a terminal with typed keys. ``output`` has its output."""
+    """Program on a terminal with typed keys. ``output`` contains the output of the program."""
 
     def __init__(self, command: str, folder: Path) -> None:
         self._master, terminal = pty.openpty()
@@ -72,7 +72,7 @@ class Typing:
 
 @contextmanager
 def typing(command: str, folder: Path) -> Iterator[Typing]:
-    """Run the program within the context."""
+    """Run the program while the context is active."""
     one = Typing(command, folder)
     try:
         yield one

@@ -1,4 +1,4 @@
-"""A soft arm on virtual servos holds its position under gravity and follows a hand."""
+"""An arm that is soft holds its position under gravity and follows a hand, on virtual servos."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -68,7 +68,8 @@ def test_soft_joint_follows_a_light_hand_and_stays_there(joint: str) -> None:
     rig.run(2.0, poll)
     taken = rig.places[index]
     assert taken == pytest.approx(here - 0.5, abs=0.03)
-    # By its data sheet the servo slips at 0.29 N m. The virtual servo is 1.7 times as strong and has friction.
+    # According to its data sheet, the servo slips at 0.29 N m. The virtual servo is 1.7 times as strong and has
+    # friction.
     assert max(pushes) < 1.0
     rig.take_to = lambda time_s: {}
     rig.run(3.0)

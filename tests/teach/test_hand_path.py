@@ -1,4 +1,4 @@
-"""Computation of a path recorded by hand, and of its speed."""
+"""Processing of a path that was recorded by hand, and its speed."""
 
 import math
 from itertools import pairwise
@@ -20,7 +20,8 @@ waves = st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.1, 2.0),
 
 
 def shown(wave: tuple[float, float, float, float], seconds: float = 4.0) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) and positions (k, 2) of a motion by hand from rest to rest, as shares of the joint ranges."""
+    """Return times (k,) and positions (k, 2) of a hand-guided motion from rest to rest, as shares of the joint
+    ranges."""
     size, other, hz, phase = wave
     times_s = np.arange(0.0, seconds + 1e-9, GRID_S)
     rests = np.sin(math.pi * times_s / seconds) ** 2
@@ -80,7 +81,7 @@ def test_feasible_path_is_not_slowed_down() -> None:
 
 def test_only_parts_that_are_too_fast_are_slowed_down() -> None:
     times_s = np.arange(0.0, 6.0, GRID_S)
-    # The hand moves 1.5 rad in 0.2 s, but the joint needs half a second
+    # The hand moves by 1.5 rad in 0.2 s, but the joint needs half a second
     leap = np.clip((times_s - 3.0) / 0.2, 0.0, 1.0)
     slow = np.sin(times_s) * 0.2
     position = np.stack([slow + 1.5 * leap, np.full_like(times_s, 0.02)], axis=1)

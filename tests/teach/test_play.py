@@ -60,7 +60,7 @@ def test_half_speed_takes_twice_the_time() -> None:
 
 
 def test_motion_faster_than_the_joints_is_played_at_their_limits() -> None:
-    player = Player(path(seconds=0.3, turns=1.2))  # the motion has 6 rad/s, but the limit of the joint is 4 rad/s
+    player = Player(path(seconds=0.3, turns=1.2))  # the motion reaches 6 rad/s, but the limit of the joint is 4 rad/s
     player.go_on(until=PlayPhase.PLAYING)
     cycle = len(player.rig.commands)
     assert not player.go_on()

@@ -29,12 +29,13 @@ def recorded(soft: bool) -> tuple[Lesson, FloatArray]:
 
 
 def nearest(places: FloatArray, among: FloatArray) -> FloatArray:
-    """Return the distance (k,) of each pose from the nearest of other poses, at its worst joint."""
+    """Return the distance (k,) of each pose from the nearest of the other poses, for the joint with the largest
+    distance."""
     return np.array([np.abs(among - place).max(axis=1).min() for place in places])
 
 
 def delayed(shown: FloatArray, done: FloatArray) -> float:
-    """Return the largest distance between two motions over time, at the delay with the best match."""
+    """Return the largest distance between two motions over time, at the delay at which they match best."""
     times = np.arange(len(done))
 
     def beside(delay: float) -> float:

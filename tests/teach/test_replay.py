@@ -33,7 +33,8 @@ THERE = (0.5, 0.2, -0.4, *READY[3:])
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Record a motion there and back, and an incomplete recording of a program killed halfway."""
+    """Record a motion there and back, and return it with an incomplete recording of a program that was killed
+    halfway."""
     folder, rig = tmp_path_factory.mktemp("recordings"), RecordedRig(HERE)
     whole, killed = folder / "whole.mcap", folder / "killed.mcap"
     file = RecordingFile(whole, rig.messages)

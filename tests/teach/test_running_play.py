@@ -30,7 +30,7 @@ def raised(arm: Arm) -> FloatArray:
 
 
 def path(arm: Arm, seconds: float = 3.0) -> RecordedMotion:
-    """Motion of the first joint from 0 to 0.8 rad. The others stay where they are."""
+    """Motion of the first joint from 0 to 0.8 rad. The other joints stay at their positions."""
     times_s = np.linspace(0.0, seconds, 61)
     share = times_s / seconds
     here = raised(arm)

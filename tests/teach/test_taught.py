@@ -162,7 +162,7 @@ def test_positions_beyond_the_limits_are_refused_and_name_each_joint() -> None:
 
 
 def path_through(times_s: list[float], pan: list[float], velocity: list[float]) -> RecordedMotion:
-    """Return a path of the first joint; the others are at rest."""
+    """Return a path of the first joint; the other joints are at rest."""
     position, slopes = np.tile(POSITION[0], (len(pan), 1)), np.zeros((len(pan), 6))
     position[:, 0], slopes[:, 0] = pan, velocity
     return RecordedMotion(NAMES, position, HandPath(np.array(times_s), position, slopes))
@@ -186,7 +186,7 @@ def test_implausible_path_is_refused_with_joint_and_line(taught: RecordedMotion,
 
 
 def test_errors_have_the_lines_of_the_points(motions: MotionStore) -> None:
-    """Points start in line 5. A path point takes three lines and a pose one line."""
+    """Points start in line 5. A point of a path takes three lines in the file, and a pose one line."""
     far = POSITION.copy()
     far[1, 0] = 4.0
     for taught, message in (

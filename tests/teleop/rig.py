@@ -27,7 +27,7 @@ REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_fl
 
 
 class Lines(VirtualLines):
-    """Virtual lines with adapters that can be unplugged and plugged in again."""
+    """Virtual lines whose adapters can be unplugged and plugged in again."""
 
     def __init__(self, files: Files, pose: Mapping[str, float], on_step: Callable[[float], None]) -> None:
         names = [joint.name for joint in files.robot.joints]
@@ -50,7 +50,7 @@ class Lines(VirtualLines):
 
 
 class Watcher:
-    """User interface with keys pressed by the test. It records the displayed lines."""
+    """User interface whose keys the test presses. The user interface records the displayed lines."""
 
     hint = HINT
 
@@ -73,20 +73,24 @@ class Watcher:
 
 
 class Rig:
-    """Both arms, configured and active. ``move`` returns the leader positions set by the hand."""
+    """Both arms, configured and active. ``move`` returns the leader positions that the hand sets."""
 
     def __init__(
-        self, rate_hz: int = 50, leader: Mapping[str, float] = REST, follower: Mapping[str, float] = REST
+        self,
+        rate_hz: int = 50,
+        leader: Mapping[str, float] = REST,
+        follower: Mapping[str, float] = REST,
+        arms: tuple[Files, Files] = (LEADER, FOLLOWER),
     ) -> None:
         self.clock = SimulatedClock()
         self.hand: Callable[[float], Mapping[str, float]] = lambda time_s: leader
-        self.leader = Lines(LEADER, leader, self._take)
-        self.follower = Lines(FOLLOWER, follower, lambda time_s: None)
-        files = replace(FOLLOWER, controllers=replace(FOLLOWER.controllers, update_rate_hz=rate_hz))
-        sides = [Side(one, lines.devices, lines) for one, lines in ((LEADER, self.leader), (files, self.follower))]
+        self.leader = Lines(arms[0], leader, self._take)
+        self.follower = Lines(arms[1], follower, lambda time_s: None)
+        files = replace(arms[1], controllers=replace(arms[1].controllers, update_rate_hz=rate_hz))
+        sides = [Side(one, lines.devices, lines) for one, lines in ((arms[0], self.leader), (files, self.follower))]
         self.teleop = build_teleop(sides[0], sides[1], self.clock, run_at_once)
         self.loop, self.controller = self.teleop.loop, self.teleop.controller
-        self.names = [joint.name for joint in FOLLOWER.robot.joints]
+        self.names = [joint.name for joint in arms[1].robot.joints]
         self.times_s: list[float] = []
         self.commands: list[FloatArray] = []
         self.states: list[JointState] = []
@@ -107,7 +111,7 @@ class Rig:
         self.loop.activate(keep_inactive=["leader"])
 
     def run(self, seconds: float) -> None:
-        """Run cycles of both worlds for a time."""
+        """Run cycles of both worlds for a given time."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s)
 
@@ -116,7 +120,7 @@ class Rig:
         self.ended = True
 
     def attend(self, seconds: float) -> str:
-        """Run cycles with the user interface for a time, and return the last displayed line."""
+        """Run cycles with the user interface for a given time, and return the last displayed line."""
         for _ in range(round(seconds / 0.1)):
             self.run(0.1)
             self.attendance.update(self.clock.now())

@@ -51,7 +51,7 @@ def test_leader_never_has_torque_and_follower_keeps_its_torque() -> None:
 
 
 def hold(line: ServoLine[Any], *servo_ids: int) -> None:
-    """Enable torque on servos, as an earlier program may have left them."""
+    """Enable the torque of servos, as an earlier program may have done."""
     for servo_id in servo_ids:
         line.servo(servo_id).memory.put(sts.torque_enable, 1)
 

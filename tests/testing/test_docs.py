@@ -57,7 +57,7 @@ def test_example_tests_find_the_bug_and_pass_once_it_is_fixed(package: Path) -> 
 
 @pytest.fixture
 def reach(tmp_path: Path) -> Path:
-    """Return the file with a controller that accepts goals and its test."""
+    """Return the file that contains a controller that accepts goals, and its test."""
     path = tmp_path / "test_reach.py"
     path.write_text(REACH)
     return path

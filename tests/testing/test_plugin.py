@@ -126,7 +126,7 @@ def test_violation_is_reported_with_its_time_and_the_faults(virtual_arm: Virtual
     virtual_arm.up()
     report = virtual_arm.end()
     assert report.startswith("never: it moved (at 0.") and "kind: noise" in report
-    virtual_arm._watch.violations.clear()  # otherwise this test would also fail for the planted bug
+    virtual_arm._watch.violations.clear()  # otherwise, the planted bug would also make this test fail
     assert virtual_arm.end() == ""
 
 
@@ -170,7 +170,7 @@ def test_invariant_that_examined_nothing_is_reported_with_its_condition() -> Non
         "the name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, "
         "unless it has already ended.",
         "never: the condition of this invariant never occurred: make it occur in the test, or remove the name from "
-        "`examined`. Your own invariants must count in `self.examined`.",
+        "`examined`. Your own invariants must count their examinations in `self.examined`.",
     ]
 
 
@@ -232,7 +232,7 @@ def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_pat
 
 
 def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
-    """Pytest loads the plugin in every run of its environment."""
+    """pytest loads the plug-in in every run in its environment."""
     from tests.testing.test_docs import pytest_in
 
     (tmp_path / "test_it.py").write_text(

@@ -1,4 +1,4 @@
-"""Tests of the distribution: every test runs, computing workers run no test in real time, and workers may die."""
+"""Tests of the distribution: every test runs, workers that compute run no real-time test, and workers may die."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from tests.distribution import ComputingAside, in_real_time
 
 
 class Worker:
-    """Worker as seen by the scheduler, without a process."""
+    """Worker as the scheduler sees it, without a process."""
 
     def __init__(self) -> None:
         self.queue: list[int] = []
@@ -32,8 +32,8 @@ def run(
 ) -> list[str]:
     """Simulate xdist: a worker runs all tests that it was sent except the last, which it keeps until no more follow.
 
-    The workers take turns. In the turns of ``deaths``, one dies and is replaced. Return the tests at which workers
-    died.
+    The workers take turns. In the turns listed in ``deaths``, one worker dies and is replaced. Return the tests at
+    which workers died.
     """
     died: list[str] = []
     turn = 0
@@ -72,7 +72,7 @@ FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_si
 
 
 def named(files: list[tuple[bool, int]]) -> list[str]:
-    """Return tests of files in real time or not, with this number of tests in each file."""
+    """Return test files that run in real time or not, each with this number of tests."""
     kinds = sorted(files, key=lambda one: not one[0])
     return [
         f"tests/{'ros' if real else 'hal'}/test_{number}.py::test_{i}"

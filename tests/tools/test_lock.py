@@ -59,7 +59,7 @@ def test_a_requirement_without_a_bound_is_refused(requirements: ModuleType) -> N
 
 
 def test_dependencies_are_ranges_that_the_lock_satisfies(requirements: ModuleType) -> None:
-    """A program that depends on servoloop can have other versions of the same packages."""
+    """A program that depends on servoloop may use other versions of the same packages."""
     text = (ROOT / "pyproject.toml").read_text()
     locked = dict(re.findall(r"^([a-z0-9-]+)==(\S+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
     assert requirements.outdated(text, locked) == ""

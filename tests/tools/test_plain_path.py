@@ -17,7 +17,7 @@ TOOLS = ROOT / "tools"
 
 @pytest.fixture
 def plain_path(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """Import the module and remove its neighbors afterwards, because other tests import them again."""
+    """Import the module, and remove the modules that it imports afterward, because other tests import them again."""
     before = set(sys.modules)
     monkeypatch.syspath_prepend(str(TOOLS))
     yield importlib.import_module("plain_path")

@@ -1,4 +1,5 @@
-"""Tests that the setup ends even if a command hangs, a command ignores its end, or another setup never ends."""
+"""Tests that the setup ends even if a command hangs, a command ignores the signal to end, or another setup never
+ends."""
 
 import fcntl
 import importlib

@@ -1,4 +1,5 @@
-"""A virtual SO-101 on a simulated clock that a stand-in of ros2_control's plug-in commands in every cycle."""
+"""A virtual SO-101 on a simulated clock, to which a stand-in of ros2_control's plug-in sends commands in every
+cycle."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,11 +22,11 @@ class HostRig:
     """The arm, the plug-in and the program that commands it."""
 
     wanted: Callable[[float], Mapping[str, float]]
-    """Commands (rad) of the program's controllers at a time in seconds, by joint."""
+    """Commands (rad) of the program's controllers at a given time in seconds, by joint."""
     reaches: Callable[[float], bool] = lambda time_s: True
-    """Whether a message that is sent at this time reaches the arm."""
+    """Whether a message that is sent at a given time reaches the arm."""
     passes: Callable[[float, Message], Message] = lambda time_s, message: message
-    """Changes a message on its way."""
+    """Function that changes a message on its way."""
     commands: list[FloatArray] = field(default_factory=list)
     """Commands (n,) that the safety gate has passed, one per cycle, in rad."""
     refused: list[str] = field(default_factory=list)

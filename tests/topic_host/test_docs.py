@@ -1,4 +1,4 @@
-"""The files of docs/ros2-control-host.md fit the SO-101 of the arm folder."""
+"""The files in docs/ros2-control-host.md match the SO-101 in the arm folder."""
 
 import re
 from pathlib import Path

@@ -19,13 +19,14 @@ Changed = Callable[[Message], Message]
 
 
 def swing(time_s: float, middle: Mapping[str, float]) -> dict[str, float]:
-    """Return commands that swing one joint about the middle and leave the others there."""
+    """Return commands that move one joint back and forth about its middle and leave the other joints at their
+    middle."""
     angle = WIDE_RAD * math.sin(2.0 * math.pi * max(time_s - 1.0, 0.0) / TURN_S) ** 3
     return {**middle, JOINT: middle[JOINT] + angle}
 
 
 def swinging() -> HostRig:
-    """Return a rig at rest whose controllers begin to swing a joint after one second."""
+    """Return a rig at rest whose controllers begin to move a joint back and forth after one second."""
     rig = HostRig(lambda time_s: {})
     rig.stack.up()
     rig.stack.run(0.1)
@@ -186,7 +187,8 @@ def test_a_far_first_command_of_a_joint_without_limits_is_approached_slowly() ->
 
 @pytest.mark.slow
 def test_a_minute_at_100_hz_with_every_disturbance() -> None:
-    """Silences, NaN, wrong lengths, losses of the sender and of a servo: no jump, and every command is reached."""
+    """Missing messages, NaN, wrong lengths, and the loss of the sender or a servo cause no jump, and every command is
+    reached."""
     rig, chance = swinging(), np.random.default_rng(41)
     disturbed = {second: chance.uniform(0.05, 0.6) for second in range(4, 56, 4)}
     nan, short = (lambda m: replace(m, position=(math.nan,) * 6)), (lambda m: replace(m, position=m.position[:3]))

@@ -1,4 +1,4 @@
-"""Messages of other programs are sorted by joint, or refused with the reason."""
+"""Messages of other programs are sorted by joint, or are refused with the reason."""
 
 import math
 

@@ -17,7 +17,7 @@ from benchmarks.processes.browser import PATIENCE_MS, VIEWPORT, browser_page
 
 
 def find_chromium() -> str:
-    """Return the path of Chromium. Without Chromium, skip the test, or let it fail in CI."""
+    """Return the path of Chromium. Without Chromium, the test is skipped, but in CI it fails."""
     path = shutil.which("chromium")
     if path is None:
         (pytest.fail if os.environ.get("CI") else pytest.skip)("there is no chromium on PATH: apt-get install chromium")
@@ -32,7 +32,7 @@ window.cancelAnimationFrame = clearTimeout;
 
 
 AT_REST = 0.005
-"""Maximum share of pixels that may change in an image at rest."""
+"""Maximum share of pixels that may change in an image of an arm at rest."""
 
 
 BETWEEN_PANELS: Final = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
@@ -40,7 +40,7 @@ BETWEEN_PANELS: Final = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0
 
 
 class OpenPage:
-    """Page in a browser. ``requests`` has the URLs of all its requests."""
+    """Page in a browser. ``requests`` contains the URLs of all requests of the page."""
 
     def __init__(self, page: Page) -> None:
         self.page = page
@@ -50,7 +50,7 @@ class OpenPage:
         page.on("request", lambda request: self.requests.append(request.url))
 
     def wait_for_text(self, *texts: str) -> None:
-        """Wait until the page has all of these texts."""
+        """Wait until the page shows all of these texts."""
         script = "texts => texts.every(text => document.body.innerText.includes(text))"
         self.page.wait_for_function(script, arg=list(texts), timeout=PATIENCE_MS)
 
@@ -69,7 +69,7 @@ class OpenPage:
         return Image.open(io.BytesIO(taken)).convert("RGB")
 
     def canvas_at_rest(self) -> Image.Image:
-        """Return the first image after which three further images do not differ, so that loading has finished."""
+        """Return the first image that is followed by three equal images, which shows that loading has finished."""
         first, unchanged = self.canvas(), 0
         end = time.monotonic() + PATIENCE_MS / 1000.0
         while unchanged < 3:

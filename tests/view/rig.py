@@ -1,4 +1,4 @@
-"""A simulated arm whose state is watched without a file, a socket or a browser."""
+"""A simulated arm whose state is observed without a file, a socket or a browser."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,14 +9,14 @@ from tests.recorder.rig import Rig
 
 
 def received(rig: Rig, samples: Sequence[CycleSample]) -> Iterator[Received]:
-    """Yield the messages that a feed has for these cycles."""
+    """Yield the messages that a feed sends for these cycles."""
     for number, sample in enumerate(samples):
         for one in rig.messages.of_cycle(sample):
             yield Received(one.topic, one.stamp_ns, one.message, number)
 
 
 def watched(rig: Rig) -> ObservedRobot:
-    """Return the watched state after all cycles that the stack has run so far."""
+    """Return the observed state after all cycles that the stack has run so far."""
     found = ObservedRobot()
     for one in rig.messages.latched(0.0):
         found.take(Received(one.topic, one.stamp_ns, one.message, 0))

@@ -16,6 +16,8 @@ from servoloop.dashboard.page import known_arm
 from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
 from servoloop.dashboard.shapes import GRAY, DrawnShape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
+from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.scene.scene_file import scene_model
 from tests.stack.rig import PICK, READY
 
 XML = find_arm().urdf.read_text()
@@ -83,11 +85,13 @@ def test_every_included_arm_has_shapes_and_a_scene(arm: object) -> None:
     found = find_arm(arm.name)  # type: ignore[attr-defined]
     visuals, missing = shapes(found.urdf.read_text(), found.urdf.parent)
     assert visuals and not missing
-    assert {shape.link for shape in scene_shapes(found.scene)} == {"bin_A", "bin_B", "bin_C", "stand"}
+    prefixes = arm_prefixes(scene_model(found.scene))
+    things = {f"{prefix}{part}" for prefix in prefixes for part in ("bin_A", "bin_B", "bin_C", "stand")}
+    assert {shape.link for shape in scene_shapes(found.scene)} == things
     assert known_arm(found.urdf.read_text())
 
 
-@pytest.mark.parametrize("name", ["so101", "so101_12v", "so101_leader", "so100", "koch"])
+@pytest.mark.parametrize("name", ["so101", "so101_12v", "so101_leader", "so100", "koch", "bimanual_so101"])
 def test_arms_with_meshes_are_drawn_with_their_real_shapes(name: str) -> None:
     arm = find_arm(name)
     boxes, _ = shapes(arm.urdf.read_text(), arm.urdf.parent)

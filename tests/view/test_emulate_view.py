@@ -1,4 +1,4 @@
-"""View of virtual servos without a stack, which any other program can move."""
+"""View of virtual servos without a stack. Any other program can move the servos."""
 
 import re
 import subprocess

@@ -37,12 +37,13 @@ def test_three_commands_lead_to_a_moving_arm_in_the_browser(
             finally:
                 demo.send_signal(signal.SIGINT)
                 status = demo.wait(PATIENCE_S)
-    # On a slow machine the demo may have ended before the page was open.
+    # On a slow machine, the demo may have ended before the page was opened.
     assert status == 0 or (status == 130 and "interrupted" in log.read_text()), log.read_text()
 
 
 def check_page(log: Path, demo: "subprocess.Popen[bytes]") -> None:
-    """Check that the page is at the printed address, and that the arm moves in the image and in the numbers."""
+    """Check that the page is available at the printed address, and that the arm moves in the image and in the
+    numbers."""
     address = re.compile(r"the arm in a browser:\s+(http://127\.0\.0\.1:\d+\S*)")
 
     def ended() -> str:

@@ -69,7 +69,7 @@ def at(robot: LiveRobot, joint: str = "joint1") -> float:
 def hold(shown: OpenPage, label: str, ready: Callable[[], bool]) -> None:
     """Press a button until ``ready`` returns True, and keep it pressed.
 
-    If the press ends, press again as a user would, because servos miss cycles on a busy machine.
+    If the press ends, press again as a user would, because servos may miss cycles on a busy machine.
     """
     deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
@@ -108,7 +108,8 @@ def resting(robot: LiveRobot) -> None:
 
 
 def check_held_and_let_go(shown: OpenPage, robot: LiveRobot) -> None:
-    """The arm and its numbers move. They stop at the end of the click, even if the mouse has left the button."""
+    """The image of the arm and the numbers change. The motion stops at the end of the click, even if the mouse has left
+    the button."""
     before = shown.cells("joint1")[1]
     hold(shown, ON, moved(robot))
     until(lambda: shown.cells("joint1")[1] != before)
@@ -165,7 +166,7 @@ def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
 
 
 def check_fault(shown: OpenPage, robot: LiveRobot, link: Path) -> None:
-    """A joint does not move if another servo of its controller is silent, and the page names this servo."""
+    """A joint does not move if another servo of its controller is silent, and the page shows the name of this servo."""
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
     shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
     hold(shown, ON, says(shown, "\njoint3: servo 3 does not answer"))

@@ -1,4 +1,4 @@
-"""Commands and display of the folder *Move*, without a browser."""
+"""Commands and display of the folder *Move* on the page, without a browser."""
 
 import asyncio
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ TARGETS = MoveTargets(
 
 
 class Panel:
-    """Panel with a mover that does nothing, and simulated browsers."""
+    """Panel whose mover does nothing, with simulated browsers."""
 
     def __init__(self, server: PageServer) -> None:
         self.clock, self.stops = SimulatedClock(), 0

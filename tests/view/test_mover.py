@@ -1,4 +1,4 @@
-"""Calls to the arm's client, and messages, while buttons are held."""
+"""Calls to the client of the arm, and messages, while buttons are held."""
 
 from collections.abc import Mapping
 
@@ -42,7 +42,7 @@ class Rig:
         self.handling = Handling(self.buttons)
 
     def hold(self, seconds: float, command: Turn | GoTo = TURN) -> list[object]:
-        """Hold the button for a time and return the calls to the client."""
+        """Hold the button for a given time and return the calls to the client."""
         self.client.asked.clear()
         for _ in range(round(seconds * REPEATS_HZ)):
             self.buttons.hold("browser", command)

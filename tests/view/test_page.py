@@ -132,7 +132,7 @@ def test_another_arm_replaces_the_first(server: PageServer, monkeypatch: pytest.
 
 
 def test_a_user_arm_is_drawn_with_the_meshes_of_its_folder(server: PageServer, tmp_path: Path) -> None:
-    """The meshes come from the folder of the arm. The same URDF belongs to an included arm without meshes."""
+    """The meshes are read from the folder of the arm. The same URDF belongs to an included arm without meshes."""
     rig, page = Rig(), Page(server, tmp_path)
     files = rig.stack.files
     (tmp_path / "arm.yaml").write_text("description: mine\n")

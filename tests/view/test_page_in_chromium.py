@@ -20,7 +20,7 @@ from tests.view.view_process import viewing
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
 MOVED = 0.02
-"""Share of the image that changes when the arm moves. The arm and its shadow cover more than a tenth of it."""
+"""Share of the image that changes when the arm moves. The arm and its shadow cover more than a tenth of the image."""
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def check_motion(shown: OpenPage) -> None:
 
 
 def check_fault(shown: OpenPage, link: Path) -> None:
-    """A silent servo is named, and its missing answers are counted."""
+    """The page shows the name of a silent servo and counts its missing answers."""
     assert "does not answer" not in shown.page.inner_text("body")
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
     shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")

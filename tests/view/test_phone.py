@@ -47,7 +47,8 @@ def test_the_arm_is_visible_and_the_stop_button_stays_visible(server: PageServer
 
 
 def check_arm(shown: OpenPage, server: PageServer) -> None:
-    """The whole arm is visible above the controls. Its pixels are those that change when its shapes are removed."""
+    """The whole arm is visible above the controls. The pixels of the arm are those that change when its shapes are
+    removed."""
     before = shown.canvas_at_rest()
     server.scene.remove_by_name(MEASURED)
     arm = different(before, shown.canvas_at_rest())
@@ -58,7 +59,7 @@ def check_arm(shown: OpenPage, server: PageServer) -> None:
 
 
 def check_stop(shown: OpenPage) -> None:
-    """The button can be pressed at the start and after the controls were scrolled."""
+    """The button can be pressed at the start and after the controls have been scrolled."""
     for scrolled in (False, True):
         if scrolled:
             shown.page.locator(SHEET).first.evaluate(SCROLL)

@@ -1,4 +1,4 @@
-"""Playback of a recording with speed, pause and time slider."""
+"""Playback of a recording with pauses, different speeds and the time slider."""
 
 from collections.abc import Iterator
 from pathlib import Path

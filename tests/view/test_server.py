@@ -14,6 +14,7 @@ from websockets.typing import Origin, Subprotocol
 from servoloop.commands.view import _opened
 from servoloop.dashboard.server import PageServer, ViewError
 from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.arm_options import RunningChoice
 from sim_backend.clock import SimulatedClock
 from tests.complaint import complaint
 from tests.live.rig import runtime_folder
@@ -30,7 +31,8 @@ def local() -> Iterator[PageServer]:
 
 @pytest.fixture(scope="module")
 def open_to_others() -> Iterator[PageServer]:
-    """Serve at an address of this machine that is not one of its host names, as all of 127.x.x.x are."""
+    """Serve the page at an address of this machine that is not one of its host names, as all addresses of 127.x.x.x
+    are."""
     server = PageServer("127.0.0.2", port=0)
     yield server
     server.stop()
@@ -43,7 +45,7 @@ def get(server: PageServer, path: str = "/", **headers: str) -> http.client.HTTP
 
 
 def websocket(server: PageServer, origin: str, **headers: str) -> int:
-    """Return the HTTP status of a request for a websocket; 101 if it is opened."""
+    """Return the HTTP status of a request for a websocket; the status is 101 if the websocket is opened."""
     url = f"ws://{server.get_host()}:{server.get_port()}"
     try:
         with connect(url, origin=Origin(origin), subprotocols=[PROTOCOL], additional_headers=headers):
@@ -124,9 +126,11 @@ def test_without_a_stack_the_command_explains_how_to_start_one(
 def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     mine, clock = Path("/mine"), SimulatedClock()
     monkeypatch.setattr("servoloop.recording.sources.PlayedRecording", lambda path: path)
-    monkeypatch.setattr("servoloop.recording.sources.LiveSource", lambda arm, clock: SimpleNamespace(folder=mine))
+    monkeypatch.setattr(
+        "servoloop.recording.sources.LiveSource", lambda arm, clock, namespace: SimpleNamespace(folder=mine)
+    )
     monkeypatch.setattr("servoloop.commands.view._emulated", lambda bus, arm, clock: bus)
     so101, file = find_arm("so101").folder, Path("run.mcap")
-    assert _opened(None, None, None, clock)[1] == mine
-    assert _opened(None, Path("bus"), "so101", clock)[1] == so101
-    assert [_opened(file, None, arm, clock)[1] for arm in ("so101", None)] == [so101, None]
+    assert _opened(None, None, RunningChoice(), clock)[1] == mine
+    assert _opened(None, Path("bus"), RunningChoice("so101"), clock)[1] == so101
+    assert [_opened(file, None, RunningChoice(arm), clock)[1] for arm in ("so101", None)] == [so101, None]

@@ -1,4 +1,4 @@
-"""``servoloop view`` in a process of its own."""
+"""``servoloop view`` in a separate process."""
 
 import re
 import subprocess

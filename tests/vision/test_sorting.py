@@ -1,4 +1,4 @@
-"""The whole job in simulated time: picture, grade, motion and bin, and no grade without an apple on the stand."""
+"""The whole job in simulated time: picture, grade, motion and bin; without an apple on the stand, there is no grade."""
 
 from pathlib import Path
 

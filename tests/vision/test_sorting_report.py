@@ -1,4 +1,4 @@
-"""The report of a demo that sorts apples, and the arms that cannot sort any."""
+"""The report of a demo that sorts apples, and the arms that cannot sort apples."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""The virtual camera as a camera source, on the feed of a world, in simulated time."""
+"""The virtual camera as a camera source that reads the feed of a world, in simulated time."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from sim_backend.scene.world_feed import WorldFeed, feed_path
 
 
 class WorldClock:
-    """A clock during whose sleep the world is published."""
+    """A clock that lets the world be published while it sleeps."""
 
     def __init__(self, link: Path, world: World) -> None:
         self.feed, self.world, self.runs = WorldFeed(feed_path(link)), world, True

@@ -1,4 +1,4 @@
-"""Checks of the arm: joint positions against limits, and the calibration file against EEPROM and URDF."""
+"""Check the arm: joint positions against limits, and the calibration file against EEPROM and URDF."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from hal.types import far_outside
 
 
 def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
-    """Find problems of the arm as a whole, which a single servo does not have."""
+    """Find problems of the arm as a whole."""
     for bus in snapshot.buses:
         offsets = _wrong_offsets(bus)
         calibrate = _calibrate(snapshot, bus)
@@ -46,7 +46,7 @@ def _wrong_offsets(bus: BusSnapshot) -> list[ServoSnapshot]:
 
 
 def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding]:
-    """Find pairs of servos of which each has the homing offset of the other one."""
+    """Find pairs of servos whose homing offsets are exchanged."""
     for at, one in enumerate(wrong):
         for other in wrong[at + 1 :]:
             if (one.registers["homing_offset"], other.registers["homing_offset"]) == (
@@ -55,8 +55,9 @@ def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding
             ):
                 a, b = one.joint, other.joint
                 cause = (
-                    f"Servo {a.servo_id} has the homing offset that belongs to {b.name}, and servo {b.servo_id} has "
-                    f"the one of {a.name}. So their IDs were exchanged after the calibration. Exchange them again: "
+                    f"Servo {a.servo_id} has the homing offset of {b.name}, and servo {b.servo_id} has the homing "
+                    f"offset of {a.name}. Their IDs were therefore exchanged after the "
+                    f"calibration. Exchange them again: "
                     "give the first servo a free ID, then set both to their own IDs"
                 )
                 command = on(bus.port, "set-id", a.servo_id, "NEW")
@@ -89,8 +90,8 @@ def _outside(place: FindingPlace, servo: ServoSnapshot, calibrate: str) -> Itera
             return
         cause = (
             f"The measured position is {position:.3f}, outside the limits {lower:.3f} to {upper:.3f}, so torque is "
-            "not enabled. If the joint really is there, move it back by hand. If not, its zero or its direction is "
-            "wrong: calibrate it"
+            "not enabled. If the joint really is at this position, move it back by hand. If not, its zero or its "
+            "direction is wrong: calibrate it"
         )
         yield finding(
             "outside_limits", place, "the arm does not start: a joint is outside its limits", cause, calibrate
@@ -105,7 +106,8 @@ def _calibrated(
         return
     if not 0 <= found.lower_counts < found.upper_counts <= servo.joint.model.last_count:
         cause = (
-            f"In the calibration file, its travel is {found.lower_counts} to {found.upper_counts} counts. This range "
+            f"In the calibration file, the travel of the joint is {found.lower_counts} to {found.upper_counts} "
+            "counts. This range "
             "crosses the end of the encoder, where the reading jumps by a whole turn. Calibrate again"
         )
         yield finding("seam_in_range", place, "the joint jumps, or its range is 0 to 4095", cause, calibrate)

@@ -1,4 +1,4 @@
-"""Checks of the servos' health: alarms, temperature, lost torque, resets, and stalled servos."""
+"""Check the health of the servos: alarms, temperature, lost torque, resets, and stalled servos."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -9,7 +9,7 @@ from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, 
 from drivers.servos.catalog import series_of
 
 WARM_C: Final = 8
-"""Distance to its temperature limit at which a servo counts as hot."""
+"""Distance from the temperature limit at which a servo counts as hot."""
 PRESSES: Final = 0.95
 """Drive at which a motionless servo counts as stalled, as a share of its torque limit."""
 ALARMS: Final = {
@@ -21,22 +21,24 @@ ALARMS: Final = {
 CAUSES: Final = {
     "alarm_overload": (
         "overload error: the servo drives with a fraction of its force",
-        "It drove with high force for seconds without moving: something is in its way, or its goal lies beyond a stop "
-        "or an object. Support the arm, remove the load, and release the servo's torque once to clear the alarm",
+        "The servo drove with high force for seconds without moving: something is in its way, or its goal lies beyond "
+        "a stop or an object. Support the arm, remove the load, and release the servo's torque once to clear the alarm",
     ),
     "alarm_current": (
         "the servo went limp under load",
-        "Its current stayed above the limit, so it released its torque. It is stalled, or too weak for its load. The "
+        "The current stayed above the limit, so the servo released its torque. It is stalled, or too weak for its "
+        "load. The "
         "next goal enables the torque again: support the arm and remove the load first",
     ),
     "alarm_temperature": (
         "the servo is hot and loses force",
-        "It is above its temperature limit and reduces its drive until it has cooled down. Let it rest without torque, "
+        "The servo is above its temperature limit and reduces its drive until it has cooled down. Let it rest without "
+        "torque, "
         "then reduce the load that it holds permanently",
     ),
     "alarm_voltage": (
         "'input voltage error'",
-        "A moment ago, its supply voltage was outside the limits that are set in the servo. Measure the supply under "
+        "A moment ago, the supply voltage was outside the limits that are set in the servo. Measure the supply under "
         "load, and compare it with these limits",
     ),
 }
@@ -66,8 +68,8 @@ def _alarms(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
 def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """Return the command that clears an alarm.
 
-    A Feetech servo clears most alarms when their cause is gone, and an overload when its torque is released. A
-    Dynamixel needs a reboot.
+    A Feetech servo clears most alarms when their cause is gone, but clears an overload only when its torque is
+    released. A Dynamixel needs a reboot.
     """
     if series_of(servo.joint.model).make == "dynamixel":
         return on(servo.port, "reboot", servo.joint.servo_id)
@@ -80,12 +82,12 @@ def _heat(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     limit = servo.registers.get("max_temperature", servo.registers.get("temperature_limit"))
     hottest = max(state.temperature_c for state in servo.states)
     if limit is not None and hottest > limit - WARM_C:
-        cause = f"Its temperature is {hottest:.0f} °C, close to its limit of {limit} °C. Let it rest without torque"
+        cause = f"The servo has {hottest:.0f} °C, close to its limit of {limit} °C. Let it rest without torque"
         yield finding("hot", place, "the servo is hot and will soon lose force", cause)
 
 
 def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
-    """Find a servo with full drive at standstill in all states: a gripper on an object, or a goal beyond a stop."""
+    """Find a servo that has full drive at standstill in all states, such as a gripper on an object."""
     limit = series_of(servo.joint.model).torque_limit
     allowed = servo.registers.get(limit.name, 0) / series_of(servo.joint.model).full_torque if limit else 0.0
     still = all(state.velocity_counts_s == 0 for state in servo.states)
@@ -108,7 +110,7 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
                           "torque", release(servo))  # fmt: skip
         elif not servo.holds and len(holding) > len(known) / 2:
             cause = (
-                f"Torque is enabled at {len(holding)} of {len(known)} servos, but not at this one. It was reset by a "
+                f"Torque is enabled at {len(holding)} of {len(known)} servos, but not at this servo. It was reset by a "
                 "power dip, released its torque to protect itself, or was switched off by another program. Support "
                 "the arm, release the torque of all servos, and start the arm again"
             )
@@ -137,8 +139,9 @@ def _is_full(servo: ServoSnapshot) -> bool:
 
 def _reset(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     cause = (
-        "It has its power-on torque limit, not the lower limit that was set. So it was reset by a power dip, and the "
-        "next goal enabled its torque again. Check the supply and the plugs. Then support the arm, release the torque "
+        "The servo has its power-on torque limit, not the lower limit that was set. It was therefore reset by a power "
+        "dip, and the next goal enabled its torque "
+        "again. Check the supply and the plugs. Then support the arm, release the torque "
         "of all servos, and start the arm again"
     )
     return finding("was_reset", place_of(bus, servo), "a joint jerks, or is stronger than its torque limit", cause)

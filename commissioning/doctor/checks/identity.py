@@ -1,4 +1,4 @@
-"""Checks of the servos' identity: model number and firmware version."""
+"""Check the model numbers and the firmware versions of the servos."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -24,7 +24,7 @@ def _model(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     if number is None or number == model.number:
         return
     series = series_of(model)
-    reads = "; its table is not supported, so it is read only" if unsupported(number, series) else ""
+    reads = "; its control table is not supported, so it can only be read" if unsupported(number, series) else ""
     cause = (
         f"The servo reports model number {number} ({known_as(number, series)}{reads}), but the robot file has "
         f"{model.name} ({model.number}). Correct the robot file, or replace the servo"

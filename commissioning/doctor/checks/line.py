@@ -1,4 +1,4 @@
-"""Checks of the bus: lost, corrupted and late replies, and echoes."""
+"""Check the bus for lost, corrupted and late replies, and for echoes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -10,8 +10,8 @@ from drivers.port.latency import HELD_BACK
 TOLERATED_SHARE: Final = 0.002
 """Maximum share of failed requests. The control loop repeats a few failed requests without problems."""
 TOLERATED_LATE_S: Final = 0.0035
-"""Maximum round-trip time in addition to transmission and return delay, because USB adapters buffer bytes for 1 ms in
-each direction.
+"""Maximum round-trip time in addition to transmission and return delay. USB adapters buffer bytes for 1 ms in each
+direction.
 """
 
 
@@ -49,7 +49,9 @@ def _slow(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
             f"A single read takes {1e3 * line.round_trip_s:.1f} ms, but its bytes need only {1e3 * line.wire_s:.2f} "
             f"ms: {HELD_BACK}"
         )
-        yield finding("slow_round_trip", place, "the loop does not exceed a few dozen Hz", cause, "servoloop ports")
+        yield finding(
+            "slow_round_trip", place, "the rate of the loop does not exceed a few dozen Hz", cause, "servoloop ports"
+        )
     if line.echoes:
         cause = (
             "The adapter echoes every byte that is sent. servoloop handles this, but the programs of the servo "

@@ -1,4 +1,4 @@
-"""Checks of the motion test: blocked joints, wrong gears, sag and oscillation."""
+"""Check the motion test for blocked joints, wrong gears, sag and oscillation."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -10,11 +10,11 @@ from commissioning.drive_trial import STUCK_SHARE, TrialMotion
 from hal.joint import Joint
 
 SHAKES_COUNTS: Final = 12.0
-"""Maximum swing at rest, in counts (about 1 degree). Backlash alone causes less."""
+"""Maximum swing at rest, in counts (about 1 degree). Backlash alone causes a smaller swing."""
 GIVES_WAY: Final = 2.0
 """Maximum position error, as a multiple of the error that stiffness, dead band and friction explain."""
 SPEED_FACTOR: Final = 1.5
-"""Speed per drive that indicates another gear, as a multiple of the model's.
+"""Speed per drive that indicates a different gear, as a multiple of the model's value.
 
 The other gears of an STS3215 are 1.8 times (1:191) and 2.3 times (1:147) faster than 1:345.
 """
@@ -35,16 +35,17 @@ def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
 def _way(place: FindingPlace, motion: TrialMotion) -> Iterator[Finding]:
     if ratio := gear_ratio(motion):
         cause = (
-            f"At the same drive, it turns {ratio:.1f} times faster than an {motion.joint.model.name}. So it probably "
-            "has another gear: 1:147 and 1:191 are faster than 1:345, but weaker. Check the label of the servo and "
+            f"At the same drive, the servo turns {ratio:.1f} times faster than an {motion.joint.model.name}. It "
+            f"probably has a different "
+            f"gear: 1:147 and 1:191 are faster than 1:345, but weaker. Check the label of the servo and "
             "replace it"
         )
-        yield finding("wrong_gear", place, "the joint is weaker and faster than the others", cause)
+        yield finding("wrong_gear", place, "the joint is weaker and faster than the other joints", cause)
 
 
 def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
     cause = (
-        f"It was commanded to move by {motion.asked:+.3f}, but it moved by {motion.moved:+.3f}. Check whether "
+        f"The joint was commanded to move by {motion.asked:+.3f}, but it moved by {motion.moved:+.3f}. Check whether "
         "something is in its way, it is at a stop, or its horn is loose. It may also lack force: check its torque "
         "limit and the supply"
     )
@@ -52,7 +53,10 @@ def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
 
 
 def gear_ratio(motion: TrialMotion) -> float | None:
-    """Return how many times faster the servo is than its model at the same drive; None if it is not clearly faster."""
+    """Return the ratio of the servo's speed to its model's speed at the same drive.
+
+    None if the ratio is not clearly above 1.
+    """
     ratio = motion.faster
     return ratio if ratio is not None and ratio > SPEED_FACTOR else None
 
@@ -64,8 +68,8 @@ def _rest(place: FindingPlace, servo: ServoSnapshot, motion: TrialMotion) -> Ite
         return
     if motion.swing > SHAKES_COUNTS * count:
         cause = (
-            f"At rest it swings by {motion.swing:.4f} {_unit(joint)}, because its position_p is too high for its load "
-            "and backlash. Lower position_p (LeRobot uses 16), and add it to settings in the robot file"
+            f"At rest the joint swings by {motion.swing:.4f} {_unit(joint)}, because position_p is too high for its "
+            f"load and backlash. Lower position_p (LeRobot uses 16), and add it to settings in the robot file"
         )
         command = write(servo, "position_p", 16)
         yield finding("shakes", place, "the joint shakes or hums", cause, command)
@@ -76,7 +80,7 @@ def _rest(place: FindingPlace, servo: ServoSnapshot, motion: TrialMotion) -> Ite
     allowed = GIVES_WAY * (abs(motion.expected_sag) + compliance.uncorrected)
     if motion.error > allowed:
         cause = (
-            f"Its position error at rest is {motion.error:.4f} {_unit(joint)}, but its gains and the masses in the "
+            f"The position error at rest is {motion.error:.4f} {_unit(joint)}, but the gains and the masses in the "
             f"URDF explain only {allowed / GIVES_WAY:.4f}. Possible causes: position_p is lower than in the robot "
             "file, the load is heavier than in the URDF, the servo has another gear, or something presses on the joint"
         )

@@ -1,4 +1,4 @@
-"""Checks of the ports: missing, denied, busy or moved ports, and adapters that delay replies."""
+"""Check the ports: missing, denied, busy or moved ports, and adapters that delay replies."""
 
 from collections.abc import Iterator
 from pathlib import PurePath

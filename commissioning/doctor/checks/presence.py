@@ -1,4 +1,4 @@
-"""Checks of the servos on a bus: missing or unexpected servos, duplicate IDs, and wrong baud rates."""
+"""Check which servos are on a bus: missing or unexpected servos, duplicate IDs, and wrong baud rates."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,7 +11,7 @@ FACTORY_ID = 1
 
 
 def place_of(bus: BusSnapshot, servo: ServoSnapshot) -> FindingPlace:
-    """Return the place of a servo, for findings."""
+    """Return the place of a servo for a finding."""
     return FindingPlace(bus.name, servo.joint.name, servo.joint.servo_id)
 
 
@@ -58,7 +58,7 @@ def _together(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fin
 
 
 def _behind_a_break(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Sequence[ServoSnapshot]:
-    """Return the servos after a break in the chain: at least two missing servos that are the last ones of the bus."""
+    """Return the servos after a break in the chain, which are at least two missing servos at the end of the bus."""
     nowhere = [servo for servo in silent if servo.elsewhere_baud is None]
     if 1 < len(nowhere) < len(bus.servos) and list(bus.servos[-len(nowhere) :]) == nowhere:
         return nowhere
@@ -85,7 +85,7 @@ def _silent(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
 
 
 def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
-    """Find servos that answer, but not properly."""
+    """Find servos that answer with errors."""
     for servo in bus.servos:
         servo_id, place = servo.joint.servo_id, place_of(bus, servo)
         if servo.heard == "broken":
@@ -101,7 +101,7 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
             yield finding("servo_mute", place, symptom, *_mute(servo))
         elif servo.heard == "late":
             cause = (
-                "Its replies arrive after the next request, because the adapter or a USB hub delays them. Check the "
+                "The replies arrive after the next request, because the adapter or a USB hub delays them. Check the "
                 "adapter, and plug it directly into the computer"
             )
             yield finding("servo_late", place, "occasional read timeouts", cause, "servoloop ports")
@@ -130,12 +130,12 @@ def _mute(servo: ServoSnapshot) -> tuple[str, str | None]:
 
 
 def _group_reads(bus: BusSnapshot) -> Iterator[Finding]:
-    """Find servos that answer single reads only."""
+    """Find servos that answer only single reads."""
     for servo in bus.servos:
         if servo.alone:
             level = series_of(servo.joint.model).status_level
             cause = (
-                f"The servo answers single reads, but no group reads (sync read). Its {level.name} (register "
+                f"The servo answers single reads, but not group reads (sync read). Its {level.name} (register "
                 f"{level.address}) is {servo.registers.get(level.name, 'unknown')}, so this is not a setting: its "
                 f"firmware lacks the instruction, as in many self-made servos. servoloop reads and writes it with "
                 "single requests; the log of servoloop up states the highest possible rate"
@@ -165,5 +165,5 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
 
 
 def _fits(stranger: Stranger, servo: ServoSnapshot) -> bool:
-    """Whether the servo may be the missing one. Variants with other gears or voltages share one model number."""
+    """Whether the servo may be the missing servo. Variants with different gears or voltages share one model number."""
     return stranger.model is not None and stranger.model.partition("_")[0] == servo.joint.model.name.partition("_")[0]

@@ -1,4 +1,4 @@
-"""Checks of the servos' protections and torque limits."""
+"""Check the protections and torque limits of the servos."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -37,7 +37,7 @@ def _may_not_drive(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     series = series_of(servo.joint.model)
     for register in (series.max_torque, series.torque_limit):
         if register is not None and servo.registers.get(register.name) == 0:
-            cause = f"Its {register.name} is 0, so its motor does not drive. Write the full torque"
+            cause = f"{register.name} is 0, so the motor does not drive. Write the full torque"
             command = write(servo, register.name, series.full_torque)
             yield finding(
                 "no_torque_allowed",

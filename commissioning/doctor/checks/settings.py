@@ -1,4 +1,4 @@
-"""Checks of the servos' settings against the robot file: mode, limits, gains, status level, return delay and lock."""
+"""Check the settings of the servos: mode, limits, gains, status level, return delay and lock."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -19,10 +19,10 @@ from hal.servos.servo_setup import check_reach
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
 SLOW_COUNTS_S2: Final = 20
-"""Minimum of ``max_acceleration``, in its unit of 100 counts/s2: a fifth of the acceleration that goals use."""
+"""Smallest good ``max_acceleration``, in units of 100 counts/s2: a fifth of the acceleration of the goals."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
-"""Return delays that are reported, in units of 2 us. The factory value of a Dynamixel, 250, costs half a millisecond
-per servo and cycle.
+"""Return delay above which a finding is reported, in units of 2 us. The factory value of a Dynamixel, 250, costs half a
+millisecond per servo and cycle.
 """
 
 
@@ -70,7 +70,7 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     if servo.joint.extended or counts_turns(servo.registers):
-        return  # Its servo ignores its position limits, or will ignore them in the right mode.
+        return  # The servo ignores its position limits, or will ignore them in the right mode.
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
     if low is None or high is None or (low, high) == (0, 0):
         return
@@ -98,7 +98,7 @@ def _named(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def _foreign_gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
-    """Find gains in RAM that another program has left there."""
+    """Find gains in RAM that another program has set."""
     joint = servo.joint
     held = {register: servo.registers[register.name] for register in wanted_gains(joint)
             if register.name in servo.registers}  # fmt: skip
@@ -106,8 +106,9 @@ def _foreign_gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Findin
         wanted = wanted_gains(joint)
         listed = ", ".join(f"{register.name} is {value}, not {wanted[register]}" for register, value in foreign.items())
         cause = (
-            f"Another program has left gains in its RAM: {listed}. The next start of the arm writes the gains of the "
-            "robot file, and factory values for those that the file does not contain. Until then, other programs use "
+            f"Another program has set gains in the servo's RAM: {listed}. The next start of the arm writes the gains "
+            f"of the robot file, and factory values for gains that the file does not "
+            f"contain. Until then, other programs use "
             "these gains. A restart of the servo resets them"
         )
         command = on(servo.port, "reboot", joint.servo_id) if series_of(joint.model).protocol.reboot != "none" else None
@@ -122,26 +123,26 @@ def _gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     has = {name: held[name] for name in assumed if name in held}
     if has.get("position_p") == 0:
         command = write(servo, "position_p", assumed["position_p"])
-        cause = "Its position_p is 0, so the servo does not react to position errors. Write the factory value"
+        cause = "position_p is 0, so the servo does not react to position errors. Write the factory value"
         yield finding("no_gain", place, "the joint neither holds its position nor moves", cause, command)
     elif others := _others(joint, assumed, named, has):
         listed = "{" + ", ".join(f"{name}: {value}" for name, value in others.items()) + "}"
         cause = (
-            "Its gains differ from the factory gains and are not in the robot file, so sag and lag are computed from "
+            "The gains differ from the factory gains and are not in the robot file, so sag and lag are computed from "
             f"the wrong gains. Add settings: {listed} to the robot file, or the values that you want"
         )
         yield finding("gains_differ", place, "the joint follows less accurately than it could", cause)
     zone = max(has.get("cw_dead_zone", 0), has.get("ccw_dead_zone", 0))
     if zone > max(WIDE_COUNTS, named.get("cw_dead_zone", 0), named.get("ccw_dead_zone", 0)):
         cause = (
-            f"Its dead zone leaves errors of up to {zone} counts uncorrected. Set cw_dead_zone and ccw_dead_zone to "
+            f"The dead zone leaves errors of up to {zone} counts uncorrected. Set cw_dead_zone and ccw_dead_zone to "
             "the factory value of 1"
         )
         yield finding("wide_dead_zone", place, "the joint stops short of its goals", cause)
     if 0 < has.get("max_acceleration", 0) < min(SLOW_COUNTS_S2, named.get("max_acceleration", SLOW_COUNTS_S2)):
         cause = (
-            f"Its max_acceleration is only {100 * has['max_acceleration']} counts/s2. Set it back to the factory value "
-            "of 10000 counts/s2"
+            f"max_acceleration is only {100 * has['max_acceleration']} counts/s2. Set it back to the factory value of "
+            f"10000 counts/s2"
         )
         yield finding("slow_acceleration", place, "the joint starts slowly and lags behind", cause)
 
@@ -149,7 +150,7 @@ def _gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 def _others(
     joint: Joint, assumed: Mapping[str, int], named: Mapping[str, int], has: Mapping[str, int]
 ) -> Mapping[str, int]:
-    """Return the gains that are missing in the robot file and change the sag or the lag of the joint."""
+    """Return the gains that affect the sag or the lag of the joint and are missing in the robot file."""
     unnamed = {name: value for name, value in has.items() if name not in named}
     if compliance_of(joint.model, settings={**named, **unnamed}) == compliance_of(joint.model, settings=dict(named)):
         return {}
@@ -161,7 +162,7 @@ def _speech(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     level = servo.registers.get(series.status_level.name)
     if level is not None and level < series.answers_all:
         cause = (
-            f"Its {series.status_level.name} is {level}, so it does not acknowledge writes. Set it to "
+            f"{series.status_level.name} is {level}, so the servo does not acknowledge writes. Set it to "
             f"{series.answers_all}"
         )
         command = write(servo, series.status_level.name, series.answers_all)
@@ -177,7 +178,7 @@ def _lock(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
         cause = (
-            "Its EEPROM is unlocked, so an accidental write is permanent, and every write wears the EEPROM. Restart "
+            "The EEPROM is unlocked, so an accidental write is permanent, and every write wears the EEPROM. Restart "
             "the servo to lock it"
         )
         command = on(servo.port, "reboot", servo.joint.servo_id)

@@ -1,4 +1,4 @@
-"""Checks of the supply voltage against the rating of the servos and the limits set in them."""
+"""Check the supply voltage against the ratings of the servos and the limits that are set in them."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -10,9 +10,10 @@ from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
-"""A supply sags if its voltage drops by more than ``SAG_V`` and this share of the rated voltage."""
+"""Share of the rated voltage. A supply sags if its voltage drops by more than this share and by more than ``SAG_V``."""
 DROP_V: Final = 0.8
-"""Maximum difference between two servos of one bus at rest. More means that a cable or plug has a high resistance.
+"""Maximum difference between two servos of one bus at rest. A larger difference shows a cable or plug with high
+resistance.
 """
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 UNIT_V: Final = 0.1
@@ -43,19 +44,19 @@ def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     limits, allowed = voltage_limits(servo.registers), voltage_range(model)
     if highest > allowed[1]:
         cause = (
-            f"Its supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch the supply off "
-            "now. Then check whether it is the wrong supply, it overshoots, or the model in the robot file is wrong"
+            f"The supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch the supply off "
+            f"now. Then check whether the supply is wrong or overshoots, or the model in the robot file is wrong"
         )
         yield finding("overvoltage", place, "'input voltage error', and servos may be destroyed", cause)
     elif lowest < allowed[0]:
         cause = (
-            f"Its supply voltage is {lowest:.1f} V, but an {name} is rated for {rated:g} V. The supply is the wrong "
-            "one, too weak, or switched off (then the servo is powered from USB)"
+            f"The supply voltage is {lowest:.1f} V, but an {name} is rated for {rated:g} V. The supply is wrong, too "
+            f"weak, or switched off (then the servo is powered from USB)"
         )
         yield finding("undervoltage", place, "'input voltage error', weak or twitching servos", cause)
     elif limits and not limits[0] <= lowest <= highest <= limits[1]:
         cause = (
-            f"Its supply voltage of {lowest:.1f} to {highest:.1f} V is right for an {name} ({rated:g} V), but the "
+            f"The supply voltage of {lowest:.1f} to {highest:.1f} V is right for an {name} ({rated:g} V), but the "
             f"limits in the servo are {limits[0]:.1f} to {limits[1]:.1f} V. Correct the limit"
         )
         wrong = next(low if lowest < limits[0] else high for low, high in LIMITS if low in servo.registers)
@@ -67,7 +68,10 @@ def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding]:
-    """Compare the voltages of servos with the same rated voltage. Other servos have a supply of their own."""
+    """Compare the voltages of servos with the same rated voltage.
+
+    Servos with a different rated voltage have a separate supply.
+    """
     for rated in dict.fromkeys(servo.joint.model.rated_voltage_v for servo in servos):
         at = [(max(_volts(servo)), servo.joint) for servo in servos if servo.joint.model.rated_voltage_v == rated]
         (highest, first), (lowest, last) = (pick(at, key=lambda one: one[0]) for pick in (max, min))
@@ -87,7 +91,7 @@ def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding
         if highest - lowest > DROP_V:
             cause = (
                 f"At rest, {first.name} has {highest:.1f} V but {last.name} only {lowest:.1f} V. Check the cables and "
-                "plugs between them: one has too much resistance"
+                f"plugs between the two servos: one of them has too much resistance"
             )
             yield finding(
                 "voltage_drops", FindingPlace(bus=bus.name), "servos far from the supply are weak or reset", cause

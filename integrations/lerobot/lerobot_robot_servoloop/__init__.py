@@ -1,4 +1,5 @@
-"""LeRobot robot of type ``servoloop``. LeRobot imports this package by its name, so it registers both types."""
+"""LeRobot robot of type ``servoloop``. LeRobot imports this package by its name, so the package registers both the
+robot and the teleoperator."""
 
 from lerobot_robot_servoloop.config import ServoloopRobotConfig
 from lerobot_robot_servoloop.robot import ServoloopRobot

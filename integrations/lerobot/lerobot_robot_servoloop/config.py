@@ -14,11 +14,12 @@ class ServoloopRobotConfig(RobotConfig):
     """Options of a robot that a running ``servoloop up`` moves."""
 
     arm: str | None = None
-    """Name of the arm, its folder, or the process ID of the stack. None: the only running stack."""
+    """Name of the arm, its folder, or the process ID of the stack. None selects the only running stack."""
     joints: list[str] = field(default_factory=lambda: list(SO_JOINTS))
     """Joints that LeRobot reads and moves."""
     use_degrees: bool = True
-    """Whether joints have degrees instead of -100 to 100. The gripper has 0 (closed) to 100 (open)."""
+    """Whether the values of joints are in degrees instead of -100 to 100. The value of the gripper is from 0 (closed)
+    to 100 (open)."""
     max_relative_target: float | dict[str, float] | None = None
     """Maximum difference between an action and the measured position, for all joints or by joint."""
     max_age_s: float = 1.0

@@ -18,7 +18,8 @@ Features = dict[str, Any]
 class ServoloopRobot(Robot):
     """Arm of a running ``servoloop up``, with LeRobot's cameras.
 
-    The features have the names of LeRobot's SO-101, such as ``shoulder_pan.pos``. servoloop calibrates the arm.
+    The features are named as in LeRobot's SO-101, such as ``shoulder_pan.pos``. The calibration of the arm is done by
+    servoloop.
     """
 
     config_class = ServoloopRobotConfig
@@ -49,20 +50,21 @@ class ServoloopRobot(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the robot is connected. A connection that was lost counts until ``disconnect``."""
+        """Whether the robot is connected. A connection that was lost counts as connected until ``disconnect`` is
+        called."""
         return self._arm is not None
 
     @property
     def is_calibrated(self) -> bool:
-        """Always true: servoloop has the calibration of the arm."""
+        """Always True, because servoloop stores the calibration of the arm."""
         return True
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Connect to the stack, take the motion and enable the torque. The arm holds its position.
+        """Connect to the stack, take control of the motion and enable the torque. The arm holds its position.
 
         Args:
-            calibrate: Ignored, because servoloop has the calibration of the arm.
+            calibrate: Ignored, because servoloop stores the calibration of the arm.
 
         Raises:
             DeviceNotConnectedError: No stack matches, or another client owns the motion.
@@ -79,10 +81,10 @@ class ServoloopRobot(Robot):
                 raise
 
     def calibrate(self) -> None:
-        """Do nothing: use ``servoloop calibrate``."""
+        """Do nothing, because ``servoloop calibrate`` calibrates the arm."""
 
     def configure(self) -> None:
-        """Do nothing: the robot file of servoloop has the settings of the servos."""
+        """Do nothing, because the robot file of servoloop contains the settings of the servos."""
 
     @check_if_not_connected
     def get_observation(self) -> dict[str, Any]:
@@ -102,7 +104,8 @@ class ServoloopRobot(Robot):
 
     @check_if_not_connected
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Move towards target positions and return them as sent, clipped to the limits of the joints.
+        """Move toward the target positions, and return the positions that were sent, clipped to the limits of the
+        joints.
 
         Raises:
             DeviceNotConnectedError: The connection is lost.

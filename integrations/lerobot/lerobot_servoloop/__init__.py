@@ -1,1 +1,1 @@
-"""Arms of running servoloop stacks in the units of LeRobot. Most modules need only the standard library."""
+"""Arms of running servoloop stacks, in the units of LeRobot. Most modules need only the standard library."""

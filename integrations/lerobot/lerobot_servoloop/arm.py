@@ -12,7 +12,7 @@ from lerobot_servoloop.units import joint_scales
 LOG = logging.getLogger(__name__)
 
 SO_JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-"""Joints of the SO-100 and SO-101."""
+"""Names of the joints of the SO-100 and the SO-101."""
 MAX_MEASUREMENT_AGE_S: Final = 1.0
 """Maximum age of a measurement, in seconds."""
 TORQUE_S: Final = 90.0
@@ -23,7 +23,7 @@ class ArmChoice(NamedTuple):
     """Arm to connect to, and the units of its values."""
 
     arm: str | None
-    """Name of the arm, its folder, or the process ID of the stack. None: the only running stack."""
+    """Name of the arm, its folder, or the process ID of the stack. None selects the only running stack."""
     joints: list[str]
     """Joints that LeRobot reads and moves."""
     use_degrees: bool
@@ -31,9 +31,9 @@ class ArmChoice(NamedTuple):
 
 
 class ConnectedArm:
-    """Arm of a running stack. Values are in degrees or -100 to 100, and 0 to 100 for the gripper.
+    """Arm of a running stack. Values are in degrees or from -100 to 100, and from 0 to 100 for the gripper.
 
-    All methods raise StackError. The object belongs to one thread.
+    All methods raise StackError if they fail. The object must be used in one thread only.
     """
 
     def __init__(self, choice: ArmChoice, name: str) -> None:
@@ -63,10 +63,10 @@ class ConnectedArm:
         return self._stack.label
 
     def take(self, max_age_s: float) -> None:
-        """Take the motion and enable the torque at the measured positions, so that ``send`` moves the arm.
+        """Take control of the motion and enable the torque at the measured positions, so that ``send`` moves the arm.
 
         Args:
-            max_age_s: Time without targets after which the arm holds its position, in seconds.
+            max_age_s: Time without new targets after which the arm holds its position, in seconds.
         """
         self._stack.request("take")
         self._stack.request("torque", TORQUE_S, on=True)
@@ -80,7 +80,8 @@ class ConnectedArm:
         self._stack.request("release")
 
     def positions(self) -> dict[str, float]:
-        """Return the measured position of each joint, in LeRobot's units. Faults that are new are logged."""
+        """Return the measured position of each joint, in LeRobot's units. Faults that are new since the last call are
+        logged."""
         state = self._stack.request("state")
         if state["age_s"] > MAX_MEASUREMENT_AGE_S:
             text = f"the newest measurement of {self.label} is {state['age_s']:.1f} s old: check the log of its stack"
@@ -95,12 +96,13 @@ class ConnectedArm:
         return {joint: scale.value(positions[joint]) for joint, scale in self._scales.items()}
 
     def send(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Send targets by joint, in LeRobot's units, and return them as sent: clipped to the limits of the joints."""
+        """Send targets by joint, in LeRobot's units, and return the values that were sent, clipped to the limits of the
+        joints."""
         targets = {joint: self._target(joint, value) for joint, value in values.items()}
         try:
             self._stack.send_targets(targets)
         except StackError as error:
-            # LeRobot sends nothing between two episodes. A stream that ended for another reason stays closed.
+            # LeRobot sends no actions between two episodes. A stream that ended for a different reason stays closed.
             if error.kind != "stream_ended" or monotonic() - self._sent_s < 0.5 * self._max_age_s:
                 raise
             self._stack.request("stream", max_age_s=self._max_age_s)

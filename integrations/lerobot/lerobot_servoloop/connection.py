@@ -18,7 +18,8 @@ SUFFIX: Final = ".command"
 
 
 class StackError(ConnectionError):
-    """A stack cannot be reached, or has refused a message. ``kind`` is the type of the error in docs/socket.md."""
+    """Error if a stack cannot be reached or has refused a message. ``kind`` is the type of the error in
+    docs/socket.md."""
 
     def __init__(self, kind: str, text: str) -> None:
         super().__init__(text)
@@ -26,7 +27,7 @@ class StackError(ConnectionError):
 
 
 class StackConnection:
-    """Connection to the command socket of one stack. All methods raise StackError."""
+    """Connection to the command socket of one stack. All methods raise StackError if they fail."""
 
     def __init__(self, path: Path, name: str) -> None:
         """Connect to a command socket.
@@ -43,7 +44,7 @@ class StackConnection:
         self.arm = path.stem.rpartition("-")[0]
         """Name of the arm."""
         self.lost = ""
-        """Why this client has lost the motion; empty if it has not."""
+        """Reason why this client has lost the motion; empty if it has not lost the motion."""
         self._number = 0
         self._socket = socket.socket(socket.AF_UNIX)
         self._lines = self._socket.makefile("rb")
@@ -84,7 +85,7 @@ class StackConnection:
             self._send(json.dumps(message, allow_nan=False).encode() + b"\n")
             return self._reply()
         except TimeoutError as error:
-            self.close()  # a late reply would answer the next message
+            self.close()  # a late reply would be taken for the reply to the next message
             text = f"the stack of {self.label} does not reply within {timeout_s:g} s: check its log"
             raise StackError("timeout", text) from error
         except StackError:
@@ -97,7 +98,7 @@ class StackConnection:
         self.request("targets", positions=positions, sent_s=monotonic())
 
     def close(self) -> None:
-        """Disconnect. The stack ends the motions of this client within their limits, and the arm holds."""
+        """Disconnect. The stack ends the motions of this client within the limits, and the arm holds its position."""
         self._lines.close()
         self._socket.close()
 
@@ -115,7 +116,7 @@ class StackConnection:
             if message.get("event") == "lost":
                 self.lost = str(message["text"])
             if "event" in message:
-                continue  # the result of a goal is an event that has ok, too
+                continue  # the event with the result of a goal also has the field ok
             if message.get("ok") is False and message["id"] in (self._number, None):
                 raise self._refusal(message["error"])
             if message.get("id") == self._number:
@@ -136,10 +137,10 @@ class StackConnection:
 
 
 def find_stack_connection(arm: str | None, name: str) -> StackConnection:
-    """Connect to the only running stack, or to that of an arm.
+    """Connect to the only running stack, or to the stack of a given arm.
 
     Args:
-        arm: Name of the arm, its folder, or the process ID of the stack. None: the only running stack.
+        arm: Name of the arm, its folder, or the process ID of the stack. None selects the only running stack.
         name: Name of this program, for messages to other clients.
 
     Raises:
@@ -179,7 +180,7 @@ def _connections(name: str, refused: list[StackError]) -> Iterator[StackConnecti
 
 
 def _is_of(stack: StackConnection, arm: str) -> bool:
-    """Return whether a stack belongs to an arm, given by name, folder or process ID."""
+    """Return whether a stack runs the given arm, which is a name, a folder or a process ID."""
     if "/" in arm:
         return stack.folder is not None and Path(stack.folder) == Path(arm).resolve()
     return arm in (stack.arm, stack.pid)

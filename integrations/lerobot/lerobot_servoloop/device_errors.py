@@ -19,7 +19,7 @@ def connecting() -> Iterator[None]:
 
 @contextmanager
 def connected() -> Iterator[None]:
-    """Report the end of a connection as DeviceNotConnectedError. Other errors remain StackError."""
+    """Report the end of a connection as DeviceNotConnectedError. Other errors are still raised as StackError."""
     try:
         yield
     except StackError as error:

@@ -15,14 +15,14 @@ class JointScale:
     zero: float
     """Position at which the value is 0, in rad or m."""
     per_unit: float
-    """Change of the position for a change of the value by 1, in rad or m."""
+    """Change of the position that corresponds to a change of the value by 1, in rad or m."""
     lower: float
     """Lowest position, in rad or m."""
     upper: float
     """Highest position, in rad or m."""
 
     def value(self, position: float) -> float:
-        """Return the value of a position in rad or m."""
+        """Return the value of a position, which is given in rad or m."""
         return (position - self.zero) / self.per_unit
 
     def position(self, value: float) -> float:
@@ -36,11 +36,11 @@ def joint_scales(arm: Mapping[str, Any], joints: list[str], use_degrees: bool) -
     Args:
         arm: Reply to the message ``arm``.
         joints: Names of the joints.
-        use_degrees: Whether values are in degrees. Otherwise, -100 to 100 is the range between the limits. In both
-            cases, the gripper has 0 to 100, from its closed limit to its open limit.
+        use_degrees: Whether values are in degrees. Otherwise, values from -100 to 100 cover the range between the
+            limits. In both cases, the values of the gripper are from 0 (closed limit) to 100 (open limit).
 
     Raises:
-        StackError: The arm has no joint of this name, or a joint has no limits to which values can refer.
+        StackError: The arm has no joint with this name, or a joint has no limits to which values could refer.
     """
     return {joint: _scale(arm, joint, use_degrees) for joint in joints}
 
@@ -68,6 +68,7 @@ def _scale(arm: Mapping[str, Any], joint: str, use_degrees: bool) -> JointScale:
 
 
 def _opens_downward(arm: Mapping[str, Any]) -> bool:
-    """Return whether the gripper opens towards lower positions. Grippers of unknown direction open upwards."""
+    """Return whether the gripper opens toward lower positions. Grippers whose direction is not known are assumed to
+    open upward."""
     opened, closed = arm["hand_open"], arm["hand_closed"]
     return opened is not None and closed is not None and opened < closed

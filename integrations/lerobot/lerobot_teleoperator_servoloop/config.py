@@ -13,10 +13,12 @@ class ServoloopTeleoperatorConfig(TeleoperatorConfig):
     """Options of a leader arm that a running ``servoloop up`` reads."""
 
     arm: str | None = None
-    """Name of the arm, its folder, or the process ID of the stack. None: the only running stack."""
+    """Name of the arm, its folder, or the process ID of the stack. None selects the only running stack."""
     joints: list[str] = field(default_factory=lambda: list(SO_JOINTS))
-    """Joints whose positions are the action."""
+    """Joints whose positions form the action."""
     use_degrees: bool = True
-    """Whether joints have degrees instead of -100 to 100. The gripper has 0 (closed) to 100 (open)."""
+    """Whether the values of joints are in degrees instead of -100 to 100. The value of the gripper is from 0 (closed)
+    to 100 (open)."""
     release_torque: bool = True
-    """Whether the leader moves to its park pose and releases its torque, so that you can move it by hand."""
+    """Whether the leader moves to its park pose and releases its torque when LeRobot connects, so that you can move it
+    by hand."""

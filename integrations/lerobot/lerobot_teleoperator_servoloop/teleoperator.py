@@ -1,4 +1,4 @@
-"""Teleoperator of LeRobot whose leader arm a running servoloop stack reads."""
+"""Teleoperator of LeRobot that reads a leader arm from a running servoloop stack."""
 
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ from lerobot_teleoperator_servoloop.config import ServoloopTeleoperatorConfig
 
 
 class ServoloopTeleoperator(Teleoperator):
-    """Leader arm of a running ``servoloop up``. Its measured positions are the action."""
+    """Leader arm of a running ``servoloop up``. The measured positions of the arm are the action."""
 
     config_class = ServoloopTeleoperatorConfig
     name = "servoloop"
@@ -30,17 +30,18 @@ class ServoloopTeleoperator(Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """Empty: the leader does not accept feedback."""
+        """Always empty, because the leader does not accept feedback."""
         return {}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the leader is connected. A connection that was lost counts until ``disconnect``."""
+        """Whether the leader is connected. A connection that was lost counts as connected until ``disconnect`` is
+        called."""
         return self._arm is not None
 
     @property
     def is_calibrated(self) -> bool:
-        """Always true: servoloop has the calibration of the arm."""
+        """Always True, because servoloop stores the calibration of the arm."""
         return True
 
     @check_if_already_connected
@@ -48,7 +49,7 @@ class ServoloopTeleoperator(Teleoperator):
         """Connect to the stack and release the torque of the leader, unless the options say otherwise.
 
         Args:
-            calibrate: Ignored, because servoloop has the calibration of the arm.
+            calibrate: Ignored, because servoloop stores the calibration of the arm.
 
         Raises:
             DeviceNotConnectedError: No stack matches, or the torque cannot be released.
@@ -64,10 +65,10 @@ class ServoloopTeleoperator(Teleoperator):
                 raise
 
     def calibrate(self) -> None:
-        """Do nothing: use ``servoloop calibrate``."""
+        """Do nothing, because ``servoloop calibrate`` calibrates the arm."""
 
     def configure(self) -> None:
-        """Do nothing: the robot file of servoloop has the settings of the servos."""
+        """Do nothing, because the robot file of servoloop contains the settings of the servos."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, Any]:
@@ -82,12 +83,12 @@ class ServoloopTeleoperator(Teleoperator):
             return {f"{joint}.pos": value for joint, value in self._arm.positions().items()}
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Raise NotImplementedError: the leader does not accept feedback."""
+        """Raise NotImplementedError, because the leader does not accept feedback."""
         raise NotImplementedError("a leader of servoloop does not accept feedback")
 
     @check_if_not_connected
     def disconnect(self) -> None:
-        """Disconnect from the stack. The leader keeps its torque as it is."""
+        """Disconnect from the stack. The torque of the leader is not changed."""
         if self._arm is not None:
             self._arm.close()
             self._arm = None

@@ -1,4 +1,4 @@
-"""Client of a move_group node. Its own thread spins the client, so that every call can wait."""
+"""Client of a move_group node. A separate thread spins the client, so that every call can wait."""
 
 import atexit
 import os
@@ -25,12 +25,13 @@ RESPONSE_S: Final = 5.0
 EXECUTION_MARGIN_S: Final = 15.0
 """Maximum time for an execution, in addition to twice the duration of the trajectory, in seconds."""
 GONE_S: Final = 2.0
-"""Time for which the server must be missing before a wait for its result ends, in seconds."""
+"""Time for which the server must be missing before a wait for its result is given up, in seconds."""
 POLL_S: Final = 0.05
+EXECUTE_ACTION: Final = "execute_trajectory"
 
 
 class MoveGroupClient:
-    """Client of a move_group node in a context of its own, so that ``rclpy.init`` of the program is independent."""
+    """Client of a move_group node in a separate context, so that it is independent of the program's ``rclpy.init``."""
 
     def __init__(self, node_name: str) -> None:
         stay_on_this_machine(os.environ)
@@ -38,7 +39,7 @@ class MoveGroupClient:
         rclpy.init(context=self._context)
         self.node: Any = rclpy.create_node(node_name, context=self._context)
         self._clients: dict[str, Any] = {}
-        self._executions = ActionClient(self.node, ExecuteTrajectory, "/execute_trajectory")
+        self._executions = ActionClient(self.node, ExecuteTrajectory, EXECUTE_ACTION)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name=node_name, daemon=True)
@@ -60,7 +61,7 @@ class MoveGroupClient:
     def descriptions(self) -> tuple[str, str]:
         """Return the URDF and the SRDF of the robot. Raises RuntimeError if no node provides them."""
         request = GetParameters.Request(names=["robot_description", "robot_description_semantic"])
-        values = self.call(GetParameters, "/move_group/get_parameters", request).values
+        values = self.call(GetParameters, "move_group/get_parameters", request).values
         texts = [value.string_value for value in values]
         if len(texts) != 2 or not all(texts):
             raise RuntimeError("move_group has no parameters robot_description and robot_description_semantic")
@@ -70,23 +71,23 @@ class MoveGroupClient:
         """Return the current state of the robot. Raises RuntimeError."""
         components = PlanningSceneComponents(components=PlanningSceneComponents.ROBOT_STATE)
         request = GetPlanningScene.Request(components=components)
-        return self.call(GetPlanningScene, "/get_planning_scene", request).scene.robot_state
+        return self.call(GetPlanningScene, "get_planning_scene", request).scene.robot_state
 
     def plan(self, request: Any) -> Any:
         """Return the response (moveit_msgs/MotionPlanResponse) to a MotionPlanRequest. Raises RuntimeError."""
         call = GetMotionPlan.Request(motion_plan_request=request)
-        response = self.call(GetMotionPlan, "/plan_kinematic_path", call, request.allowed_planning_time)
+        response = self.call(GetMotionPlan, "plan_kinematic_path", call, request.allowed_planning_time)
         return response.motion_plan_response
 
     def forward(self, state: RobotState, links: list[str], frame: str) -> Any:
         """Return the response (moveit_msgs/srv/GetPositionFK) with the poses of links. Raises RuntimeError."""
         request = GetPositionFK.Request(fk_link_names=links, robot_state=state)
         request.header.frame_id = frame
-        return self.call(GetPositionFK, "/compute_fk", request)
+        return self.call(GetPositionFK, "compute_fk", request)
 
     def inverse(self, request: Any, timeout_s: float) -> Any:
         """Return the response (moveit_msgs/srv/GetPositionIK) to a PositionIKRequest. Raises RuntimeError."""
-        return self.call(GetPositionIK, "/compute_ik", GetPositionIK.Request(ik_request=request), timeout_s)
+        return self.call(GetPositionIK, "compute_ik", GetPositionIK.Request(ik_request=request), timeout_s)
 
     def call(self, service: Any, name: str, request: Any, more_s: float = 0.0) -> Any:
         """Call a service and return its response.
@@ -100,6 +101,7 @@ class MoveGroupClient:
         Raises:
             RuntimeError: No node provides the service, or it did not respond in time.
         """
+        name = self.node.resolve_service_name(name)
         client = self._clients.get(name) or self._clients.setdefault(name, self.node.create_client(service, name))
         self._wait_for(client.service_is_ready, name)
         future = client.call_async(request)
@@ -125,12 +127,13 @@ class MoveGroupClient:
         Raises:
             RuntimeError: No node executes trajectories, or there is no result in time.
         """
-        self._wait_for(self._executions.server_is_ready, "/execute_trajectory")
+        action = self.node.resolve_service_name(EXECUTE_ACTION)
+        self._wait_for(self._executions.server_is_ready, action)
         goal = ExecuteTrajectory.Goal(trajectory=trajectory, controller_names=controllers)
         sent = self._executions.send_goal_async(goal)
         if not _wait(sent, RESPONSE_S):
             sent.add_done_callback(_cancel_late)
-            raise RuntimeError(f"/execute_trajectory did not respond within {RESPONSE_S:.0f} s")
+            raise RuntimeError(f"{action} did not respond within {RESPONSE_S:.0f} s")
         handle = sent.result()
         if not handle.accepted:
             message = "move_group rejected the trajectory; its log contains the reason"

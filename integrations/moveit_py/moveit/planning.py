@@ -32,7 +32,7 @@ class MoveItPy:
 
         Args:
             node_name: Name of the node of this client.
-            launch_params_filepath: Ignored, because move_group has the parameters of the planner.
+            launch_params_filepath: Ignored, because the parameters of the planner belong to move_group.
             config_dict: Parameters, of which only the ``plan_request_params`` are used.
             provide_planning_service: Ignored, because move_group provides the planning scene.
 
@@ -57,7 +57,7 @@ class MoveItPy:
         return self._model
 
     def get_planning_component(self, planning_component_name: str) -> "PlanningComponent":
-        """Return the component that plans for a group. Raises PlanningError if there is no such group."""
+        """Return the component that plans for a group. Raises PlanningError if the group does not exist."""
         return PlanningComponent(planning_component_name, self)
 
     def execute(self, robot_trajectory: RobotTrajectory, controllers: Sequence[str] = ()) -> ExecutionStatus:
@@ -65,7 +65,7 @@ class MoveItPy:
 
         Args:
             robot_trajectory: Trajectory of a plan.
-            controllers: Names of controllers. Empty: move_group selects them.
+            controllers: Names of controllers. If empty, move_group selects them.
 
         Raises:
             RuntimeError: No node executes trajectories, or there is no result in time.
@@ -121,7 +121,8 @@ class PlanningComponent:
         return list(self._group.states)
 
     def get_named_target_state_values(self, name: str) -> dict[str, float]:
-        """Return the positions of a named state by joint, in rad or m. It is empty if there is no such state."""
+        """Return the positions of a named state by joint, in rad or m. The mapping is empty if the state does not
+        exist."""
         return dict(self._group.states.get(name, {}))
 
     def set_start_state_to_current_state(self) -> None:
@@ -152,17 +153,17 @@ class PlanningComponent:
         pose_link: str | None = None,
         motion_plan_constraints: Sequence[Constraints] | None = None,
     ) -> bool:
-        """Set the goal of the next plan, and return whether it exists.
+        """Set the goal of the next plan, and return whether the goal exists.
 
         Args:
             configuration_name: Name of a state of the group.
             robot_state: State whose positions of the group are the goal.
             pose_stamped_msg: Pose of the link ``pose_link``.
-            pose_link: Link that goes to the pose.
+            pose_link: Link that moves to the pose.
             motion_plan_constraints: Alternative goals.
 
         Raises:
-            ValueError: There is not exactly one goal, or a pose without a link.
+            ValueError: The number of goals is not one, or a pose is given without a link.
         """
         _require_one(
             "goal",
@@ -208,7 +209,8 @@ class PlanningComponent:
             planning_scene: Must be None, because the scene belongs to move_group.
 
         Returns:
-            The response, which is false if there is no plan. The reason is in its error code and in the log.
+            The response, which counts as False if there is no plan. The reason for a failure is in the error code of
+            the response and in the log.
 
         Raises:
             RuntimeError: move_group does not respond.

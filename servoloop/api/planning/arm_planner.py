@@ -56,12 +56,14 @@ class ArmPlanner:
         """Plan a motion from the measured state to a goal. The goal may include the current position of the gripper."""
         start = self.position()
         if not isinstance(goal, ArmPose):
-            goal = {j: at for j, at in goal.items() if j in self._planner.joints or not self._is_near(j, at, start[j])}
+            goal = {
+                j: at for j, at in goal.items() if j in self._planner.plannable or not self._is_near(j, at, start[j])
+            }
         with plan_errors():
             return self._planner.plan(start, goal, speed=speed, time_limit_s=time_limit_s)
 
     def check(self, trajectory: ArmTrajectory) -> None:
-        """Check that the arm is where a planned trajectory begins, and that nothing is in its way now.
+        """Check that the arm is at the start of a planned trajectory and that no obstacle is in the way.
 
         Raises:
             PlanFailedError: The arm has moved since the planning, or an obstacle is in the way.

@@ -17,7 +17,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 @contextmanager
 def plan_errors() -> Iterator[None]:
-    """Raise PlanFailedError instead of PlanningError."""
+    """Convert PlanningError to PlanFailedError."""
     try:
         yield
     except PlanningError as error:
@@ -61,7 +61,10 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a box, or replace the object of this name. ``size_m`` (3,) are its lengths along x, y and z."""
+        """Add a box, or replace the object of this name.
+
+        ``size_m`` (3,) are the lengths of the box along x, y and z.
+        """
         x, y, z = (float(length) for length in size_m)
         self._add(name, Box(x, y, z), position_m, quaternion_xyzw)
 
@@ -73,7 +76,7 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a cylinder along z, or replace the object of this name. Its position is its center."""
+        """Add a cylinder along z, or replace the object of this name. The position of a cylinder is its center."""
         self._add(name, Cylinder(height_m, radius_m), position_m, quaternion_xyzw)
 
     def add_sphere(self, name: str, radius_m: float, position_m: Sequence[float]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import Clearance, warm_up
+from planning.group_planner import GroupPlanner
 from planning.kinematics.goals import PoseGoal, PositionSphere, checked_pose
 from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
 from planning.paths.timing import TimedPath
@@ -20,7 +21,7 @@ from servoloop.api.options import ArmOptions, setup_errors
 from servoloop.api.planning.pose import ArmPose
 from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
 from servoloop.extras import require_extras
-from servoloop.motion_planning.robot import arm_group, planning_robot
+from servoloop.motion_planning.robot import arm_groups, planning_robot
 
 TIME_LIMIT_S: Final = 5.0
 """Default maximum time of a search, in seconds."""
@@ -56,7 +57,8 @@ class MotionPlanner:
             files = ArmOptions(arm).files()
             self.robot: PlanningRobot = planning_robot(files)
             """Planning groups, kinematics and planner of the robot."""
-            self._group = self.robot.group(arm_group(self.robot, files).name)
+            self._groups = [self.robot.group(group.name) for group in arm_groups(self.robot, files)]
+            self._group = self._groups[0]
         warm_up()
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
@@ -66,11 +68,16 @@ class MotionPlanner:
         To change them, assign a changed copy, for example from ``scene.with_object``.
         """
         self.joints = self._group.joints
-        """Names of the planned joints."""
+        """Names of the planned joints; of the first arm, if the robot has several."""
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
+        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes an object."""
+
+    @property
+    def plannable(self) -> tuple[str, ...]:
+        """Names of the joints of all arms, which a goal may name."""
+        return tuple(dict.fromkeys(joint for group in self._groups for joint in group.joints))
 
     @property
     def tool(self) -> str:
@@ -85,7 +92,7 @@ class MotionPlanner:
     def pose(self, positions: Positions, tool: str | None = None) -> tuple[FloatArray, FloatArray]:
         """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the frame of the base."""
         state = self._state("the positions", positions)
-        chain = self._group.chain(tool or self._tool, state)
+        chain = self._group_of(tool).chain(tool or self._tool, state)
         pose = chain.pose(np.array([state[joint] for joint in chain.names]))
         return pose.position_m, pose.quaternion_xyzw
 
@@ -107,7 +114,8 @@ class MotionPlanner:
             start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
                 for the collision checks.
             goal: Positions of planned joints, or a region of tool poses in the frame of the base. Planned joints
-                without a position keep their start position.
+                without a position keep their start position. If a robot has several arms, the goal may be for one arm
+                or for all arms.
             speed: Share of the limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
@@ -120,33 +128,47 @@ class MotionPlanner:
                 error code.
         """
         end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
+        target = self._goal(goal)
+        group = self._group_for(target)
         request = MotionRequest(
             start=state,
-            goals=(self._goal(goal),),
+            goals=(target,),
             scene=self.scene,
             remaining_s=lambda: end_s - time.monotonic(),
             scaling=Scaling(speed, speed),
             seed=self._seed,
         )
         with SEARCH:
-            path = self._group.plan(request).path
+            path = group.plan(request).path
         return PlannedTrajectory(
             path.times_s.tolist(),
-            dict(zip(self.joints, path.positions.T.tolist(), strict=True)),
-            dict(zip(self.joints, path.velocities.T.tolist(), strict=True)),
+            dict(zip(group.joints, path.positions.T.tolist(), strict=True)),
+            dict(zip(group.joints, path.velocities.T.tolist(), strict=True)),
             state,
         )
+
+    def _group_for(self, goal: JointGoal | ToolGoal) -> GroupPlanner:
+        """Return the first group with all joints of a goal, or the group of the arm that carries the tool."""
+        if isinstance(goal, JointGoal):
+            return next(group for group in self._groups if set(group.joints).issuperset(goal.positions))
+        return self._group_of(goal.link)
+
+    def _group_of(self, tool: str | None) -> GroupPlanner:
+        """Return the group whose tip is a tool; for other links and sites, the group of the first arm."""
+        return next((group for group in self._groups if group.group.tip == tool), self._group)
 
     def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
         """Describe what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints. They apply to joints that the trajectory does not move.
+            start: Positions of all joints. Only the positions of joints that the trajectory does not move are used.
         """
-        positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
+        moved = set(trajectory.positions)
+        group = next((group for group in self._groups if set(group.joints) == moved), self._group)
+        positions = np.array([trajectory.positions[joint] for joint in group.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
-        found = self._group.future_contact(path, 0.0, self._state("the start", start), self.scene)
+        found = group.future_contact(path, 0.0, self._state("the start", start), self.scene)
         return "" if found is None else f"{found.one} comes too near to {found.other} after {found.time_s:.1f} s"
 
     def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:
@@ -157,8 +179,11 @@ class MotionPlanner:
             return ToolGoal(PoseGoal(pose, region, goal.tolerances_rad()), goal.tool or self._tool)
         if isinstance(goal, PoseGoal):
             return ToolGoal(goal, self._tool)
-        if unknown := sorted(goal.keys() - set(self.joints)):
-            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {', '.join(self.joints)}")
+        if unknown := sorted(goal.keys() - set(self.plannable)):
+            known = ", ".join(self.plannable)
+            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {known}")
+        if not any(set(group.joints).issuperset(goal) for group in self._groups):
+            raise ArmInputError(f"no planning group has all of the joints {', '.join(goal)}: add one to the SRDF")
         _check_finite("the goal", goal)
         return JointGoal(goal)
 

@@ -1,4 +1,4 @@
-"""Invariant on activation: the servos have the settings that a second reader finds in the arm's files."""
+"""Invariant on activation: the servos have the settings that an independent reader finds in the arm's files."""
 
 from collections.abc import Callable
 from typing import Final

@@ -15,20 +15,26 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9
 TAKEN_OVER_S: Final = 0.05
-"""Maximum age of the measured position at which a moving joint is taken over, in seconds."""
+"""Maximum age of the measured position from which a controller takes over a moving joint, in seconds."""
 OFF_CYCLES: Final = 6
-"""Cycles in which the stack finds a servo that switched its torque off. A servo without power is silent for longer."""
+"""Number of cycles within which the stack detects a servo that switched its torque off.
+
+A servo without power is silent for longer.
+"""
 FOUND_CYCLES: Final = 12
-"""The same for servos whose torque a goal does not enable: on a bad bus, their torque is read less often."""
+"""Number of cycles within which the stack detects lost torque if a goal does not enable the torque of the servo.
+
+On a bad bus, the torque of such servos is read less often.
+"""
 
 
 class SafeWire(Invariant):
-    """No goal is outside the limits or leaps, and torque is enabled only with the goal at the measured position.
+    """No goal is outside the limits or jumps, and torque is enabled only with the goal at the measured position.
 
-    The invariant examines the bytes on the bus, not the commands of the layers above. As soon as the stack can know
-    that a servo has lost its torque, the servo may get only goals at its own position, because any goal enables the
-    torque of an STS servo. Two servos with the same ID are skipped, because it is unknown which of them reports its
-    torque. Servos that report false positions are skipped too.
+    The invariant examines the bytes on the bus, not the commands of the layers above. Any goal enables the torque of an
+    STS servo. As soon as the stack can know that a servo has lost its torque, it may send the servo only goals at its
+    own position. Two servos with the same ID are skipped, because it is unknown which of them reports its torque.
+    Servos that report false positions are skipped too.
     """
 
     name = "safe wire"
@@ -65,10 +71,12 @@ class SafeWire(Invariant):
 
 
 class SafeCommands(Invariant):
-    """Commands after the safety gate are finite, within the limits, and change by at most velocity limit times period.
+    """Commands after the safety gate are finite, within the limits, and change by at most the velocity limit times the
+    period.
 
-    The layers below the gate also check some of this, but it must hold without them. After an activation, a joint is
-    taken over at its position in the simulated world. The state of a joint without a fault is finite.
+    The layers below the gate also check some of these conditions, but the conditions must hold without these layers.
+    After an activation, a joint is taken over at its position in the simulated world. The state of a joint without a
+    fault is finite.
     """
 
     name = "safe commands"
@@ -99,8 +107,8 @@ class SafeCommands(Invariant):
         if not self.active:
             return
         self.examined += 1
-        if (np.isfinite(before) & ~np.isfinite(command)).any():  # It is not a number until the first measurement.
-            self.say("a command of the loop has become not a number")
+        if (np.isfinite(before) & ~np.isfinite(command)).any():  # The command is NaN until the first measurement.
+            self.say("a command of the loop has become NaN")
         if last is None or not np.array_equal(before, last):
             self._taken_over(before, last)
         # A joint that was outside its limits when its torque was enabled may be on its way back.
@@ -110,7 +118,7 @@ class SafeCommands(Invariant):
             self.say(f"commands beyond the limits: {command.round(4).tolist()}")
         reach = self._velocity * self.stack.loop.period_s
         if (np.abs(command - before) > reach + ROUNDING).any():
-            self.say(f"commands leap in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
+            self.say(f"commands jump in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true = self.true_positions()

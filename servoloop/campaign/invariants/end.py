@@ -18,8 +18,8 @@ LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode
 class EndsAsChosen(Invariant):
     """At the end the arm is held, or parked and released, as ``on_exit`` specifies, if its servos can be reached.
 
-    A servo that should hold may still release itself for protection and report an error. Faults that are active while
-    the program ends excuse the joints that they affect.
+    A servo that should hold may still release its torque for protection and report an error. Faults that are active
+    while the program ends excuse the joints that they affect.
     """
 
     name = "ends as chosen"
@@ -29,7 +29,7 @@ class EndsAsChosen(Invariant):
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
-        """Whether a client had deactivated the hardware by the last cycle. Its torque then stays as it is."""
+        """Whether a client had deactivated the hardware by the last cycle. The torque is then left unchanged."""
         self._happened = 0
         """Number of faults that had begun or ended by the last cycle."""
 

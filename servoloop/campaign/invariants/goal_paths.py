@@ -1,4 +1,4 @@
-"""Invariants on the way to a goal: commands lead through what the client sent, at the times of the client."""
+"""Invariants on the path to a goal: commands pass through the client's points at the client's times."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -13,23 +13,26 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 PASSES: Final = 0.03
-"""Distance at which a sampled reference passes a point, in rad or m. Paths cut corners by a few thousandths."""
+"""Distance within which a sampled reference counts as passing through a point, in rad or m.
+
+Paths cut corners by a few thousandths.
+"""
 JOINED_S: Final = 0.3
-"""Time after which a path that starts in motion has joined the points of the client, in seconds."""
+"""Time after which a path that starts in motion must pass through the points of the client, in seconds."""
 EARLY_CYCLES: Final = 2.0
-"""Number of cycles by which a goal may end before the time of its last point, because it is planned for a cycle."""
+"""Number of cycles by which a goal may end before the time of its last point: its start is rounded to a cycle."""
 FORWARDED_S: Final = 0.5
-"""Time in which a joint with a forward controller starts and stops, in seconds."""
+"""Time within which a joint with a forward controller starts and stops, in seconds."""
 FORWARDED_FACTOR: Final = 1.2
 """Allowed factor on the time for the whole range of the joint at its velocity limit."""
 FORWARDED_SHARE: Final = 0.01
 """Allowed distance from the value that was sent, as a share of the joint's range."""
 REPLACED_CYCLES: Final = 2
-"""Number of cycles in which a replaced goal ends."""
+"""Number of cycles within which a replaced goal ends."""
 
 
 class PathIsAsSent(Invariant):
-    """The path of a goal that succeeds leads through all points of its client, and does not end before their time."""
+    """The path of a goal that succeeds passes through all points of its client, and does not end before their times."""
 
     name = "path is as sent"
 
@@ -89,9 +92,9 @@ def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
 
 
 class ReplacedGoalsEnd(Invariant):
-    """A goal ends when its controller takes another goal.
+    """A goal ends when its controller accepts another goal.
 
-    A controller takes no goal while its joints still slow down from the motion of another controller.
+    A controller accepts no goal while its joints still slow down from the motion of another controller.
     """
 
     name = "replaced goals end"
@@ -111,7 +114,7 @@ class ReplacedGoalsEnd(Invariant):
 
 
 class ForwardedIsFollowed(Invariant):
-    """The command of a joint reaches the latest value that a client sent to its forward controller, in time."""
+    """The command of a joint reaches in time the latest value that a client sent to its forward controller."""
 
     name = "forwarded values are followed"
 

@@ -1,4 +1,4 @@
-"""Invariants on goals: each goal ends in time, with a result and feedback that are true."""
+"""Invariants on goals: each goal ends in time, with a correct result and correct feedback."""
 
 import math
 import re
@@ -22,31 +22,34 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 REST_S: Final = 1.5
-"""Time in which the joints come to rest at the end of a goal, in seconds."""
+"""Time within which the joints come to rest at the end of a goal, in seconds."""
 FAULT_ENDS_S: Final = 1.5
-"""Time in which a goal with an unmeasured joint ends: the fault timeout and one second to come to rest, in seconds."""
+"""Time within which a goal with an unmeasured joint ends, in seconds: the fault timeout and one second to stop."""
 RELIEF_S: Final = 6.0
-"""Time in which a stopping goal ends even if its joints are blocked and must be relieved, in seconds."""
+"""Time within which a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
 OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
 DEVIATION: Final = 0.1
-"""Deviation in rad or m that is allowed on top of the tolerance: two readings have to agree, and servos overshoot."""
+"""Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
 DEVIATES_S: Final = 0.6
-"""Time in which a goal with a larger deviation ends, in seconds."""
+"""Time within which a goal with a larger deviation ends, in seconds."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
 SILENT_CYCLES: Final = 2
-"""Number of cycles in which a stream ends after its newest target has become too old."""
+"""Number of cycles within which a stream ends after its newest target has become too old."""
 HISTORY: Final = 150
-"""Number of cycles before the end of a goal that are searched for a deviation: the goal ends once its joints rest and
-are relieved."""
+"""Number of cycles before the end of a goal that are searched for a deviation.
+
+The goal ends only once its joints are at rest and relieved.
+"""
 
 
 class GoalsEnd(Invariant):
     """Every goal ends in time.
 
-    The time of a goal on its path is the time of its points (longer if the joint limits require it), the goal time
-    tolerance, and the time to come to rest. Before and after its path a goal may wait for other controllers and stop.
-    Cycles in which a joint is not measured do not count, but the goal ends after the fault timeout.
+    The time of a goal on its path is the sum of the time of its points, the goal time tolerance and the time to come to
+    rest. Joint limits may extend the time of the points. Before and after its path a goal may wait for other
+    controllers and stop. Cycles in which a joint is not measured do not count, but the goal ends after the fault
+    timeout.
 
     A stream of targets over the command socket ends soon after its newest target.
     """
@@ -101,7 +104,7 @@ class GoalsEnd(Invariant):
             self.say(f"a goal sent at {logged.sent_s:.2f} s did not end within {due_s:.1f} s")
 
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
-        """Return the time in which a goal on its path has to end, in seconds."""
+        """Return the time within which a goal on its path must end, in seconds."""
         goal_time_s = max(logged.goal.tolerances.goal_time_s, self.stack.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
@@ -114,7 +117,7 @@ class GoalsEnd(Invariant):
 
 
 class AbortsAreTrue(Invariant):
-    """The joint that an abort names really deviates, or is really not measured."""
+    """A joint that is named in an abort actually deviates from its path or is actually not measured."""
 
     name = "aborts are true"
 
@@ -153,7 +156,7 @@ class AbortsAreTrue(Invariant):
 class CancelsAreFollowed(Invariant):
     """A canceled goal brakes and soon ends as canceled, unless it has already ended.
 
-    A program that has died no longer owns the motion.
+    A program that has died no longer has control of the arm.
     """
 
     name = "cancels are followed"
@@ -183,7 +186,7 @@ class CancelsAreFollowed(Invariant):
 
 
 class FeedbackIsTrue(Invariant):
-    """Feedback has the measurement of its cycle, the reference and their difference, and its time increases."""
+    """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
 
     name = "feedback is true"
 
@@ -252,14 +255,14 @@ class DeviationEnds(Invariant):
                 self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
 
     def _deviation(self, joint: str, wanted: float, true: float) -> float:
-        """Return the distance between the reference and the joint, as small as the servo may report it."""
+        """Return the smallest distance between the reference and a position that the servo may report."""
         known = self._reference.get(joint)
         readings = [true] if known is None else known.readings(true, 0.0)
         return min(abs(wanted - reading) for reading in readings)
 
 
 class GoalsAreJudged(Invariant):
-    """A goal that is malformed or leads beyond a limit is rejected. A goal within the limits is accepted."""
+    """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted."""
 
     name = "goals are judged"
 
@@ -284,7 +287,7 @@ class GoalsAreJudged(Invariant):
                 self.say(f"a goal within the limits was rejected: {reason}")
 
     def _beyond(self, goal: TrajectoryGoal, share: float) -> str:
-        """Describe the first joint that the goal sends beyond a limit by more than ``share`` of its range."""
+        """Describe the first joint that the goal commands beyond a limit by more than ``share`` of its range."""
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)

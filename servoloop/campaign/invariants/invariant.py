@@ -23,7 +23,7 @@ DECEIVING: Final = frozenset(
         "collision",
     }
 )
-"""Faults after which the position that a servo reports differs from its joint's, temporarily or permanently."""
+"""Faults after which the position that a servo reports differs temporarily or permanently from that of its joint."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
 """Registers that are 0 unless the servo reports an error."""
 
@@ -48,7 +48,7 @@ class Invariant:
 
     Args:
         stack: The stack, not yet up.
-        say: Reports a violation. Only the first violation of an invariant is kept.
+        say: Function that reports a violation. Only the first violation of an invariant is kept.
     """
 
     name = ""
@@ -73,11 +73,14 @@ class Invariant:
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
 
     def true_positions(self) -> dict[str, float]:
-        """Return the joint positions of the simulated world, in rad or m, by name. They do not come from servos."""
+        """Return the joint positions of the simulated world, in rad or m, by name.
+
+        The positions do not come from servos.
+        """
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
     def deceived(self, joint: str) -> bool:
-        """Return whether a fault may have made the joint's servo report a position different from the joint's."""
+        """Return whether the joint's servo may report a wrong position because of a fault."""
         return bool(DECEIVING & self.stack.touches.kinds(joint))
 
     @property
@@ -95,7 +98,7 @@ class Invariant:
         """Called with every packet before the servos on this bus receive it."""
 
     def on_command(self, values: FloatArray) -> None:
-        """Called with each command after the safety gate, shape (m,), also while the program ends."""
+        """Called with each command after the safety gate, shape (m,), even while the program ends."""
 
     def on_step(self, time_s: float) -> None:
         """Called after each physics step of one millisecond."""

@@ -22,18 +22,18 @@ drive."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 AFTER_STEPS: Final = 500
-"""Time in which a joint springs back after such a fault, in ms."""
+"""Time within which a joint springs back after a fault in ``NOT_ITS_OWN``, in ms."""
 
 
 class NoFasterThanAllowed(Invariant):
-    """In a tenth of a second, no driven joint moves further than its velocity limit, servo lag and overshoot allow."""
+    """No driven joint moves further in a tenth of a second than its velocity limit, servo lag and overshoot allow."""
 
     name = "no joint too fast"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._by_name = {joint.name: joint for joint in self.joints}
-        within_s = OVER_STEPS * 0.001 + stack.loop.period_s  # A goal at the start of the time is up to one period old.
+        within_s = OVER_STEPS * 0.001 + stack.loop.period_s  # The first goal is up to one period old.
         self._furthest = [
             _furthest(self._by_name[name], within_s) if name in self._by_name else math.inf
             for name in stack.world.joints
@@ -70,6 +70,6 @@ class NoFasterThanAllowed(Invariant):
 
 
 def _furthest(joint: Joint, within_s: float) -> float:
-    """Return the largest distance (rad or m) that a joint may move in this time."""
+    """Return the largest distance (rad or m) that a joint may move within a time."""
     lag_s = max(LAG_S, joint.compliance.lag_s) if joint.compliance else LAG_S
     return joint.limits.velocity * (within_s + lag_s) + OVERSHOOT_RAD

@@ -1,6 +1,6 @@
 """Read the files of an arm independently of the stack, so that invariants do not compare the stack with itself.
 
-The files are read as plain YAML and XML. They are not validated, because the reader of the stack has done that.
+The files are read as plain YAML and XML. The files are not validated, because the stack has already validated them.
 """
 
 import math
@@ -42,7 +42,7 @@ class ReferenceJoint:
     def readings(self, position: float, noise_counts: float) -> list[float]:
         """Return the positions that the servo may report at a true position.
 
-        A servo that counts no turns reports a joint past its seam a whole turn away.
+        A servo that does not count turns reports a position beyond its encoder wrap with an error of a whole turn.
         """
         counts = self.zero_counts + position / self.units_per_count
         near = (counts - noise_counts, counts, counts + noise_counts)

@@ -20,9 +20,9 @@ from sim_backend.servos.sts.servo import VirtualServo
 _POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
 
 CYCLES_TO_NAME: Final = 2
-"""Number of cycles in which a silent servo is reported."""
+"""Number of cycles within which a silent servo is reported."""
 FOUND_S: Final = 0.5
-"""Time in which silently lost torque is detected at 20 Hz, in seconds."""
+"""Time within which silently lost torque is detected at 20 Hz, in seconds."""
 SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
 """Faults during which a servo does not answer."""
 PASSING: Final = frozenset(
@@ -30,17 +30,18 @@ PASSING: Final = frozenset(
 )
 """Faults that leave a servo unchanged when they end."""
 TAKEN_BACK_S: Final = 2.0
-"""Time in which a servo that answers again returns to the cycle, in seconds."""
+"""Time within which a servo that answers again returns to the cycle, in seconds."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a turning servo between two samples of its position, in counts."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
-"""Faults that falsify the replies of a servo themselves."""
+"""Faults that themselves falsify the replies of a servo."""
 
 
 class NamedAlone(Invariant):
-    """A silent servo is reported within two cycles, and no joint is reported whose servo and bus work.
+    """A silent servo is reported within two cycles. No joint with a working servo and bus is reported.
 
-    A fault of another servo is not an excuse. Two servos with the same ID are skipped: either may have answered.
+    A fault of another servo does not excuse a violation. Two servos with the same ID are skipped: either may have
+    answered.
     """
 
     name = "silent servo is reported"
@@ -78,7 +79,7 @@ class NamedAlone(Invariant):
 
 
 class TakenBack(Invariant):
-    """A joint whose servo answers again under torque returns to the cycle."""
+    """A joint whose servo answers again with its torque enabled returns to the control cycle."""
 
     name = "taken back"
 
@@ -102,7 +103,7 @@ class TakenBack(Invariant):
 
 
 class MeasuredNow(Invariant):
-    """The reported position of a joint without a fault is one that its servo had since the last cycle.
+    """The reported position of a joint without a fault is a position that its servo had since the last cycle.
 
     Reporting an older position, the position of another servo, or the command is a violation. Two servos with the same
     ID are skipped, because it is unknown which of them answered.

@@ -22,13 +22,16 @@ RESTS: Final = 0.1
 CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
-"""Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
+"""Factor on the shortest braking time of the slowest joint: all other joints brake with that joint along the path."""
 PRESSES_SHARE: Final = 0.03
 """Allowed distance between command and joint, as a share of its range: servos yield, and relief is not exact."""
 RELIEVED_S: Final = 0.3
 """Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
-"""The same time after a goal that a fault or a deactivation ended, in seconds. Its result does not wait for relief."""
+"""Time for which a joint may press after a fault or a deactivation has ended a goal, in seconds.
+
+The result of such a goal does not wait for relief.
+"""
 
 
 @dataclass(slots=True)
@@ -46,7 +49,7 @@ class _End:
 
         Args:
             here: True positions, shape (n,).
-            reported: Lowest and highest position that the servos may report for them, shape (2, n).
+            reported: Lowest and highest position that the servos may report for the joints, shape (2, n).
             period_s: Time since the previous cycle.
         """
         rests = np.abs(here - self.here) < RESTS * period_s
@@ -70,7 +73,7 @@ class NothingTravels(Invariant):
         self._reference = read_reference(stack.files)
         self._end: _End | None = None
         self._streamed = False
-        """Whether a stream has driven the arm in the previous cycle."""
+        """Whether a stream drove the arm in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         loop = self.stack.loop
@@ -135,7 +138,7 @@ class NothingTravels(Invariant):
 class NothingPresses(Invariant):
     """Some time after a goal has failed, no joint of the arm is driven against an obstacle.
 
-    The relief of one joint may move another one, which is then relieved after it.
+    The relief of one joint may move another joint, which is then relieved next.
     """
 
     name = "nothing presses after the end"
@@ -148,13 +151,13 @@ class NothingPresses(Invariant):
             for joint, place in self._places.items()
         }
         self._off_s = defaultdict[str, float](float)
-        """Time for which each joint has pressed without the relief of any joint."""
+        """Time for which each joint has pressed against an obstacle while no joint was relieved."""
         self._pressed_s = defaultdict[str, float](float)
-        """Time for which each joint has pressed, including the relief of others."""
+        """Time for which each joint has pressed against an obstacle, even while other joints were relieved."""
         self._before: dict[str, tuple[float, float]] = {}
         """Position and command of each joint in the last cycle."""
         self._guided = False
-        """Whether a hand has moved the arm since the last goal."""
+        """Whether the arm was moved by hand since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
         self._deactivated = False
@@ -207,7 +210,10 @@ class NothingPresses(Invariant):
         return (command_before - command) * (command - true) > 0.0
 
     def _driven_by_others(self) -> set[str]:
-        """Return the joints of the arm that another controller drives, whose client may press."""
+        """Return the joints of the arm that another controller drives.
+
+        The client of that controller may press these joints against an obstacle.
+        """
         owners, arm = self.stack.manager.registry.claimed, self.stack.arm.name
         return {joint for joint in self._places if owners.get(f"{joint}/position", arm) != arm}
 

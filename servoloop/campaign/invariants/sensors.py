@@ -14,17 +14,17 @@ from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 
 MOVES: Final = 0.15
-"""Speed from which a reported velocity is examined, as a share of the joint's velocity limit."""
+"""Minimum speed at which a reported velocity is examined, as a share of the joint's velocity limit."""
 STANDS: Final = 0.03
-"""Speed below which a reported effort is examined, as a share of the joint's velocity limit."""
+"""Maximum speed at which a reported effort is examined, as a share of the joint's velocity limit."""
 PULLS: Final = 0.3
-"""Effort from which a reported effort is examined, in N m or N."""
+"""Minimum effort at which a reported effort is examined, in N m or N."""
 CYCLES: Final = 5
-"""Number of cycles in which a joint must move or pull in one direction: servos average their velocity."""
+"""Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
 FACTOR: Final = 2.0
-"""Factor by which a reported velocity may be outside the range of the true values in these cycles."""
+"""Factor by which a reported velocity may be outside the range of the true values in the latest cycles."""
 STEADY: Final = 1.5
-"""Largest ratio of two speeds in these cycles at which the reported size is examined."""
+"""Largest ratio of two speeds in the latest cycles at which the reported magnitude is examined."""
 WRONG_CYCLES: Final = 2
 """Number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
@@ -40,9 +40,9 @@ LATE_S: Final = 1.0
 
 
 class MotionIsTrue(Invariant):
-    """Reported velocities and efforts have the signs of those in the simulated world, and velocities their size.
+    """Reported velocities and efforts have the same signs as in the simulated world, and velocities the same magnitude.
 
-    An effort is a servo's own estimate from its drive, so its size is not examined.
+    An effort is a servo's own estimate from its drive, so its magnitude is not examined.
     """
 
     name = "motion is true"
@@ -92,13 +92,13 @@ class MotionIsTrue(Invariant):
 
 
 def _near(reported: float, true: FloatArray) -> bool:
-    """Return whether a speed is near the true speeds, unless these differ too much to tell."""
+    """Return whether a speed is near the true speeds, or whether these differ too much to compare."""
     lowest, highest = true.min(), true.max()
     return bool(highest > STEADY * lowest or lowest / FACTOR <= reported <= highest * FACTOR)
 
 
 class HealthIsTrue(Invariant):
-    """Reported voltages, temperatures and alarms are those of the servo's registers."""
+    """Reported voltages, temperatures and alarms agree with the servo's registers."""
 
     name = "health is true"
 

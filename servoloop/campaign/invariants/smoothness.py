@@ -20,9 +20,12 @@ STOP_JERK_SHARE: Final = 3.0
 RELIEF_SHARE: Final = 2.0
 """Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
-"""Allowed acceleration at the end otherwise, as a factor on the limit: a command applies to the end of its period."""
+"""Allowed acceleration at the end if no joints are relieved, as a factor on the limit.
+
+A command applies to the end of its period.
+"""
 AT_END: Final = 1e-9
-"""Distance from a limit within which a command is at the limit, in rad or m."""
+"""Distance from a limit within which a command counts as at the limit, in rad or m."""
 UPSET_S: Final = 3.0
 """Time after a fault of a controller in which commands at the end are not examined, in seconds."""
 
@@ -30,7 +33,7 @@ UPSET_S: Final = 3.0
 class SmoothReference(Invariant):
     """The reference of a jerk-limited trajectory controller keeps the acceleration and jerk limits of its joints.
 
-    This applies to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
+    The limits apply to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
     periods.
     """
 
@@ -96,9 +99,10 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
-    Commands that a controller with a fault makes jump are limited in speed only, so they are not examined. Neither are
-    commands of joints without torque: they follow joints that fall. A command leads its reference by the servo lag, so
-    it stays at a limit of the joint while the reference still brakes before it, and is not examined there.
+    If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
+    joints without torque are not examined either, because they follow joints that fall. A command leads its reference
+    by the servo lag. The command stays at a limit of the joint while the reference still brakes before the limit, and
+    is not examined there.
     """
 
     name = "smooth end"

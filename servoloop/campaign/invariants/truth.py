@@ -21,7 +21,7 @@ READING_AGE_S: Final = 0.004
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a share of the joint's range."""
 ARRIVED: Final = 0.02
-"""Deviation in rad or m that is allowed on top of the goal tolerance, which the stack compares with a reading."""
+"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
 
 
 class ReportedTruly(Invariant):
@@ -69,8 +69,8 @@ class ReportedTruly(Invariant):
 class GoalsMeanCommands(Invariant):
     """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
-    It may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a limited
-    speed, so a goal outside of this range may approach it.
+    The goal may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a
+    limited speed, so a goal outside of this range may still be approaching the range.
     """
 
     name = "goals mean commands"

@@ -60,7 +60,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
 
 
 class Watch:
-    """Connects invariants to a stack that is not up yet, and collects the first violation of each.
+    """Watch that connects invariants to a stack that is not up yet, and collects the first violation of each.
 
     Args:
         stack: The stack, not yet up.
@@ -97,7 +97,10 @@ class Watch:
         return {one.name: one.examined for one in self._invariants}
 
     def end(self) -> None:
-        """Finish after the program has ended. Raises the exception of an invariant that failed during the run."""
+        """Finish all invariants after the program has ended.
+
+        Raises the exception of an invariant that failed during the run.
+        """
         if self._error is not None:
             raise self._error
         self.visits.end()
@@ -105,7 +108,7 @@ class Watch:
             one.at_end()
 
     def _guarded(self, hook: str) -> Callable[..., None]:
-        """Return a function that calls this method of all invariants and keeps their exceptions from the stack."""
+        """Return a function that calls this method of all invariants and hides their exceptions from the stack."""
         kept = [one for one in self._invariants if getattr(type(one), hook) is not getattr(Invariant, hook)]
         hooks = [getattr(one, hook) for one in kept]
 

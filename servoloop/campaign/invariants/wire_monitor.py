@@ -18,12 +18,14 @@ from sim_backend.packets.instructions import Instruction, Parser
 MEASURED_WITHIN_COUNTS: Final = 3
 """Tolerance for joints that sag between the measurement and the enabling of the torque, in counts."""
 SWITCHED_ON_S: Final = 0.02
-"""Time in which the servos of an arm are read, get their goals and are switched on, in seconds. The stack cannot know
-how far a moving joint gets in this time."""
+"""Time within which the servos of an arm are read, get their goals and are switched on, in seconds.
+
+The stack cannot know how far a moving joint gets in this time.
+"""
 
 
 class WireMonitor:
-    """Examines each packet in ``see``, before the servos receive it. ``broken`` lists the violations."""
+    """Monitor that examines each packet in ``see``, before the servos receive it. ``broken`` lists the violations."""
 
     def __init__(
         self,
@@ -39,8 +41,10 @@ class WireMonitor:
             joints: Joints whose servos are on the bus.
             line: The simulated bus.
             period_s: Period of the control loop, in seconds.
-            limp: Names of joints that the stack must know to be without torque. The caller keeps it up to date.
-            activating: Returns whether the hardware is being activated, with or without torque on its servos.
+            limp: Names of joints that the stack must know to be without torque. The caller keeps these names up to
+                date.
+            activating: Function that returns whether the hardware is being activated, with or without torque on its
+                servos.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
         self._line = line
@@ -50,7 +54,10 @@ class WireMonitor:
         self._writes = _writes_2 if second else _writes_1
         self._goals: dict[int, int] = {}
         self._placed_s: dict[int, float] = {}
-        """Time at which each servo got its current goal, by servo ID, for servos that were at this goal then."""
+        """Time at which each servo got its current goal, by servo ID.
+
+        Only servos that were at their goal at this time are included.
+        """
         self._driven: set[int] = set()
         self._limp, self._activating = limp, activating
         self.broken: list[str] = []
@@ -94,7 +101,7 @@ class WireMonitor:
         self._goals[joint.servo_id] = goal
 
     def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
-        """Examine a write to the torque register. Some servos have had torque since their goal and may have sagged."""
+        """Examine a write to the torque register. Servos that have had torque since their last goal may have sagged."""
         if value != 1:
             self._driven.discard(joint.servo_id)
             return
@@ -115,7 +122,7 @@ class WireMonitor:
 
 
 class GoalReader:
-    """Extracts goal positions from the instructions on a bus, in counts."""
+    """Extractor of the goal positions in the instructions on a bus, in counts."""
 
     def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
         """Read the goals of the servos in ``series``, which has the series of each servo by ID."""
@@ -152,7 +159,7 @@ def _value(register: Register, order: ByteOrder, memory: Any, address: int, cont
 
 
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """Yield servo ID, address and bytes of each write in an instruction of the Feetech protocols or Dynamixel 1.0."""
+    """Yield the servo ID, address and bytes of each write in an instruction of a Feetech protocol or Dynamixel 1.0."""
     parameters, code = instruction.parameters, sts_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE) and parameters:
         yield instruction.servo_id, parameters[0], parameters[1:]
@@ -163,7 +170,7 @@ def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
 
 
 def _writes_2(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """Yield servo ID, address and bytes of each write in an instruction of Dynamixel 2.0."""
+    """Yield the servo ID, the address and the bytes of each write in an instruction of Dynamixel 2.0."""
     parameters, code = instruction.parameters, dynamixel_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE):
         yield instruction.servo_id, int.from_bytes(parameters[:2], "little"), parameters[2:]

@@ -24,7 +24,7 @@ NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was n
 
 
 class Terminal:
-    """Dialog with the person who calibrates. It uses stderr, so that stdout has only the result."""
+    """Dialog with the person who calibrates. The dialog uses stderr, so that stdout contains only the result."""
 
     def __init__(self, signals: Signals, yes: bool) -> None:
         """Start the dialog; with ``yes``, confirmations are not asked for."""
@@ -77,7 +77,7 @@ class Terminal:
         Raises StoppedError if a key was pressed before the question. Enter alone is not an answer: the user may have
         meant to stop the arm, and a wrong answer would reverse the direction of the joint.
         """
-        if self._keyboard.pressed():  # after the last cycle of the motion
+        if self._keyboard.pressed():  # The key was pressed after the last cycle of the motion.
             raise StoppedError("stopped; the torque of the arm is off")
         question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
         return self._keyboard.agrees(question, enter_is_no=False)

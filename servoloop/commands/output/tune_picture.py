@@ -1,4 +1,4 @@
-"""Plot of ``servoloop tune``. It needs the extra ``report``."""
+"""Plot of ``servoloop tune``. The plot needs the extra ``report``."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -41,7 +41,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo
 def interruptible() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is released.
 
-    Raises Interrupted after a signal. Its message describes what could not be restored.
+    Raises Interrupted after a signal. The message of the error describes what could not be restored.
     """
     former = {number: signal.signal(number, _interrupt) for number in end_signals() if number != signal.SIGINT}
     try:
@@ -115,7 +115,7 @@ def bus_of(robot: "RobotFile", name: str | None) -> str:
 def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
     """Yield the serial device of each bus, as selected by ``--port``.
 
-    By default it is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
+    The default device is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
     block. Raises DriverError.
     """
     from commissioning.errors import CommissioningError

@@ -1,4 +1,4 @@
-"""Let a command take a dataclass whose fields are options, so that options that belong together are written once."""
+"""Let a command take a dataclass whose fields are options, so that related options are defined only once."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 def grouped_options(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command whose dataclass parameters are replaced by one parameter for each of their fields.
 
-    Typer reads the fields as options or arguments, in the place of the dataclass. A field is annotated and has a
+    Typer reads the fields as options or arguments, in place of the dataclass. A field is annotated and has a
     default like any other parameter of a command.
 
     Args:
@@ -43,7 +43,7 @@ def grouped_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _parameters(command: Callable[..., None], groups: dict[str, Any]) -> Iterator[Parameter]:
-    """Yield the parameters of a command, with those of the fields in the place of each dataclass."""
+    """Yield the parameters of a command, in which a parameter for each field replaces each dataclass."""
     for parameter in signature(command).parameters.values():
         if parameter.name in groups:
             yield from _fields_of(groups[parameter.name])

@@ -1,4 +1,4 @@
-"""What the commands for the motion planner share: the client of move_group, and options of poses."""
+"""Parts that the commands for the motion planner share: the client of move_group, and options of poses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +11,7 @@ from drivers.errors import DriverError
 from nodes.ros_environment import require_ros
 from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.extras import require_extras
+from servoloop.stack.arm_options import NamespaceOption
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
 
@@ -30,11 +31,12 @@ class PoseOptions:
     rpy: Annotated[Triple | None, typer.Option("--rpy", help="Roll, pitch and yaw in rad.")] = None
     frame: Annotated[str, typer.Option("--frame", help="Frame of the pose (default: the base of the arm).")] = ""
     network: NetworkOption = False
+    namespace: NamespaceOption = ""
 
 
 @contextmanager
-def move_group(name: str, network: bool) -> "Iterator[MoveGroupClient]":
-    """Provide a client of move_group for the command ``name``.
+def move_group(name: str, network: bool, namespace: str) -> "Iterator[MoveGroupClient]":
+    """Provide a client of the move_group in a namespace, for the command ``name``.
 
     Raises:
         DriverError: An extra is missing.
@@ -47,7 +49,7 @@ def move_group(name: str, network: bool) -> "Iterator[MoveGroupClient]":
     from nodes.planning_client.move_group import MoveGroupClient, UserInterruptError
 
     set_network(network)
-    with Signals(LEFT) as signals, client_node(f"servoloop_{name}") as (node, executor):
+    with Signals(LEFT) as signals, client_node(f"servoloop_{name}", namespace) as (node, executor):
         try:
             yield MoveGroupClient(node, executor, lambda: signals.count > 0)
         except UserInterruptError as error:

@@ -1,8 +1,9 @@
-"""Control loops of the X series. Each returns a share of full drive.
+"""Control loops of the X series. Each loop returns a share of full drive.
 
 From the e-manual: the structure of the loops and the scale of the gains. Assumed:
 - The loops run once per millisecond, and one unit of their output is one unit of ``goal_pwm``.
-- The feedforward gains have counts/ms and counts/ms^2 as their inputs, and the velocity gains units of 0.229 rpm.
+- The feedforward gains have counts/ms and counts/ms^2 as their inputs, and the velocity gains have units of 0.229 rpm
+  as their input.
 """
 
 from typing import Final
@@ -12,28 +13,28 @@ from sim_backend.servos.generic.motion_profile import UNLIMITED, MotionProfile
 
 LOOP_S: Final = 0.001
 P_DIVISOR: Final = 128.0
-"""Scale of the P gains in the e-manual."""
+"""Scale of the P gain according to the e-manual."""
 I_DIVISOR: Final = 65536.0
 D_DIVISOR: Final = 16.0
 FEEDFORWARD_DIVISOR: Final = 4.0
 
 
 class PositionLoop:
-    """PID with feedforward from the profile. Positions are in counts."""
+    """PID controller with feedforward from the profile. Positions are in counts."""
 
     __slots__ = ("_integral", "_velocity", "d", "ff_acceleration", "ff_velocity", "i", "p")
 
     def __init__(self) -> None:
         self.p = self.i = self.d = self.ff_velocity = self.ff_acceleration = 0.0
-        """Gains, as a share of full drive per count and second."""
+        """Gains, as shares of full drive per count, in units of counts and seconds."""
         self.restart()
 
     def restart(self) -> None:
-        """Forget the past, as when the torque is enabled."""
+        """Clear the stored state, as when the torque is enabled."""
         self._integral = self._velocity = 0.0
 
     def step(self, dt_s: float, profile: MotionProfile, position: float, velocity: float) -> float:
-        """Return the drive ``dt_s`` after the last step."""
+        """Return the drive after a step of ``dt_s``."""
         error, wanted = profile.position - position, profile.velocity
         duty = self.p * error + self.d * (wanted - velocity)
         if self.i:
@@ -46,7 +47,8 @@ class PositionLoop:
 
 
 class VelocityLoop:
-    """PI on the velocity, whose goal is reached with a limited acceleration. Velocities are in counts/s."""
+    """PI controller of the velocity. Its goal velocity is reached with a limited acceleration. Velocities are in
+    counts/s."""
 
     __slots__ = ("_integral", "acceleration", "goal", "i", "p", "trajectory")
 
@@ -61,7 +63,7 @@ class VelocityLoop:
         self.trajectory = velocity
 
     def step(self, dt_s: float, velocity: float) -> float:
-        """Return the drive ``dt_s`` after the last step."""
+        """Return the drive after a step of ``dt_s``."""
         change = self.acceleration * dt_s
         self.trajectory = min(max(self.goal, self.trajectory - change), self.trajectory + change)
         error = self.trajectory - velocity
@@ -70,7 +72,7 @@ class VelocityLoop:
 
 
 def position_gains(loop: PositionLoop, gains: tuple[int, int, int, int, int], p_divisor: float) -> None:
-    """Decode the registers of P, I, D, and of both feedforward gains (velocity, acceleration)."""
+    """Decode the registers of P, I and D, and of both feedforward gains (velocity, acceleration)."""
     p, i, d, ff_velocity, ff_acceleration = gains
     loop.p = p / p_divisor / x.FULL_PWM
     loop.i = i / I_DIVISOR / x.FULL_PWM / LOOP_S

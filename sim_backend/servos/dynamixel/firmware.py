@@ -12,8 +12,9 @@ From the e-manual:
 - A current controller has no delay and no error.
 - goal_position equals the present position after power-on.
 
-The position continues beyond a turn. It starts within one turn at power-on. In position mode it also does so when the
-torque is enabled or the mode is set, and a homing offset beyond 1024 counts is ignored.
+Position values continue beyond one turn. After power-on, the position is within one turn. In position mode, the
+position is also within one turn after the torque is enabled or the mode is set, and a homing offset beyond 1024 counts
+is ignored.
 """
 
 from collections.abc import Callable
@@ -37,10 +38,10 @@ from sim_backend.servos.generic.firmware import FirmwareMemory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 _MEASURED_P_DIVISORS: Final = {x.XL330_M077.name: 256.0, x.XL330_M288.name: 256.0}
-"""Scale of the P gain as measured. BAM's oscilloscope saw half the drive of the e-manual on an XL330; the M077 has the
-same firmware."""
+"""Measured scale of the P gain. On an XL330, BAM measured half the drive of the e-manual with an oscilloscope; the M077
+has the same firmware."""
 TICKS: Final = 32768
-"""Number of values of ``realtime_tick``."""
+"""Number of different values of ``realtime_tick``."""
 _SLOPE_UNIT_V_S: Final = 1.977
 """Unit of the PWM slope, in V/s."""
 
@@ -67,11 +68,11 @@ class XFirmware(Protocol2Firmware):
         self._position_loop, self._velocity_loop = PositionLoop(), VelocityLoop()
         self._has_slope = x.pwm_slope in model.own
         self._wanted: Callable[[float, float], float] = self._position_duty
-        """Returns the drive that the present mode wants."""
+        """The loop returns the drive that the current operating mode requests."""
         self._turned = 0.0
-        """Whole turns that the servo has forgotten, in counts."""
+        """Whole turns that the servo no longer counts, in counts."""
         self._direction = 1.0
-        """-1 in reverse mode. All other values are those of the direction that the servo reports."""
+        """-1 in reverse mode. All other values use the direction in which the servo reports positions."""
         self._watchdog = Watchdog()
         self._tick_s = 0.0
         self._in_profile_mode = True
@@ -90,7 +91,7 @@ class XFirmware(Protocol2Firmware):
         super().restart()
 
     def heard(self) -> None:
-        """Record that the servo has heard an instruction."""
+        """Record that the servo has received an instruction."""
         self._watchdog.heard()
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
@@ -110,7 +111,7 @@ class XFirmware(Protocol2Firmware):
             self._forget_turns()
 
     def mode_changed(self) -> None:
-        """Start in a new mode, at the present position. Position mode restarts the count of turns."""
+        """Start a new mode at the current position. Position mode restarts the count of turns."""
         if self._in_position_mode:
             self._forget_turns()
         self._place_seam()
@@ -118,7 +119,8 @@ class XFirmware(Protocol2Firmware):
         self.load_settings()
 
     def clear_turns(self) -> bool:
-        """Restart the count of turns, as the clear instruction does. Return False if the servo is moving."""
+        """Restart the count of turns, as the clear instruction does. Return False without an effect if the servo is
+        moving."""
         if self._moving:
             return False
         self._hold_here()
@@ -155,7 +157,7 @@ class XFirmware(Protocol2Firmware):
         self.load_goal()
 
     def load_goal(self) -> None:
-        """Decode gains, goals and torque switch, all of which are in RAM."""
+        """Decode the gains, the goals and the torque switch, all of which are in RAM."""
         get = self._memory.get
         gains = (
             x.position_p_gain,
@@ -249,7 +251,7 @@ class XFirmware(Protocol2Firmware):
         return max(self.duty - change, min(self.duty + change, self._pwm))
 
     def _duty_of(self, current_a: float, velocity_rad_s: float) -> float:
-        """Return the drive at which this current flows."""
+        """Return the drive at which the current has a given value."""
         motor = self._motor
         wanted_v = current_a * motor.resistance_ohm + motor.back_emf_v_s * velocity_rad_s
         return wanted_v / max(self.voltage_v, 0.1)

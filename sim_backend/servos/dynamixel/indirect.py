@@ -1,18 +1,20 @@
-"""Indirect addresses of the X series: data cells next to each other that stand for bytes anywhere in RAM.
+"""Indirect addresses of the X series: adjacent data cells that mirror bytes anywhere in RAM.
 
 From the e-manual (page text "Indirect Address, Indirect Data" and the tables of the models' pages):
-- Cell n stands for the byte that address n names. At first an address names its own cell, which contains 0.
-- Only RAM can be named (64 to the last cell). Another address is out of range.
-- A cell has the size, range and access of the byte that it stands for.
-- The addresses are in RAM, so power-off and reboot reset them (also ROBOTIS in DynamixelSDK issue 375).
-- Torque locks only the EEPROM (page text "Torque Enable"), so all of these registers stay writable.
-- XL330 and XC330 have 20 cells at 208 "prior to V53", then 28 at 224. The sources are the note under the table of the
-  XL330's page, and the SDK's ``..._fw52.model`` in addition to ``xl330_m288.model``.
+- Cell n mirrors the byte at the address in indirect address n. Initially, each indirect address contains the address of
+  its own cell, which contains 0.
+- Only RAM can be mirrored (64 to the last cell). An address outside this range is refused.
+- A cell has the size, range and access of the byte that it mirrors.
+- The addresses are in RAM, so power-off and reboot reset them (confirmed by ROBOTIS in DynamixelSDK issue 375).
+- Torque locks only the EEPROM (page text "Torque Enable"), so all indirect registers stay writable.
+- XL330 and XC330 have 20 cells at 208 "prior to V53", and 28 cells at 224 from that version on. The sources are the
+  note under the table of the XL330's page, and the SDK's ``..._fw52.model`` in addition to ``xl330_m288.model``.
 
 Assumed:
-- The address of an indirect address can also be named, because it lies between 64 and the last cell.
-- A cell that names another cell stands for that cell's own byte, not for the byte that the other cell names.
-- A register is written through its cells if all its bytes come in order. Otherwise the write is refused.
+- An indirect address may contain the address of an indirect address, because that address is between 64 and the last
+  cell.
+- If a cell mirrors another cell, it shows the other cell's own byte, not the byte that the other cell mirrors.
+- A register can be written through cells if the cells contain all its bytes in order. Otherwise the write is refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,7 +34,7 @@ class Window:
     count: int
 
     def covers(self, address: int) -> bool:
-        """Whether this is the address of one of the data cells."""
+        """Return whether this is the address of a data cell."""
         return self.data <= address < self.data + self.count
 
     def pointer(self, cell: int) -> int:
@@ -70,7 +72,7 @@ def cells(windows: Sequence[Window]) -> Iterator[Register]:
 
 
 def resolved(windows: Sequence[Window], table: bytes | bytearray, address: int, size: int) -> list[int]:
-    """Return the indices in ``table`` that ``size`` bytes from ``address`` stand for."""
+    """Return the indices in ``table`` of the bytes that ``size`` bytes from ``address`` refer to."""
     meant = list(range(address, address + size))
     for i, place in enumerate(meant):
         for window in windows:

@@ -1,4 +1,4 @@
-"""Control table of one virtual X series servo. ``indirect`` describes its indirect addresses."""
+"""Control table of one virtual X series servo. ``indirect`` describes the indirect addresses of the servo."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ from sim_backend.servos.dynamixel.protocol2_memory import DATA_RANGE, Protocol2M
 from sim_backend.servos.dynamixel.watchdog import LOCKED, TRIPPED
 
 _NEWER: Final = (x.startup_configuration, x.backup_ready)
-"""Registers that old firmware lacks."""
+"""Registers that do not exist in old firmware."""
 _LIMITS: Final = {
     x.goal_pwm: x.pwm_limit,
     x.goal_current: x.current_limit,
@@ -22,26 +22,26 @@ _LIMITS: Final = {
 
 
 class XMemory(Protocol2Memory):
-    """A control table with cells that stand for other bytes."""
+    """A control table with cells that mirror other bytes."""
 
     SIZE = 662
     EEPROM_END = x.torque_enable.address
     BAUD_RATES = x.BAUD_RATES
 
     def __init__(self, model: x.XModel, servo_id: int, firmware: int | None = None) -> None:
-        """Create the table. ``firmware`` is a version that differs from the usual one."""
+        """Create the table. ``firmware`` is a firmware version that differs from the usual version."""
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
         self._backup: tuple[bytes, dict[Register, int]] | None = None
-        """EEPROM and gains of the backup."""
+        """Saved EEPROM and gains of the backup instruction."""
         known = [r for r in x.registers(model) if reads_fast(model, version) or r not in _NEWER]
         registers = (*known, *self._pointers, *cells(self._windows))
         factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         super().__init__(model, servo_id, registers, factory)
 
     def read(self, address: int, size: int) -> bytes:
-        if address + size <= self._windows[0].data:  # Most reads do not touch the cells.
+        if address + size <= self._windows[0].data:  # Most reads do not include any cells.
             return bytes(self._bytes[address : address + size])
         return super().read(address, size)
 
@@ -77,7 +77,7 @@ class XMemory(Protocol2Memory):
                     self.put(register, value)
 
     def store_backup(self) -> bool:
-        """Store EEPROM and gains. Return False if the torque is on, which is assumed to prevent it."""
+        """Store EEPROM and gains. Return False without an effect if the torque is on (assumed)."""
         if self.get(x.torque_enable):
             return False
         self._backup = self.flash.settings, {register: self.get(register) for register in GAINS}
@@ -85,14 +85,14 @@ class XMemory(Protocol2Memory):
         return True
 
     def restore_backup(self) -> bool:
-        """Restore the EEPROM. Return False if there is no backup, or if the torque is on."""
+        """Restore the EEPROM. Return False without an effect if there is no backup or the torque is on."""
         if self._backup is None or self.get(x.torque_enable):
             return False
         self.flash = Flash(self._backup[0])
         return True
 
     def reset_mode(self) -> None:
-        """Write the values that a change of the operating mode resets."""
+        """Write the values to which a change of the operating mode resets registers."""
         reset_gains(self, self._factory)
         self._reset_goals()
 

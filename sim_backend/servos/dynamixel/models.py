@@ -19,7 +19,7 @@ FACTORY: Final[dict[Register, int]] = {
     x.max_position_limit: 4095,
     x.status_return_level: 2,
 }
-"""Factory values of all models. Registers that are neither here nor in ``factory_of`` are 0."""
+"""Factory values of all models. Registers that are neither in this mapping nor in ``factory_of`` are 0."""
 
 _OWN_REGISTERS: Final = (
     x.temperature_limit,
@@ -79,11 +79,11 @@ _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 
 
 def factory_of(model: x.XModel) -> dict[Register, int]:
-    """Return all factory values of a model that are not 0.
+    """Return all nonzero factory values of a model.
 
-    A model without a table in the e-manual (the XC335-T332 and the models of a user) gets the gains of the XM430-W350
-    (assumed), and a velocity limit 20 % above its speed without load. Its voltage and current limits are the widest
-    that its table permits.
+    A model without a table in the e-manual (the XC335-T332 and the models that users add) gets the gains of the
+    XM430-W350 (assumed), and a velocity limit 20 % above its speed without load. The voltage and current limits of such
+    a model are the widest that its table permits.
     """
     held = {register.name: register for register in model.own}
     unlisted = {
@@ -100,18 +100,20 @@ def factory_of(model: x.XModel) -> dict[Register, int]:
 
 
 _TIME_PROFILE_SINCE: Final = 42
-"""First firmware version with time-based profiles, clear, and without a broadcast factory reset. All X330 have them."""
+"""First firmware version with time-based profiles and the clear instruction, and without a broadcast factory reset. All
+X330 have them."""
 
 
 def follows_42(model: x.XModel, firmware: int) -> bool:
-    """Whether the firmware has what version 42 brought: time-based profiles, and the clear instruction."""
+    """Return whether the firmware has the features of version 42: time-based profiles, and the clear instruction."""
     return model.short_map or firmware >= _TIME_PROFILE_SINCE
 
 
 def reads_fast(model: x.XModel, firmware: int) -> bool:
-    """Whether a servo with this firmware version supports fast reads, according to the list of "Fast Sync Read".
+    """Return whether a servo with this firmware version supports fast reads, according to the list in the section "Fast
+    Sync Read" of the e-manual.
 
-    The same versions brought torque on by goal, the startup configuration and the backup of the control table.
+    The same versions introduced torque on by goal, the startup configuration and the backup of the control table.
     """
     if x.acceleration_limit in model.own:  # an MX
         return False

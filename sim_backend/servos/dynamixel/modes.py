@@ -2,9 +2,10 @@
 
 From the e-manual: a change of the mode resets gains, feedforward and profile, sets ``goal_pwm`` to the PWM limit and
 ``goal_current`` to the current limit. Assumed:
-- The reset gains are the factory values in every mode.
-- Where a goal is no limit but drives the motor (PWM, current and velocity mode), it is 0 until one is written.
-- The goal position is the present position.
+- The gains are reset to the factory values in every mode.
+- In modes in which a goal drives the motor and is not a limit (PWM, current and velocity mode), that goal is 0 until a
+  client writes it.
+- The goal position is reset to the present position.
 """
 
 from collections.abc import Mapping
@@ -20,7 +21,7 @@ CURRENT_POSITION: Final = x.CURRENT_POSITION_MODE
 PWM: Final = 16
 
 MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.goal_pwm}
-"""Register of the goal by mode. In the other modes, it is the goal position."""
+"""Register of the goal, by operating mode. In all other modes, the goal register is the goal position."""
 POSITION_MODES: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE, CURRENT_POSITION)
 
 GAINS: Final = (
@@ -35,7 +36,7 @@ GAINS: Final = (
 
 
 def reset_goals(memory: FirmwareMemory, *, measures_current: bool) -> None:
-    """Write the goals that a servo has after power-on and after a change of its mode, except for the position."""
+    """Write the goals that a servo has after power-on and after a change of its mode, except for the goal position."""
     mode, get = memory.get(x.operating_mode), memory.get
     memory.put(x.goal_pwm, 0 if mode == PWM else get(x.pwm_limit))
     memory.put(x.goal_velocity, 0 if mode == VELOCITY else get(x.velocity_limit))

@@ -1,10 +1,10 @@
-"""Motors of Dynamixel servos, identified on hardware if available, otherwise from the data sheet.
+"""Motors of Dynamixel servos: identified on hardware if available, otherwise derived from the data sheet.
 
-BAM (github.com/Rhoban/bam) identified four of them on a pendulum, each with six friction laws. The fourth law, M4, is
-used here: the simplest whose friction depends on both load and speed. M1 and M2 ignore the load, and M3 ignores the
-state of rest. M5 and M6 distinguish the two ends of the gears, with several parameters that were fitted to zero. If a
-model has several fits, the newest one within its bounds is used. ``python -m benchmarks.fidelity`` compares them with
-the data sheets.
+BAM (github.com/Rhoban/bam) identified four motors on a pendulum, each with six friction laws. This module uses the
+fourth law, M4, which is the simplest law whose friction depends on both load and speed. M1 and M2 ignore the load, and
+M3 ignores the state of rest. M5 and M6 distinguish the two ends of the gears, with several parameters that were fitted
+to zero. If a model has several fits, the newest one within its bounds is used. ``python -m benchmarks.fidelity``
+compares the motors with the data sheets.
 """
 
 from typing import Final
@@ -31,12 +31,13 @@ IDENTIFIED: Final = {
 }
 """Identified motors by model name.
 
-The XL-320's motor is half as strong as its data sheet says. BAM's laws without load give the same result.
+The identified motor of the XL-320 is half as strong as the motor in its data sheet. BAM's laws without load give the
+same result.
 """
 
 
 def motor_of(model: x.XModel | AxMxModel) -> MotorConstants:
-    """Return the motor of a Dynamixel servo. Its thermal constants are those of the STS3215 (assumed).
+    """Return the motor of a Dynamixel servo. The thermal constants are those of the STS3215 (assumed).
 
     A motor that is not in ``IDENTIFIED`` has the torque, speed and current of its data sheet.
     """

@@ -1,17 +1,18 @@
-"""Virtual AX and MX servos of protocol 1.0. They have their own tables and share their firmware with the SCS servos.
+"""Virtual AX and MX servos of protocol 1.0. The servos have their own tables and share their firmware with the SCS
+servos.
 
 From the e-manual:
-- The tables, their factory values and their units.
+- The tables, with their factory values and units.
 - The modes that the angle limits select, and the replies at each status return level.
 - A factory reset sets the ID to 1, and the lock ends at power-off.
-- A value outside the range of its register is a range error. (Assumed: nothing of the instruction is written.)
+- A value outside the range of its register causes a range error. (Assumed: no part of the instruction is then written.)
 - The gains of an MX are P / 8, I * 1000 / 2048 and D * 4 / 1000.
 
 BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
 same values here. Assumed:
 - I and D of an MX use the same unit of drive as P, with seconds and counts.
-- The position loop of an AX is as stiff as an SCS servo's, regardless of its compliance registers.
-- Overload means nearly full drive for two seconds. It removes the drive until the torque switch is written.
+- The position loop of an AX is as stiff as that of an SCS servo, regardless of its compliance registers.
+- Overload means nearly full drive for two seconds. An overload removes the drive until the torque switch is written.
 - A packet with a wrong checksum is not answered, and a goal outside the limits is clipped.
 """
 
@@ -29,7 +30,8 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 MX_DRIVE_PER_RAD: Final = 0.158
-"""Share of full drive per rad for each unit of ``p_gain``. The e-manual's P / 8 per count of 512 would be 0.159."""
+"""Drive per rad for each unit of ``p_gain``, as a share of full drive. The value of the e-manual, P / 8 per count of
+512, would be 0.159."""
 MX_FULL_DRIVE: Final = 0.9625
 _MX_P_UNIT: Final = 1.0 / 8.0
 _MX_I_UNIT: Final = 1000.0 / 2048.0
@@ -54,7 +56,8 @@ _OWN: Final = {
     sts.async_write_flag.name: dxl.registered_instruction,
     **{register.name: register for register in dxl.COMMON},
 }
-"""Registers of these tables by the name of their STS counterpart. Bits 0, 2 and 5 of both status bytes are the same."""
+"""Register of these tables, by the name of the corresponding STS register. Bits 0, 2 and 5 have the same meaning in
+both status bytes."""
 _ABSENT: Final = {
     sts.protection_current.name: sts.protection_current.largest,  # not measured
     sts.position_p.name: 32,
@@ -63,7 +66,7 @@ _ABSENT: Final = {
     sts.protection_time.name: 200,
     sts.protective_torque.name: 0,
 }
-"""Values for the firmware if the table has no such register. All others are 0."""
+"""Values that the firmware uses if the table has no such register. All others are 0."""
 
 _COMMON_FACTORY: Final[dict[Register, int]] = {
     dxl.firmware_version: 24,  # assumed
@@ -92,7 +95,7 @@ _OWN_FACTORY: Final[dict[str, dict[Register, int]]] = {
 
 
 class Dynamixel1Memory(Memory):
-    """A control table of protocol 1.0. STS registers are found by name, and their values are in STS units."""
+    """A control table of protocol 1.0. STS registers are found by name, and their values are converted to STS units."""
 
     FACTORY: ClassVar[Mapping[Register, int]]
     EEPROM_END = dxl.torque_enable.address
@@ -153,7 +156,7 @@ class Dynamixel1Memory(Memory):
         return self.get(dxl.cw_angle_limit), self.get(dxl.ccw_angle_limit)
 
     def _unwrapped(self) -> bool:
-        """Whether positions continue beyond a turn."""
+        """Whether the servo counts positions beyond one turn."""
         return self.limits == (dxl.MULTI_TURN_LIMIT, dxl.MULTI_TURN_LIMIT)
 
     def put(self, register: Register, value: int) -> None:
@@ -162,7 +165,7 @@ class Dynamixel1Memory(Memory):
             super().put(own, round(value / self._scale(register, own)))
 
     def _write_byte(self, at: int, value: int) -> None:
-        """Write a byte. EEPROM bytes are saved with every write; while they are locked they do not change."""
+        """Write a byte. Every write to EEPROM bytes is saved; while the bytes are locked, they cannot be changed."""
         if at >= self.EEPROM_END:
             self._bytes[at] = value | (self._bytes[at] if at == dxl.lock.address else 0)
         elif not self.get(dxl.lock):
@@ -170,7 +173,7 @@ class Dynamixel1Memory(Memory):
 
 
 class AxMemory(Dynamixel1Memory):
-    """Table of an AX, whose potentiometer reads 0 to 1023. Factory values are those of the AX-12A."""
+    """Table of an AX, whose potentiometer reads from 0 to 1023. Factory values are those of the AX-12A."""
 
     FACTORY: ClassVar[Mapping[Register, int]] = {
         dxl.temperature_limit: 70,
@@ -211,7 +214,7 @@ class MxMemory(Dynamixel1Memory):
 
 
 class AxFirmware(GenericFirmware):
-    """Control loop of an AX, on the model's own counts."""
+    """Control loop of an AX, which uses the model's own counts."""
 
     def load_settings(self) -> None:
         super().load_settings()

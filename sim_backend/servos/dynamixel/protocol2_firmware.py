@@ -3,8 +3,8 @@
 Assumed:
 - Overload means full drive for two seconds at less than half of the speed without load.
 - All errors last until a reboot.
-- The reported speed has a filter of 15 ms in addition to that of the control loop. A shaft that is held between two
-  counts therefore does not seem to move.
+- The reported speed has a filter of 15 ms in addition to that of the control loop. The reported speed is therefore 0
+  for a shaft that is held between two counts.
 """
 
 from abc import abstractmethod
@@ -19,12 +19,12 @@ SHOWN_FILTER_S: Final = 0.015
 OVERLOAD_DUTY: Final = 0.98
 OVERLOAD_S: Final = 2.0
 OVERLOAD_SHARE: Final = 0.5
-"""Share of the stall current from which full drive counts as overload."""
+"""Share of the stall current above which full drive counts as an overload."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorBits:
-    """Limit registers of a table, and its error bits."""
+    """Registers of a table that contain limits, and the error bits of the table."""
 
     shutdown: Register
     min_voltage: Register
@@ -37,7 +37,7 @@ class ErrorBits:
 
 
 class LatchedProtection(Protection):
-    """Hardware errors, which last until a reboot. Those in ``shutdown`` release the motor."""
+    """Hardware errors, which last until a reboot. The errors that are selected in ``shutdown`` release the motor."""
 
     def __init__(self, bits: ErrorBits, resistance_ohm: float) -> None:
         super().__init__()
@@ -53,7 +53,7 @@ class LatchedProtection(Protection):
         self._hottest_c = memory.get(bits.max_temperature)
 
     def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
-        """Check the motor, ``dt_s`` after the last check."""
+        """Check the motor after a step of ``dt_s``."""
         bits = self._bits
         loaded = abs(current_a) * self._resistance_ohm >= OVERLOAD_SHARE * voltage_v
         self._overload_s = self._overload_s + dt_s if loaded and abs(duty) >= OVERLOAD_DUTY else 0.0
@@ -96,4 +96,4 @@ class Protocol2Firmware(GenericFirmware):
 
     @abstractmethod
     def _shut_down(self) -> None:
-        """Write the effects of a shutdown into the table."""
+        """Write the effects of a shutdown to the table."""

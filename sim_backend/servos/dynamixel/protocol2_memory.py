@@ -16,15 +16,15 @@ DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 
 
 class Protocol2Memory(ABC):
-    """Bytes of the table as seen from the wire.
+    """Bytes of the table as a client sees them.
 
-    EEPROM bytes are saved with every write, and locked while torque is on.
+    Every write to EEPROM bytes is saved, and the bytes are locked while the torque is on.
     """
 
     SIZE: ClassVar[int]
     EEPROM_END: ClassVar[int]
     BAUD_RATES: ClassVar[Sequence[int]]
-    """Baud rates by the value of ``baud_rate``."""
+    """Baud rates, by the value of ``baud_rate``."""
 
     def __init__(
         self, model: ServoModel, servo_id: int, registers: Sequence[Register], factory: Mapping[Register, int]
@@ -40,7 +40,8 @@ class Protocol2Memory(ABC):
         self._bytes = bytearray(self.SIZE)
         self.servo_id = servo_id
         self.baud = 0
-        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
+        """Baud rate in bits per second. The baud rate is decoded at each write, as is the ID, because every packet
+        needs both."""
         self.restore_factory()
         self.put(self._id, servo_id)
         self.power_up()
@@ -51,7 +52,7 @@ class Protocol2Memory(ABC):
         return register.decode(bytes(self._bytes[register.address : end]), "little")
 
     def put(self, register: Register, value: int) -> None:
-        """Write a register without access rules. Values beyond its range are clipped."""
+        """Write a register without access rules. Values outside the range of the register are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, "little")
         if at < self.EEPROM_END:
@@ -66,16 +67,16 @@ class Protocol2Memory(ABC):
         self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes from ``address`` as seen from the wire, with zeros beyond the end of the table."""
+        """Return ``size`` bytes from ``address`` as a client sees them, with zeros beyond the end of the table."""
         meant = self.resolved(address, max(0, min(size, self.SIZE - address)))
         return bytes(self._bytes[place] for place in meant).ljust(size, b"\0")
 
     def resolved(self, address: int, size: int) -> list[int]:
-        """Return the addresses that ``size`` bytes from ``address`` stand for."""
+        """Return the addresses to which ``size`` bytes from ``address`` refer."""
         return list(range(address, address + size))
 
     def write(self, address: int, data: bytes) -> int:
-        """Write bytes that came over the wire. Return the error number, or 0."""
+        """Write bytes that came over the wire. Return the error number, or 0 if there is no error."""
         meant = self.resolved(address, len(data))
         for begin, end in runs(meant):
             error = self._run_refusal(meant[begin], data[begin:end])
@@ -111,7 +112,8 @@ class Protocol2Memory(ABC):
         return 0 if value in self._limits(register) else DATA_LIMIT
 
     def _limits(self, register: Register) -> range:
-        """Return the values that other registers permit at present. The values of the table are checked before."""
+        """Return the values that other registers currently permit. The values in the table have already been
+        checked."""
         return register.fitting
 
     def power_up(self) -> None:

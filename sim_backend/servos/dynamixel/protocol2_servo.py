@@ -1,7 +1,8 @@
 """Instructions of protocol 2.0 on a virtual servo with any table.
 
-Assumed, because the e-manual does not say: a write of the ID or the baud rate is answered with the old ID. A rebooting
-servo hears nothing for 0.3 s. The torque cannot be enabled after a shutdown (result fail).
+Assumed, because the e-manual does not describe it: a write of the ID or the baud rate is answered with the old ID. A
+servo that reboots ignores all instructions for 0.3 s. After a shutdown, the torque cannot be enabled (the result is
+"fail").
 """
 
 from typing import ClassVar, Final
@@ -17,7 +18,7 @@ from sim_backend.servos.generic.packet_servo import WiredServo
 REBOOT_S: Final = 0.3
 RESULT_FAIL, UNKNOWN_INSTRUCTION = 1, 2
 RESET_ALL: Final = 0xFF
-"""Option of a factory reset that keeps nothing."""
+"""Option of a factory reset that resets everything, including the ID and the baud rate."""
 
 
 class Registers:
@@ -37,7 +38,7 @@ class Registers:
 
 
 class Protocol2Servo(WiredServo):
-    """A servo whose table and firmware depend on the series."""
+    """A servo whose table and firmware depend on its series."""
 
     REGISTERS: ClassVar[Registers]
     BOOT_S = REBOOT_S
@@ -51,12 +52,12 @@ class Protocol2Servo(WiredServo):
 
     @property
     def ignores_broadcast_reset(self) -> bool:
-        """Whether the firmware ignores a broadcast factory reset of everything."""
+        """Whether the firmware ignores a broadcast factory reset that resets everything."""
         return False
 
     @property
     def secondary_id(self) -> int | None:
-        """ID to which the servo also listens, without a reply; None if there is none."""
+        """Second ID to which the servo listens without a reply; None if there is none."""
         return None
 
     @property
@@ -75,11 +76,11 @@ class Protocol2Servo(WiredServo):
 
     @property
     def answers_reads(self) -> bool:
-        """Whether the status return level allows replies to more than pings."""
+        """Whether the status return level allows replies to instructions other than pings."""
         return self._level > 0
 
     def heard(self) -> None:
-        """Record that there was an instruction on the bus, for this servo or another."""
+        """Record that an instruction was sent on the bus, to this servo or another."""
 
     def answer(self, instruction: Instruction) -> bytes | None:
         servo_id, level = self.servo_id, self._level
@@ -109,22 +110,23 @@ class Protocol2Servo(WiredServo):
         return self._status(servo_id, error) if level == 2 else None
 
     def _resets(self, instruction: Instruction) -> bool:
-        """Whether the servo executes this factory reset. Newer firmware ignores a broadcast that resets everything."""
+        """Return whether the servo executes this factory reset. Newer firmware ignores a broadcast that resets
+        everything."""
         parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
         ignored = broadcast and parameters == bytes((RESET_ALL,)) and self.ignores_broadcast_reset
         return len(parameters) == 1 and parameters[0] in self._kept() and not ignored
 
     def _answer_rare(self, instruction: Instruction) -> int:
-        """Execute an instruction that only some series have, and return its error number."""
+        """Execute an instruction that only some series support, and return its error number."""
         return UNKNOWN_INSTRUCTION
 
     def write_by_secondary_id(self, address: int, data: bytes) -> None:
-        """Write bytes that were sent to the secondary ID. They cannot change the EEPROM."""
+        """Write bytes that were sent to the secondary ID. Such writes cannot change the EEPROM."""
         if min(self.memory.resolved(address, len(data)), default=0) >= self.memory.EEPROM_END:
             self.write(address, data)
 
     def _kept(self) -> dict[int, tuple[Register, ...]]:
-        """Return the registers that a factory reset keeps, by its option."""
+        """Return the registers that a factory reset keeps for a given option."""
         servo_id, baud_rate = self.REGISTERS.servo_id, self.REGISTERS.baud_rate
         return {RESET_ALL: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
 
@@ -138,12 +140,13 @@ class Protocol2Servo(WiredServo):
         return self._status(self.servo_id, error, data)
 
     def read_block(self, address: int, size: int, before: bytes) -> bytes:
-        """Return the servo's block of a fast reply after ``before``. After an error, its data are zeros (assumed)."""
+        """Return the servo's block of a fast reply after ``before``. After an error, the data are zeros (assumed)."""
         error, data = self._read(address, size)
         return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
 
     def write(self, address: int, data: bytes) -> int:
-        """Write bytes that came over the wire and apply all side effects. Return the error number, or 0."""
+        """Write bytes that came over the wire and apply all side effects. Return the error number, or 0 if there is no
+        error."""
         written = dict(zip(self.memory.resolved(address, len(data)), data, strict=True))
         if written.get(self.REGISTERS.torque_enable.address) == 1 and self.firmware.protection.released:
             return RESULT_FAIL
@@ -176,7 +179,7 @@ class Protocol2Servo(WiredServo):
         return self.write(address, data)
 
     def _read(self, address: int, size: int) -> tuple[int, bytes]:
-        """Return the error number and, if it is 0, ``size`` bytes from ``address``."""
+        """Return the error number and, if there is no error, ``size`` bytes from ``address``."""
         if address + size > self.memory.SIZE:
             return ACCESS, b""
         self.firmware.publish()

@@ -34,7 +34,7 @@ class VirtualXServo(Protocol2Servo):
     def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
         """Create a servo.
 
-        ``firmware`` is a version that differs from the usual one; it determines the indirect registers.
+        ``firmware`` is a firmware version that differs from the usual version; it determines the indirect registers.
         """
         own = x.MODELS[model.name]
         motor = motor_of(own)
@@ -54,7 +54,8 @@ class VirtualXServo(Protocol2Servo):
         return error
 
     def _enables_torque(self, written: Sequence[int]) -> bool:
-        """Whether a write to these addresses enables the torque, because it includes the goal of the mode."""
+        """Return whether a write to these addresses enables the torque, because it includes the goal of the operating
+        mode."""
         get = self.memory.get
         goal = MODE_GOALS.get(get(x.operating_mode), x.goal_position)
         by_goal = get(x.drive_mode) & x.TORQUE_ON_BY_GOAL and self.reads_fast

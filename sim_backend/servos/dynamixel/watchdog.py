@@ -1,8 +1,8 @@
 """Bus watchdog of the X series.
 
-From the e-manual: with torque, a servo that hears no instruction for ``bus_watchdog`` units of 20 ms stops, and the
-register reads -1. Goals are then refused until 0 is written. Any instruction on the bus counts. Assumed: the servo
-stops by a goal velocity, PWM and current of 0, or at the position in which it is.
+From the e-manual: a servo with torque that receives no instruction for ``bus_watchdog`` units of 20 ms stops, and the
+register reads -1. Goals are then refused until 0 is written. Any instruction on the bus restarts the timer. Assumed:
+the servo stops with a goal velocity, PWM and current of 0, or at its current position.
 """
 
 from typing import Final
@@ -27,16 +27,16 @@ class Watchdog:
         self._limit_s = self._quiet_s = 0.0
 
     def load(self, memory: FirmwareMemory) -> None:
-        """Load the time from the register."""
+        """Load the timeout from the register."""
         units = memory.get(x.bus_watchdog)
         self._limit_s = 0.0 if units == TRIPPED else units * _UNIT_S
 
     def heard(self) -> None:
-        """Restart the timer, because the servo has heard an instruction."""
+        """Restart the timer after an instruction."""
         self._quiet_s = 0.0
 
     def expired(self, dt_s: float) -> bool:
-        """Advance the timer. Return whether the servo must stop now."""
+        """Advance the timer. Return whether the timeout has passed and the servo must stop."""
         if not self._limit_s:
             return False
         self._quiet_s += dt_s

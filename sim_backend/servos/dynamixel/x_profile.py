@@ -1,9 +1,10 @@
-"""Motion profile of the X series: a step, a limited velocity, or a time. It also determines the moving status.
+"""Motion profile of the X series: a step, a limited velocity, or a time. The profile also determines the moving status.
 
 From the e-manual: without a profile velocity, the profile is a step. A time-based profile takes ``profile_velocity``
-milliseconds, of which it accelerates ``profile_acceleration``, but at most half. Assumed:
-- A time-based profile starts at rest. If a new goal arrives during a motion, the time is that of the remaining way.
-- A servo is in position within 10 counts, and has a following error beyond 100 counts.
+milliseconds. It accelerates for ``profile_acceleration`` milliseconds, but at most for half of that time. Assumed:
+- A time-based profile starts at rest. If a new goal arrives during a motion, the time applies to the remaining
+  distance.
+- A servo is in position within 10 counts, and reports a following error beyond 100 counts.
 """
 
 from typing import Final
@@ -20,30 +21,30 @@ _FOLLOWING_COUNTS: Final = 100.0
 
 
 class XProfile(MotionProfile):
-    """Profile of one servo, with its type."""
+    """Profile of one servo, together with its type."""
 
     __slots__ = ("_timed", "kind")
 
     def __init__(self) -> None:
         super().__init__()
         self.kind = STEP
-        """Type of the profile, as in the moving status."""
+        """Type of the profile, as reported in the moving status."""
         self._timed: tuple[float, int, int] | None = None
-        """Goal, time and ramp for which the time-based profile was computed."""
+        """Goal, time and ramp for which the time-based profile was last computed."""
 
     def restart(self, position: float) -> None:
         super().restart(position)
         self._timed = None
 
     def limit(self, velocity: int, acceleration: int) -> None:
-        """Limit velocity and acceleration to these register values."""
+        """Set the velocity and acceleration limits from these register values."""
         self._timed = None
         self.speed = velocity * x.VELOCITY_UNIT_COUNTS_S or UNLIMITED
         self.acceleration = acceleration * x.ACCELERATION_UNIT_COUNTS_S2 if velocity and acceleration else UNLIMITED
         self._classify()
 
     def take(self, span_ms: int, ramp_ms: int) -> None:
-        """Reach the goal within this time."""
+        """Set the time in which the goal is reached."""
         if self._timed == (self.goal, span_ms, ramp_ms):
             return
         self._timed = (self.goal, span_ms, ramp_ms)
@@ -55,7 +56,7 @@ class XProfile(MotionProfile):
         self._classify()
 
     def _classify(self) -> None:
-        if self.done:  # the type is that of the last motion
+        if self.done:  # the reported type is that of the last motion
             return
         if self.speed == UNLIMITED:
             self.kind = STEP

@@ -4,7 +4,7 @@ The e-manual defines the table, its factory values and units, the control modes,
 and D * 4 / 1000. BAM measured the drive per unit of P. Assumed:
 - I and D use the same unit of drive as P, with seconds and counts.
 - Only joint mode drives the motor, and ``punch`` has no effect.
-- Readings end where the sensor ends, and after power-on the goal is the present position.
+- Readings are limited to the range of the sensor, and after power-on the goal is the present position.
 - A shutdown sets the torque limit to 0 and lasts until a reboot.
 """
 
@@ -19,7 +19,7 @@ from sim_backend.servos.dynamixel.xl320_memory import Xl320Memory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 DRIVE_PER_RAD: Final = 0.05048
-"""Share of full drive per rad for each unit of ``p_gain``."""
+"""Drive per rad for each unit of ``p_gain``, as a share of full drive."""
 _P_UNIT: Final = 1.0 / 8.0
 _I_UNIT: Final = 1000.0 / 2048.0
 _D_UNIT: Final = 4.0 / 1000.0
@@ -59,7 +59,7 @@ class Xl320Firmware(Protocol2Firmware):
         self.load_goal()
 
     def load_goal(self) -> None:
-        """Decode gains, goals and torque switch."""
+        """Decode the gains, the goals and the torque switch."""
         get, profile = self._memory.get, self.profile
         unit = DRIVE_PER_RAD / _P_UNIT / self._counts_per_rad
         self._gain = get(xl320.p_gain) * _P_UNIT * unit
@@ -84,7 +84,7 @@ class Xl320Firmware(Protocol2Firmware):
 
 
 class VirtualXl320Servo(Protocol2Servo):
-    """An XL-320 on a virtual bus. It has no fast reads and no indirect registers."""
+    """An XL-320 on a virtual bus. The XL-320 has no fast reads and no indirect registers."""
 
     REGISTERS: ClassVar[Registers] = Registers(*xl320.REGISTERS)
     PRESENT_POSITION = xl320.present_position

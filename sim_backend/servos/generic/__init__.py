@@ -1,1 +1,2 @@
-"""Control loop, table and instructions of servos other than STS. They follow the manuals as far as those go."""
+"""Control loop, table and instructions of servos other than STS. The simulation follows the manuals as far as they
+describe these servos."""

@@ -1,15 +1,16 @@
 """Firmware of a virtual servo other than STS: motion profile, position loop, motor driver and protection.
 
-Registers have the names of the STS table; the memory of each series maps these names to its own registers. The makers
-publish neither the loop nor the scale of its gains (except Robotis for the X series, which replaces the gains). Assumed
-for the others:
+Registers are named as in the STS table; the memory of each series maps these names to its own registers. The makers
+publish neither the structure of the loop nor the scale of its gains (except Robotis for the X series, which uses
+different gains). Assumed for the others:
 - P: the drive is ``P / 1280`` of full drive per count of error. P = 32 therefore gives full drive at 40 of 4096 counts
-  (3.5 degrees). At a steady 2 rad/s the shaft then lags 13 ms behind the servo's own profile.
-- D: ``D / 32`` of 0.3 drive per rad/s between the profile's speed and the measured speed.
-- I: ``I / 1280`` per count and second.
-- Position, speed and their noise come from the quantized encoder. The speed is filtered with 5 ms.
+  (3.5 degrees). At a constant 2 rad/s, the shaft then lags behind the servo's own profile by 13 ms.
+- D: ``D / 32`` of 0.3 drive per rad/s of difference between the profile speed and the measured speed.
+- I: ``I / 1280`` of full drive per count and second.
+- Position and speed come from the quantized encoder, which also causes their noise. The speed is filtered with a time
+  constant of 5 ms.
 - Only operating mode 0 (position) drives the motor.
-- In single-turn mode the loop works within 0 to 4095 and reaches every goal without crossing the seam.
+- In single-turn mode, the loop works within 0 to 4095 counts and reaches every goal without crossing the seam.
 """
 
 from math import pi
@@ -31,7 +32,7 @@ MULTI_TURN_PHASE: Final = 1 << 4
 
 
 class FirmwareMemory(Protocol):
-    """The part of the control table that the firmware needs."""
+    """The part of the control table that the firmware uses."""
 
     def get(self, register: Register) -> int: ...
 
@@ -51,7 +52,7 @@ class GenericFirmware:
         self.voltage_v = model.rated_voltage_v
         self.thermometer = Thermometer(motor)
         self.encoder_sticks = False
-        """Whether the encoder repeats its last value. This injected fault survives power-off."""
+        """Whether the encoder repeats its last value. This injected fault remains after a power-off."""
         self.observe(0.0)
         self.restart()
 
@@ -70,7 +71,7 @@ class GenericFirmware:
         return max(0.0, self.current_a * self.duty)
 
     def observe(self, angle_rad: float) -> None:
-        """Set the shaft's angle without motion, for instance at power-on."""
+        """Set the angle of the shaft without a motion, for example at power-on."""
         self._count = angle_rad * self._counts_per_rad // 1.0
         self._velocity = 0.0
 
@@ -84,11 +85,11 @@ class GenericFirmware:
         self.load_goal()
 
     def new_profile(self) -> MotionProfile:
-        """Return the motion profile as it is after power-on."""
+        """Return the motion profile in its state after power-on."""
         return MotionProfile()
 
     def new_protection(self) -> Protection:
-        """Return the motor protection as it is after power-on."""
+        """Return the motor protection in its state after power-on."""
         return Protection()
 
     def load_settings(self) -> None:
@@ -117,23 +118,25 @@ class GenericFirmware:
         profile.speed = abs(get(sts.goal_velocity)) or self._no_load * self._counts_per_rad
         units = get(sts.acceleration)
         profile.acceleration = units * sts.ACCELERATION_UNIT_COUNTS_S2 if units else UNLIMITED
-        # The table copies max_torque to torque_limit at power-on, so the limit is the smaller value, not the product.
+        # The table copies max_torque to torque_limit at power-on, so the limit is the smaller of the two values and not
+        # their product.
         self._limit = min(get(sts.torque_limit), get(sts.max_torque)) * sts.TORQUE_UNIT
         self._acting = get(sts.torque_enable) == 1 and get(sts.operating_mode) == 0
         self._switch()
 
     def goal_written(self) -> None:
-        """End a latched protection if the new goal leads away from the blocked direction."""
+        """Clear a latched protection if the new goal leads away from the blocked direction."""
         if (self.profile.goal - self.position) * self.protection.blocked_direction <= 0.0:
             self.torque_written()
 
     def torque_written(self) -> None:
-        """End a latched protection, as any write to the torque switch does."""
+        """Clear a latched protection, as any write to the torque switch does."""
         self.protection.clear()
         self._switch()
 
     def _switch(self) -> None:
-        """Switch the motor on or off. When it is switched on, the profile starts at the shaft's position."""
+        """Switch the motor on or off. When the motor is switched on, the profile starts at the position of the
+        shaft."""
         driving = self._acting and not self.protection.released
         if driving and not self._driving:
             self.profile.restart(self.position)
@@ -199,7 +202,7 @@ class GenericFirmware:
         self._switch()
 
     def publish(self) -> None:
-        """Write the state into the registers before a read."""
+        """Write the state to the registers before a read."""
         put = self._memory.put
         put(sts.present_position, int(self.position))
         put(sts.present_velocity, round(self._velocity))

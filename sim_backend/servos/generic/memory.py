@@ -3,7 +3,7 @@
 Addresses that the table does not list read 0 and cannot be written (assumed).
 
 The lock (register 55) has two values in Feetech's table: 0 "save EEPROM changes" and 1 "do not save". A write to EEPROM
-always takes effect at once; while the lock is closed, it is lost at power-off.
+always takes effect at once, but it is lost at power-off if the lock is closed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,8 @@ EEPROM_END: Final = sts.torque_enable.address
 
 
 def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
-    """Encode ``value`` for the register. A value out of range is replaced by the nearest one in range."""
+    """Encode ``value`` for the register. A value outside the range is replaced by the nearest value within the
+    range."""
     try:
         return register.encode(value, order)
     except ValueError:
@@ -26,17 +27,17 @@ def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
 
 
 class Memory:
-    """Bytes of the table as seen from the wire, and the saved EEPROM bytes.
+    """Bytes of the table as a client sees them, and the saved EEPROM bytes.
 
-    Firmware and protection use registers of the STS table. For a servo with another table, ``own``, ``get`` and ``put``
-    translate them.
+    Firmware and protection use the register names of the STS table. For a servo with a different table, ``own``,
+    ``get`` and ``put`` convert names and values.
     """
 
     EEPROM_END: ClassVar[int] = EEPROM_END
     RESET_ID: ClassVar[int | None] = None
     """ID after a factory reset; None if the servo keeps its ID."""
     BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
-    """Number of values that ``baud_rate`` can have."""
+    """Number of values that ``baud_rate`` may have."""
 
     def __init__(
         self,
@@ -63,14 +64,15 @@ class Memory:
         self._saved = bytearray(self.EEPROM_END)
         self.servo_id = servo_id
         self.baud = 0
-        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
+        """Baud rate in bits per second. The baud rate is decoded at each write, as is the ID, because every packet
+        needs both."""
         self.put(sts.servo_id, servo_id)
         self._save()
         self._restore(servo_id)
         self.power_up()
 
     def _decode_baud(self) -> int:
-        """Return the bits per second that ``baud_rate`` stands for."""
+        """Return the baud rate for a value of ``baud_rate``, in bits per second."""
         return sts.BAUD_RATES[self.get(sts.baud_rate)]
 
     def _decode(self) -> None:
@@ -79,11 +81,11 @@ class Memory:
 
     @property
     def answers(self) -> int:
-        """Status level: 0 answers pings, 1 also reads, 2 every instruction."""
+        """Status level: at 0, the servo answers only pings; at 1, also reads; at 2, every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def own(self, register: Register) -> Register | None:
-        """Return this table's counterpart of an STS register, or None if it has none."""
+        """Return this table's register that corresponds to an STS register, or None if there is none."""
         return register
 
     def get(self, register: Register) -> int:
@@ -92,7 +94,8 @@ class Memory:
         return register.decode(bytes(self._bytes[register.address : end]), self._order)
 
     def put(self, register: Register, value: int) -> None:
-        """Write a register without access rules, until power-off. Values beyond its range are clipped."""
+        """Write a register without access rules; the value is lost at power-off. Values outside the range of the
+        register are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, self._order)
         if at < self.EEPROM_END:
@@ -103,7 +106,8 @@ class Memory:
         return bytes(self._bytes[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes that came over the wire. Read-only bytes and invalid IDs and baud rates are ignored."""
+        """Write bytes that came over the wire. Writes to read-only bytes, invalid IDs and invalid baud rates are
+        ignored."""
         for at, value in enumerate(data, address):
             if at in self._writable and not self._invalid(at, value):
                 self._write_byte(at, value)
@@ -126,7 +130,8 @@ class Memory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def restore_factory(self) -> None:
-        """Reset EEPROM to factory values and save them (instruction 0x06). ``RESET_ID`` determines the ID."""
+        """Reset EEPROM to factory values and save them (instruction 0x06). ``RESET_ID`` determines the ID after the
+        reset."""
         self._restore(self.get(sts.servo_id) if self.RESET_ID is None else self.RESET_ID)
 
     def _restore(self, servo_id: int) -> None:
@@ -160,5 +165,5 @@ class Memory:
         self._saved[:] = self._bytes[: self.EEPROM_END]
 
     def _invalid(self, address: int, value: int) -> bool:
-        """Whether the bus would lose the servo with this value. Such a write is refused (assumed)."""
+        """Return whether the bus could no longer reach the servo with this value. Such a write is refused (assumed)."""
         return value > 0xFD if address == self._id_at else address == self._baud_at and value >= self.BAUDS

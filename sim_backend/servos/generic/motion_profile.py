@@ -1,7 +1,8 @@
-"""Motion profile of a servo: a trapezoidal speed that ends at rest at the goal. Units: counts and seconds.
+"""Motion profile of a servo: a trapezoidal velocity profile that ends at rest at the goal. The units are counts and
+seconds.
 
-Its duration is |distance| / speed + speed / acceleration, as in Feetech's examples. A new goal during the motion is
-followed from the present speed, so goals every 50 ms with a suitable speed make one smooth motion.
+The duration of the profile is |distance| / speed + speed / acceleration, as in Feetech's examples. A new goal during a
+motion is followed from the current speed, so goals every 50 ms with a suitable speed result in one smooth motion.
 """
 
 from math import sqrt
@@ -10,7 +11,7 @@ UNLIMITED = float("inf")
 
 
 class MotionProfile:
-    """Present set-point of a servo: ``position`` (counts) and ``velocity`` (counts/s)."""
+    """Current set-point of a servo: ``position`` (counts) and ``velocity`` (counts/s)."""
 
     __slots__ = ("acceleration", "goal", "position", "speed", "velocity")
 
@@ -21,7 +22,7 @@ class MotionProfile:
         self.speed = UNLIMITED
         """Maximum speed, in counts/s."""
         self.acceleration = UNLIMITED
-        """Maximum change of speed, in counts/s^2."""
+        """Maximum acceleration, in counts/s^2."""
 
     @property
     def done(self) -> bool:
@@ -29,12 +30,12 @@ class MotionProfile:
         return self.velocity == 0.0 and self.position == self.goal
 
     def restart(self, position: float) -> None:
-        """Restart at rest at ``position``."""
+        """Restart the profile at rest at ``position``."""
         self.position = position
         self.velocity = 0.0
 
     def step(self, dt_s: float) -> None:
-        """Advance by ``dt_s``. This is fast at rest, because most servos are at rest most of the time."""
+        """Advance by ``dt_s``. The case at rest is handled first, because most servos are at rest most of the time."""
         distance = self.goal - self.position
         if distance == 0.0 and self.velocity == 0.0:
             return
@@ -45,15 +46,15 @@ class MotionProfile:
         velocity = min(max(wanted, self.velocity - change), self.velocity + change)
         travelled = velocity * dt_s
         self.velocity = velocity
-        # A rounding error must not prevent the arrival.
+        # A rounding error must not prevent the profile from ending.
         arrived = abs(distance - travelled) < 1e-6
         self.position = self.goal if arrived else self.position + travelled
 
     def _wanted_speed(self, distance: float, dt_s: float) -> float:
         """Return the maximum speed from which the profile can still stop at the goal, in steps of ``dt_s``.
 
-        Braking in steps from a speed of n * a * dt takes n(n+1)/2 * a * dt^2 counts. This is the inverse of that
-        formula. In the last step it is the speed that ends exactly at the goal.
+        Braking in steps from a speed of n * a * dt takes n(n+1)/2 * a * dt^2 counts. The result is the inverse of this
+        formula. In the last step, the result is the speed that ends exactly at the goal.
         """
         per_step = self.acceleration * dt_s
         reach = distance / dt_s

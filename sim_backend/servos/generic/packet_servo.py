@@ -14,7 +14,7 @@ from sim_backend.packets.sts import Code, status_packet
 
 
 class Table(Protocol):
-    """The part of the control table that a line of servos needs."""
+    """The part of the control table that a line of servos uses."""
 
     @property
     def servo_id(self) -> int: ...
@@ -41,7 +41,7 @@ class Table(Protocol):
 
 
 class Driven(Fed, Protocol):
-    """The part of the firmware that a line needs."""
+    """The part of the firmware that a line uses."""
 
     @property
     def status(self) -> int: ...
@@ -50,28 +50,30 @@ class Driven(Fed, Protocol):
 
 
 class WiredServo(ABC):
-    """A servo on a virtual bus. The bus passes instructions to it and advances it."""
+    """A servo on a virtual bus. The bus passes instructions to the servo and advances it."""
 
     BOOT_S: ClassVar[float] = 0.8
-    """Time from power-on to the first reply, in seconds. Feetech's protocol manual gives it for a reboot."""
+    """Time from power-on to the first reply, in seconds. Feetech's protocol manual gives this time for a reboot."""
     PRESENT_POSITION: ClassVar[Register] = sts.present_position
     memory: Table
     firmware: Driven
 
     def __init__(self, model: ServoModel, gears: Gears | None = None) -> None:
-        """Create a servo. ``gears`` are given if they have been identified."""
+        """Create a servo. ``gears`` are the identified gears, if they are known."""
         self.model = model
         self.gears = gears
         self.on_read: list[Callable[[int, int, bytes], bytes]] = []
-        """Functions that falsify a reply's data. They take address, size and true bytes, and return the sent bytes."""
+        """Functions that falsify the data of a reply. Each function takes the address, the size and the true bytes, and
+        returns the bytes to send."""
         self.on_status: list[Callable[[int], int]] = []
-        """Functions that falsify a reply's error byte. They take the true status and return the sent one."""
+        """Functions that falsify the error byte of a reply. Each function takes the true status and returns the status
+        to send."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
     @property
     def servo_id(self) -> int:
-        """ID that the servo has now."""
+        """Current ID of the servo."""
         return self.memory.servo_id
 
     @property
@@ -86,7 +88,7 @@ class WiredServo(ABC):
 
     @property
     def deaf_s(self) -> float:
-        """Remaining time of a restart, in which the servo hears nothing, in seconds."""
+        """Remaining time of a restart, during which the servo ignores all instructions, in seconds."""
         return self._deaf_s
 
     @deaf_s.setter
@@ -110,7 +112,7 @@ class WiredServo(ABC):
 
     @abstractmethod
     def read_status(self, address: int, size: int) -> bytes:
-        """Return the status packet with ``size`` bytes from ``address``, with the present state."""
+        """Return the status packet that contains the current values of ``size`` bytes from ``address``."""
 
     def _reported(self, address: int, size: int) -> bytes:
         """Return bytes of the table as a reply contains them, with injected faults."""
@@ -128,7 +130,7 @@ class PacketServo(WiredServo):
     """A servo whose status packets are those of Feetech or of Dynamixel protocol 1.0."""
 
     GROUP_READ: ClassVar[Code | None]
-    """Instruction that reads this servo together with others; None if there is none."""
+    """Instruction that reads this servo together with other servos; None if there is none."""
 
     @abstractmethod
     def read(self, address: int, size: int) -> bytes:

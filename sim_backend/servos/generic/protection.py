@@ -1,9 +1,9 @@
 """Protection of a servo other than STS: status bits, protective torque, and release of the motor.
 
-From the memory table: the bits and the limits. "Overload torque" for "protection time" leads to "protective torque". A
-bit in "unloading condition" enables its protection. Assumed, because the table does not say:
-- Overload is latched until the torque switch is written, or until a goal leads away from the blocked direction. A
-  stream of the same goal does not end it.
+From the memory table: the status bits and the limits. "Overload torque" for "protection time" leads to "protective
+torque". A bit in "unloading condition" enables its protection. Assumed, because the table does not describe it:
+- Overload is latched until the torque switch is written, or until a new goal leads away from the blocked direction. A
+  stream of equal goals does not clear the latch.
 - Overcurrent releases the motor and is latched in the same way.
 - Voltage and temperature errors are reported, and release the motor, only while the value is out of range.
 """
@@ -22,20 +22,20 @@ _TIME_UNIT_S: Final = 0.01
 
 
 class Limits(Protocol):
-    """The part of the control table from which limits are read."""
+    """The part of the control table that contains the limits."""
 
     def get(self, register: Register) -> int: ...
 
 
 class Protection:
-    """Protection of one servo. The motor driver obeys ``duty_limit`` and ``released``."""
+    """Protection of one servo. The motor driver follows ``duty_limit`` and ``released``."""
 
     def __init__(self) -> None:
         self.status = 0
         self.duty_limit = 1.0
         self.released = False
         self.blocked_direction = 0.0
-        """Drive at which a protection was latched; 0 if none is."""
+        """Drive at which a protection was latched; 0 if no protection is latched."""
         self._overload_s = 0.0
         self._overcurrent_s = 0.0
 
@@ -58,7 +58,7 @@ class Protection:
         self._act()
 
     def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
-        """Check the motor, ``dt_s`` after the last check."""
+        """Check the motor after a step of ``dt_s``."""
         latched = self.status & (OVERLOAD | CURRENT)
         over = abs(duty) >= self._overload_duty
         self._overload_s = self._overload_s + dt_s if over else 0.0

@@ -1,7 +1,8 @@
-"""One virtual servo of the SCS or a similar series: the common firmware with another table and a potentiometer.
+"""One virtual servo of the SCS series or a similar series: the common firmware with a different table and a
+potentiometer.
 
-Factory values are those of Feetech's SCS memory table where it has them; the others are assumed. Also assumed: the
-position loop is as stiff as an STS servo's, in newton meters per radian of its full drive.
+Factory values come from Feetech's SCS memory table; values that it does not contain are assumed. Also assumed: the
+position loop is as stiff as that of an STS servo, in newton meters per radian relative to the servo's full drive.
 """
 
 from typing import ClassVar, Final
@@ -16,11 +17,11 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 _ABSENT: Final = {
-    sts.protection_current.name: sts.protection_current.largest,  # these servos do not measure it
+    sts.protection_current.name: sts.protection_current.largest,  # These servos do not measure this value.
 }
-"""Values for the firmware if the table has no such register. All others are 0."""
+"""Values that the firmware uses if the table has no such register. All others are 0."""
 _TIME_UNITS: Final = 4
-"""Number of STS protection time units (10 ms) in one unit of an SCS servo (40 ms)."""
+"""Length of one unit of the protection time of an SCS servo (40 ms), in units of an STS servo (10 ms)."""
 
 FACTORY: Final[dict[Register, int]] = {
     scs.firmware_major: 3,
@@ -42,11 +43,11 @@ FACTORY: Final[dict[Register, int]] = {
     scs.overload_torque: 80,
     scs.lock: 1,
 }
-"""Factory values. All other registers are 0, except for ``max_position``, which is the model's last count."""
+"""Factory values. All other registers are 0, except for ``max_position``, which is the last count of the model."""
 
 
 class ScsMemory(Memory):
-    """The table of the model's series. STS registers are found by name."""
+    """Control table of an SCS series. STS registers are found by name."""
 
     def __init__(self, model: ServoModel, servo_id: int) -> None:
         registers = series_of(model).registers
@@ -77,7 +78,7 @@ class ScsMemory(Memory):
 
 
 class ScsFirmware(GenericFirmware):
-    """Control loop on coarser counts. They do not wrap but end where the potentiometer ends."""
+    """Control loop for coarser counts. The counts do not wrap but end where the potentiometer ends."""
 
     def load_settings(self) -> None:
         super().load_settings()
@@ -86,7 +87,8 @@ class ScsFirmware(GenericFirmware):
 
 
 class VirtualScsServo(GenericServo):
-    """An SCS servo on a virtual bus. It has no sync read and no homing offset, and its readings end with the sensor."""
+    """An SCS servo on a virtual bus. The servo has no sync read and no homing offset, and its readings end where the
+    sensor ends."""
 
     GROUP_READ: ClassVar[Code | None] = None
 

@@ -1,8 +1,8 @@
 """One virtual servo other than STS: control table, firmware and instructions.
 
-Assumed, because the manuals do not say: a write of the ID or the baud rate is answered with the old ID. Malformed and
-unknown instructions are not answered, and neither is a read of more bytes than a reply can hold. A rebooting servo
-hears nothing.
+Assumed, because the manuals do not describe it: a write of the ID or the baud rate is answered with the old ID.
+Malformed and unknown instructions are not answered, and neither are reads of more bytes than a reply can hold. A servo
+that reboots ignores all instructions.
 """
 
 from typing import ClassVar
@@ -18,7 +18,7 @@ from sim_backend.servos.sts.firmware import touches
 
 
 class GenericServo(PacketServo):
-    """A servo whose table and firmware depend on the series."""
+    """A servo whose table and firmware depend on its series."""
 
     REBOOTS: ClassVar[bool] = True
     """Whether the servo supports the reboot instruction."""
@@ -90,6 +90,6 @@ class GenericServo(PacketServo):
             self.write(address, data)
 
     def _covers(self, address: int, data: bytes, register: Register) -> bool:
-        """Whether a write of ``data`` at ``address`` includes a byte of ``register``."""
+        """Return whether a write of ``data`` at ``address`` includes a byte of ``register``."""
         own = self.memory.own(register)
         return own is not None and touches(address, len(data), own)

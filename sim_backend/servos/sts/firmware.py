@@ -11,7 +11,8 @@ from sim_backend.servos.sts.memory import StsMemory
 from sim_backend.servos.sts.state import STATE, States, forget_volatile, new_states
 
 ENCODER_LAG_S: Final = 0.0018
-"""Time constant of the AS5600's filter, fitted to step responses of real servos. Its data sheet says about 2 ms."""
+"""Time constant of the AS5600's filter, fitted to step responses of real servos. The data sheet of the AS5600 gives
+about 2 ms."""
 _NOTED: Final = (
     (sts.goal_position, kernel.GOAL_NOTED),
     (sts.goal_time, kernel.PWM_NOTED),
@@ -21,19 +22,21 @@ _NOTED: Final = (
 )
 
 _NO_OFFSET: Final = 1 << 16
-"""A value that no register can hold. It makes the kernel load the homing offset again, even if it has not changed."""
+"""A value that a register cannot contain. This value makes the kernel load the homing offset again, even if the offset
+has not changed."""
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
 """Motor constants that are proportional to the number of turns of the winding."""
 
 
 @dataclass(frozen=True, slots=True)
 class StsVariant:
-    """Firmware behavior on which reports contradict each other or come from only one source."""
+    """Firmware behavior on which reports contradict each other or which only one source describes."""
 
     goal_write_energises: bool = True
     """Whether a write of the operating mode's goal enables the torque."""
     torque_on_takes_goal: bool = False
-    """Whether enabling the torque starts a motion to the goal register. Otherwise the servo holds its position."""
+    """Whether the servo moves to the goal register when the torque is enabled. Otherwise, the servo holds its current
+    position."""
     forgets_goal_within_tick: bool = True
     """Whether a goal, acceleration or velocity is lost if another write follows within the same millisecond."""
 
@@ -43,7 +46,7 @@ AS_REIMPLEMENTED: Final = StsVariant()
 
 
 def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
-    """Return the record of one servo that is cold and without power."""
+    """Return the record of one servo without power and at ambient temperature."""
     return new_states(
         torque_constant_nm_a=motor.torque_constant_nm_a,
         back_emf_v_s=motor.back_emf_v_s,
@@ -71,7 +74,7 @@ class StsFirmware:
         self.step(0.0, 0.0, 0.0)  # Compile or load the kernel now, not in the first millisecond of a real-time line.
 
     def work_on(self, states: States) -> None:
-        """Move the state into this array. A line keeps the records of all its servos in one array."""
+        """Move the state of the servo into this array. A line keeps the records of all its servos in one array."""
         states[:] = self._states
         self._take(states)
         self._memory.work_on(states)
@@ -87,7 +90,7 @@ class StsFirmware:
         kernel.power_on(self._states, self.voltage_v)
 
     def observe(self, angle_rad: float) -> None:
-        """Set the shaft's angle without motion, at power-on or after the shaft was moved by hand."""
+        """Set the shaft's angle without motion, at power-on or after it was turned by hand."""
         self._fields["lagged_rad"][0] = angle_rad
         kernel.look(self._states, self.voltage_v)
 
@@ -98,7 +101,7 @@ class StsFirmware:
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
-        """Record which goals and profile settings a write touched, for the next millisecond."""
+        """Record which goals and profile settings a write has changed, for the next millisecond."""
         noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")
@@ -126,7 +129,7 @@ class StsFirmware:
 
     @property
     def deaf_s(self) -> float:
-        """Remaining time of a reboot, in which the servo hears nothing, in seconds."""
+        """Remaining time of a reboot, during which the servo ignores all instructions, in seconds."""
         return self._value("deaf_s")
 
     @deaf_s.setter
@@ -135,7 +138,7 @@ class StsFirmware:
 
     @property
     def encoder_fails(self) -> bool:
-        """Whether the encoder does not answer the firmware. This injected fault survives power-off."""
+        """Whether the encoder does not answer the firmware. This injected fault remains after a power-off."""
         return bool(self._number("encoder_fails"))
 
     @encoder_fails.setter
@@ -144,7 +147,7 @@ class StsFirmware:
 
     @property
     def encoder_sticks(self) -> bool:
-        """Whether the encoder repeats its last value. This injected fault survives power-off."""
+        """Whether the encoder repeats its last value. This injected fault remains after a power-off."""
         return bool(self._number("encoder_sticks"))
 
     @encoder_sticks.setter
@@ -173,7 +176,7 @@ class StsFirmware:
 
     @property
     def setpoint(self) -> float:
-        """Present set-point of the motion profile, in counts including turns."""
+        """Current set-point of the motion profile, in counts including turns."""
         return self._number("setpoint_e4") / kernel.FINE
 
     @property
@@ -203,5 +206,5 @@ class StsFirmware:
 
 
 def touches(address: int, size: int, register: Register) -> bool:
-    """Whether a write of ``size`` bytes from ``address`` includes a byte of ``register``."""
+    """Return whether a write of ``size`` bytes from ``address`` includes a byte of ``register``."""
     return address < register.address + register.size and register.address < address + size

@@ -1,10 +1,10 @@
 """Firmware of an STS servo in steps of one millisecond, compiled to machine code.
 
-Each function is one part of the firmware. Section numbers are the rows of the table in docs/simulation.md, which names
-the sources. Units: drive in 1/1000 of full drive, position in counts (1/4096 turn), time in ms. The motion profile
-uses 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft towards smaller counts.
+Each function is one part of the firmware. The section numbers refer to the rows of the table in docs/simulation.md,
+which lists the sources. Units: drive in 1/1000 of full drive, position in counts (1/4096 turn), time in ms. The motion
+profile uses 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft toward smaller counts.
 
-All arithmetic uses the servo's integers. All compiled code of the firmware is in this file: numba checks only a
+All arithmetic uses integers, as in the servo. All compiled code of the firmware is in this file: numba checks only a
 function's own file when it decides whether cached machine code is stale.
 """
 
@@ -75,7 +75,7 @@ COUNTS_PER_RAD: Final = TURN / (2.0 * pi)
 FINE: Final = 10_000
 """Number of profile steps in one count."""
 FINE_PER_MS: Final = 10
-"""Profile speed (1/10000 count per ms) of one count per second."""
+"""Profile speed that corresponds to one count per second, in 1/10000 count per ms."""
 BRIDGE_LIMIT: Final = 970
 SPEED_UNIT: Final = 50
 """Counts per second in one unit of a reported speed, and in one unit of ``MAX_VELOCITY``."""
@@ -98,7 +98,7 @@ LARGEST_SHOWN: Final = 0x7FFE
 
 @compiled
 def quotient(a: int, b: int) -> int:
-    """Return ``a / b``, rounded towards zero as in C."""
+    """Return ``a / b``, rounded toward zero as in C."""
     return a // b if a >= 0 else -(-a // b)
 
 
@@ -128,7 +128,7 @@ def put_word(s: Record, address: int, value: int) -> None:
 
 @compiled
 def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
-    """Write a value as sign and magnitude. A magnitude that is too large loses its high bits."""
+    """Write a value as a sign and a magnitude. A magnitude that is too large loses its high bits."""
     magnitude = abs(value) & ((1 << sign_bit) - 1)
     put_word(s, address, magnitude | (1 << sign_bit if value < 0 else 0))
 
@@ -137,7 +137,8 @@ def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
 def homing_offset(s: Record) -> int:
     """Return the homing offset, in counts.
 
-    Bits 0 to 10 and 12 are the magnitude and bit 11 is the sign. If bit 15 is set, the word is two's complement.
+    Bits 0 to 10 and 12 are the magnitude and bit 11 is the sign. If bit 15 is set, the word is a two's complement
+    number.
     """
     value = word(s, HOMING_OFFSET)
     if value >= 1 << 15:
@@ -155,7 +156,7 @@ def clip(value: int, limit: int) -> int:
 
 @compiled
 def counts_turns(s: Record) -> bool:
-    """Whether the operating mode controls positions."""
+    """Return whether the operating mode controls the position."""
     return byte(s, OPERATING_MODE) == POSITION or byte(s, OPERATING_MODE) == STEP
 
 
@@ -200,7 +201,7 @@ def see(s: Record) -> None:
 
 @compiled
 def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
-    """Change the position reference without any motion of the shaft. The set-point moves with the position."""
+    """Change the reference of positions without moving the shaft. The set-point changes together with the position."""
     if forget_turns:
         s.turns = 0
     position = reading + s.turns * TURN
@@ -217,7 +218,7 @@ def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
 
 @compiled
 def take_writes(s: Record) -> None:
-    """Apply the last write: enable the torque if a goal was written, and take over the goal."""
+    """Apply the last write: enable the torque if a goal was written, and use the goal."""
     noted, mode = s.noted, byte(s, OPERATING_MODE)
     s.noted = 0
     goal_of_mode = GOAL_NOTED
@@ -246,7 +247,7 @@ def begin_profile(s: Record) -> None:
 
 @compiled
 def take_goal(s: Record) -> None:
-    """Take over the goal register, scaled by the angular resolution and clipped to the position limits."""
+    """Use the goal register as the new goal, scaled by the angular resolution and clipped to the position limits."""
     goal = signed(s, GOAL_POSITION, 15) * max(1, byte(s, ANGULAR_RESOLUTION))
     if byte(s, OPERATING_MODE) == STEP:
         goal += s.goal
@@ -273,7 +274,7 @@ def asked_speed(s: Record) -> int:
 
 @compiled
 def take_speed(s: Record) -> None:
-    """Latch the goal velocity. The phase register has no effect until the goal velocity is written again."""
+    """Latch the goal velocity. The phase register takes effect only when the goal velocity is written again."""
     top = asked_speed(s)
     if byte(s, OPERATING_MODE) != VELOCITY:
         top = abs(top)
@@ -285,9 +286,10 @@ def take_speed(s: Record) -> None:
 
 @compiled
 def take_ramp(s: Record) -> None:
-    """Latch the largest change of speed per millisecond; 0 means no limit.
+    """Store the largest change of speed per millisecond; 0 means no limit.
 
-    A change of the registers for the maximum and the multiplier has no effect until the acceleration is written again.
+    A change of the registers for the maximum and the multiplier takes effect only when the acceleration is written
+    again.
     """
     ramp, largest = byte(s, ACCELERATION), byte(s, MAX_ACCELERATION)
     if ramp == 0:
@@ -300,14 +302,14 @@ def take_ramp(s: Record) -> None:
 
 @compiled
 def follow_shaft(s: Record) -> None:
-    """Set the set-point and the goal to the shaft's position, at rest."""
+    """Set the set-point and the goal to the position of the shaft, at rest."""
     s.goal = s.position
     s.setpoint_e4, s.speed_e4, s.planned = s.position * FINE, 0, 0
 
 
 @compiled
 def advance_profile(s: Record) -> None:
-    """Move the set-point towards the goal with a trapezoidal speed profile (section 5)."""
+    """Move the set-point toward the goal with a trapezoidal speed profile (section 5)."""
     left = s.goal * FINE - s.setpoint_e4
     way, distance = 1 if left >= 0 else -1, abs(left)
     if s.ramp_e4 == 0:
@@ -341,7 +343,7 @@ def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
 
 @compiled
 def come_to_rest(s: Record) -> None:
-    """Brake while the set-point is at the goal or the goal velocity is 0."""
+    """Brake because the set-point is at the goal or the goal velocity is 0."""
     way, speed = 1 if s.speed_e4 >= 0 else -1, abs(s.speed_e4) - s.ramp_e4
     s.speed_e4 = way * speed if speed > 0 and speed >= s.lowest_counts_s * FINE_PER_MS else 0
     s.setpoint_e4 += s.speed_e4
@@ -349,7 +351,8 @@ def come_to_rest(s: Record) -> None:
 
 @compiled
 def prepare(s: Record, way: int, distance: int) -> None:
-    """Brake after a change of goal until the set-point can stop at the goal. It may pass the goal first."""
+    """Brake after a change of the goal until the set-point can stop at the goal. The set-point may pass the goal
+    first."""
     speed, slowest = s.speed_e4 * way, s.lowest_counts_s * FINE_PER_MS
     if speed < 0:
         speed += s.ramp_e4
@@ -366,7 +369,7 @@ def prepare(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def approach(s: Record, way: int, distance: int) -> None:
-    """Approach a goal that can be reached: accelerate to the top speed, brake in time and stop at the goal."""
+    """Approach a goal that the set-point can reach: accelerate to the top speed, brake in time and stop at the goal."""
     speed = s.speed_e4 * way
     if braking_distance(speed, s.ramp_e4) >= distance:
         speed -= s.ramp_e4
@@ -377,7 +380,7 @@ def approach(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def ramp_speed(s: Record) -> None:
-    """Move the speed set-point of velocity mode towards the goal velocity (section 4)."""
+    """Move the speed set-point of velocity mode toward the goal velocity (section 4)."""
     wanted, change = s.top_e4, s.ramp_e4
     s.speed_e4 = wanted if change == 0 else min(max(wanted, s.speed_e4 - change), s.speed_e4 + change)
     s.goal = s.position
@@ -386,7 +389,8 @@ def ramp_speed(s: Record) -> None:
 
 @compiled
 def profile_runs(s: Record) -> bool:
-    """Whether the set-point is moving or still has to move. At a top speed of 0 it does not have to."""
+    """Return whether the set-point is moving or still has to move. At a top speed of 0, the set-point does not have to
+    move."""
     return bool(s.speed_e4 != 0 or (s.setpoint_e4 != s.goal * FINE and s.top_e4 != 0))
 
 
@@ -401,7 +405,8 @@ def profile_speed(s: Record) -> int:
 
 @compiled
 def limited(s: Record, drive: int) -> int:
-    """Add the startup force to the drive and apply the torque limit. The part beyond the limit is stored."""
+    """Add the startup force to the drive, and limit the drive by the torque limit. The part of the drive beyond the
+    limit is stored."""
     if drive:
         drive += byte(s, MINIMUM_STARTUP_FORCE) if drive > 0 else -byte(s, MINIMUM_STARTUP_FORCE)
     cut = clip(drive, word(s, TORQUE_LIMIT))
@@ -447,7 +452,7 @@ def integral(s: Record, error: int) -> int:
 
 @compiled
 def velocity_loop(s: Record) -> int:
-    """Return the drive for the speed error, which is in counts per window (section 4)."""
+    """Return the drive for the speed error, which is given in counts per window (section 4)."""
     error, gain = s.window_counts - profile_speed(s), byte(s, VELOCITY_I)
     s.error_sum = s.error_sum + error - s.drive_cut if gain else 0
     return limited(s, quotient(error * byte(s, VELOCITY_P), 10) + quotient(s.error_sum * gain, 1000))
@@ -493,7 +498,7 @@ def watch_supply(s: Record) -> None:
 
 @compiled
 def watch_current(s: Record) -> None:
-    """Detect excess current that lasts too long. If the unloading condition selects it, switch the torque off."""
+    """Detect a current that is too high for too long. Switch the torque off if the unloading condition selects this."""
     limit, longest_ms = word(s, PROTECTION_CURRENT), 10 * byte(s, OVERCURRENT_TIME)
     watched = limit > 0 and longest_ms > 0
     over = watched and word(s, PRESENT_CURRENT) >= limit
@@ -557,7 +562,7 @@ def tick(s: Record) -> None:
     watch_push(s, asked)
     blind = s.status & byte(s, UNLOADING_CONDITION) & ENCODER
     s.drive = 0 if unsupplied or blind else protected(s, asked)
-    if word(s, PROTECTION_CURRENT):  # Only with a current limit does the reported drive show the bridge's limit.
+    if word(s, PROTECTION_CURRENT):  # Without a current limit, the reported drive exceeds that of the bridge.
         s.drive = clip(s.drive, BRIDGE_LIMIT)
     s.on = on
     report(s)
@@ -567,21 +572,21 @@ def tick(s: Record) -> None:
 def folded(s: Record, position: int) -> int:
     """Return a position as the servo reports it in all modes except step mode.
 
-    The position is within one turn. With the unfolded bit of the phase register, it is not wrapped, and its unit is the
-    angular resolution.
+    The position is within one turn. With the unfolded bit of the phase register set, the position is not wrapped, and
+    its unit is the angular resolution.
     """
     return quotient(position, max(1, byte(s, ANGULAR_RESOLUTION))) if byte(s, PHASE) & UNFOLDED_BIT else position % TURN
 
 
 @compiled
 def steps(s: Record, counts: int) -> int:
-    """Convert counts to the units of step mode, which are set by the angular resolution."""
+    """Convert counts to the units of step mode, which depend on the angular resolution."""
     return clip(quotient(counts, max(1, byte(s, ANGULAR_RESOLUTION))), LARGEST_SHOWN)
 
 
 @compiled
 def report(s: Record) -> None:
-    """Write the state into the control table (section 6)."""
+    """Write the state to the control table (section 6)."""
     mode, speed_unit = byte(s, OPERATING_MODE), SPEED_UNIT if byte(s, PHASE) & COUNTS_PER_S_BIT else 1
     if mode == STEP:
         put_signed(s, PRESENT_POSITION, steps(s, s.goal - s.position), 15)
@@ -601,7 +606,7 @@ def report(s: Record) -> None:
 
 @compiled
 def measure(s: Record, voltage_v: float) -> None:
-    """Write voltage, temperature and current into the control table, in the units of the servo's converter."""
+    """Write voltage, temperature and current to the control table, in the units of the servo's converter."""
     s.table[PRESENT_VOLTAGE] = max(0, min(255, int(voltage_v * 10.0 + 0.5)))
     s.table[PRESENT_TEMPERATURE] = max(0, min(255, int(s.temperature_c + 0.5)))
     put_word(s, PRESENT_CURRENT, min(LARGEST_CURRENT, int(abs(s.current_a) / CURRENT_UNIT_A)))
@@ -620,7 +625,7 @@ def power_on(states: States, voltage_v: float) -> None:
 
 @compiled
 def look(states: States, voltage_v: float) -> None:
-    """Read the encoder once as if all filters had settled. If the torque is off, the turn count restarts at 0."""
+    """Read the encoder once, as if all filters had settled. If the torque is off, the count of turns restarts at 0."""
     s: Record = states[0]
     s.recount = not s.on
     sense(s)
@@ -657,7 +662,7 @@ def step(states: States, dt_s: float, angle_rad: float, velocity_rad_s: float, v
 
 @compiled
 def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
-    """Advance one record by ``dt_s``. See ``step`` for the result."""
+    """Advance one record by ``dt_s``. The result is the same as that of ``step``."""
     if s.deaf_s > 0.0:
         s.deaf_s -= dt_s
     if not s.encoder_sticks:
@@ -675,7 +680,7 @@ def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, v
 
 @compiled
 def share_supplies(states: States, supplies: Supplies) -> None:
-    """Compute the voltage of each supply under the current of all servos that it feeds."""
+    """Compute the voltage of each supply under the current of all servos on that supply."""
     for k in range(len(supplies)):
         total_a = 0.0
         for i in range(len(states)):
@@ -696,7 +701,8 @@ def step_all(
     effort: Floats,
     dt_s: float,
 ) -> None:
-    """Advance all servos of a line by ``dt_s``: read joint positions and velocities, and write joint efforts."""
+    """Advance all servos of a line by ``dt_s``: read the joint positions and velocities, and write the joint
+    efforts."""
     share_supplies(states, supplies)
     for i in range(len(states)):
         s: Record = states[i]

@@ -1,7 +1,7 @@
 """Control table of one virtual STS servo: access rules, and the registers that survive power-off.
 
-The firmware works on the same bytes. Addresses that Feetech's table does not list behave like their neighbors. The
-lock register does not prevent a write; a value that is written while it is locked is lost at power-off.
+The firmware works on the same bytes. Addresses that Feetech's table does not list behave like their neighbors. The lock
+register does not prevent a write; a value that is written while the register is locked is lost at power-off.
 """
 
 from typing import Final
@@ -27,7 +27,7 @@ FACTORY: Final[dict[Register, int]] = {
     sts.min_voltage: 40,
     sts.max_torque: 1000,
     sts.phase: 12,  # speeds in counts/s; a speed of 0 means maximum speed
-    sts.unloading_condition: 44,  # temperature, current, overload
+    sts.unloading_condition: 44,  # temperature, current and overload
     sts.led_alarm_condition: 47,
     sts.position_p: 32,
     sts.position_d: 32,
@@ -54,7 +54,7 @@ FACTORY: Final[dict[Register, int]] = {
 
 
 def offset_word(offset: int) -> int:
-    """Return the word that encodes a homing offset (counts), or 0 for an offset of one turn or more."""
+    """Return the word that encodes a homing offset (counts), or 0 if the offset is one turn or more."""
     if offset >= 4096:
         return 0
     size, sign = abs(offset), 1 << 11 if offset < 0 else 0
@@ -68,7 +68,8 @@ class StsMemory:
         self.work_on(states)
         self.servo_id = servo_id
         self.baud = 0
-        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
+        """Baud rate in bits per second. The baud rate is decoded at each write, as is the ID, because every packet
+        needs both."""
         for register, value in FACTORY.items():
             self.put(register, value)
         self.put(sts.model_number, model.number)
@@ -78,12 +79,12 @@ class StsMemory:
         self.power_up()
 
     def work_on(self, states: States) -> None:
-        """Use the table of this record from now on."""
+        """From now on, use the table of this record."""
         self._table = memoryview(states["table"][0])
 
     @property
     def answers(self) -> int:
-        """Status level: 1 answers pings and reads, 2 answers every instruction."""
+        """Status level: at 1, the servo answers pings and reads; at 2, every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def get(self, register: Register) -> int:
@@ -100,7 +101,7 @@ class StsMemory:
         return bytes(self._table[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes that came over the wire. Read-only bytes do not change."""
+        """Write bytes that came over the wire. Read-only bytes are not changed."""
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
                 self._write_byte(at, self._corrected(at, value))
@@ -121,7 +122,7 @@ class StsMemory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def save_defaults(self) -> None:
-        """Save the present table as the defaults (instruction 9)."""
+        """Save the current table as the defaults (instruction 9)."""
         self._defaults = bytes(self._table)
 
     def restore_defaults(self) -> None:
@@ -150,7 +151,7 @@ class StsMemory:
             self._saved[at] = value
 
     def _corrected(self, at: int, value: int) -> int:
-        """Correct a byte as the firmware does. It corrects only these two values."""
+        """Correct a written byte as the firmware does. The firmware corrects only these two values."""
         if at == sts.baud_rate.address and value >= len(sts.BAUD_RATES):
             return 0
         return 1 if at == sts.angular_resolution.address and value == 0 else value

@@ -30,25 +30,25 @@ _PARAMETERS: Final = (
     ("torque_on_takes_goal", "i8"),
     # Physical state, which is not lost at power-off.
     ("temperature_c", "f8"),
-    ("lagged_rad", "f8"),  # shaft angle after the encoder's filter
-    ("encoder_fails", "i8"),  # encoder does not answer the firmware
-    ("encoder_sticks", "i8"),  # encoder repeats its last value
-    ("deaf_s", "f8"),  # time until the reboot is complete
+    ("lagged_rad", "f8"),  # shaft angle after the filter of the encoder
+    ("encoder_fails", "i8"),  # whether the encoder does not answer the firmware
+    ("encoder_sticks", "i8"),  # whether the encoder repeats its last value
+    ("deaf_s", "f8"),  # remaining time of a reboot
     ("supply", "i8"),  # index of the supply that feeds the servo
     ("voltage_v", "f8"),
     ("supply_current_a", "f8"),  # current that the motor draws from the supply
 )
 
 _VOLATILE: Final = (
-    ("elapsed_ns", "i8"),  # time since the last millisecond
-    ("noted", "i8"),  # goals and profile settings that the last write touched
+    ("elapsed_ns", "i8"),  # time since the last full millisecond
+    ("noted", "i8"),  # goals and profile settings that the last write has changed
     # Settings that are read only at power-on.
-    ("windows_s", "i8"),  # windows per second, which is also the speed of one count per window, in counts per second
+    ("windows_s", "i8"),  # windows per second, which is also the speed of one count per window in counts per second
     ("window_ms", "i8"),
     ("lowest_counts_s", "i8"),
     ("highest_counts_s", "i8"),
-    # Sensing (section 6). ``position`` continues beyond one turn.
-    ("recount", "i8"),  # restart the count of turns
+    # Sensing (section 6). The position ``position`` continues beyond one turn.
+    ("recount", "i8"),  # whether to restart the count of turns
     ("mode", "i8"),
     ("offset", "i8"),
     ("raw", "i8"),
@@ -58,13 +58,13 @@ _VOLATILE: Final = (
     ("window_age_ms", "i8"),
     ("window_position", "i8"),
     ("window_counts", "i8"),
-    # Motion profile (section 5): counts, 1/10000 count, 1/10000 count per ms.
+    # Motion profile (section 5), in counts, 1/10000 count, and 1/10000 count per ms.
     ("on", "i8"),
     ("goal", "i8"),
     ("setpoint_e4", "i8"),
     ("speed_e4", "i8"),
-    ("top_e4", "i8"),  # speed that the last write of the goal velocity requested
-    ("ramp_e4", "i8"),  # change of speed per ms that the last write of the acceleration allowed
+    ("top_e4", "i8"),  # speed requested by the last write of the goal velocity
+    ("ramp_e4", "i8"),  # change of speed per ms allowed by the last write of the acceleration
     ("planned", "i8"),  # whether the set-point can stop at the goal
     # Control loops (sections 3 and 4).
     ("error_age_ms", "i8"),
@@ -79,7 +79,7 @@ _VOLATILE: Final = (
     ("high_voltage_ms", "i8"),
     ("hot_ms", "i8"),
     ("overcurrent_ms", "i8"),
-    ("push", "i8"),  # direction of the drive that is checked for overload, 0 for none
+    ("push", "i8"),  # direction of the drive that is checked for overload; 0 for none
     ("push_ms", "i8"),
     ("push_position", "i8"),
     # Motor (sections 2 and 10).
@@ -90,7 +90,7 @@ STATE: Final = np.dtype([("table", "u1", (TABLE_SIZE,)), *_PARAMETERS, *_VOLATIL
 
 
 SUPPLY: Final = np.dtype([("voltage_v", "f8"), ("resistance_ohm", "f8"), ("left_v", "f8")])
-"""A power supply, and the voltage that remains under its load."""
+"""A power supply, and its voltage under load."""
 
 
 def new_states(**parameters: float) -> States:
@@ -102,6 +102,6 @@ def new_states(**parameters: float) -> States:
 
 
 def forget_volatile(states: States) -> None:
-    """Reset all fields that are lost at power-off, except for the table."""
+    """Reset all fields that are lost at power-off, except for the control table."""
     for name, _ in _VOLATILE:
         states[name] = 0

@@ -1,4 +1,4 @@
-"""Use the robot class of the plug-in, and kill its stack. Runs in the environment of LeRobot.
+"""Use the robot class of the plug-in, and kill its stack. This script runs in the environment of LeRobot.
 
 The argument is the process ID of the stack.
 """
@@ -21,7 +21,7 @@ from lerobot_robot_servoloop import ServoloopRobotConfig
 @CameraConfig.register_subclass("black")
 @dataclass
 class BlackCameraConfig(CameraConfig):
-    """Options of the camera: only those of every camera."""
+    """Options of the camera, which are only those that every camera has."""
 
 
 class BlackCamera:
@@ -46,7 +46,7 @@ robot: Any = make_robot_from_config(ServoloopRobotConfig(max_relative_target=5.0
 
 
 def show_error(kind: type[Exception], call: Callable[[], object]) -> bool:
-    """Print the error that a call raises, and return whether it has raised one."""
+    """Print the error that a call raises, and return whether the call has raised an error."""
     try:
         call()
     except kind as error:

@@ -19,7 +19,7 @@ INSTALL_S: Final = 600.0
 
 
 def lerobot_environment() -> Path:
-    """Return the folder of an environment with LeRobot. Skips the test if LeRobot cannot be installed."""
+    """Return the folder of an environment with LeRobot. The test is skipped if LeRobot cannot be installed."""
     if given := os.environ.get(GIVEN):
         return Path(given).resolve()
     folder = ROOT / "build" / f"lerobot-{VERSION}"

@@ -9,7 +9,8 @@ from tests.integrations.lerobot.conftest import PLUGIN
 
 
 def install_plugin(folder: Path) -> Path:
-    """Build the wheel of the plug-in and unpack it. A program finds it if ``PYTHONPATH`` has the returned folder."""
+    """Build the wheel of the plug-in and unpack it. A program finds the plug-in if ``PYTHONPATH`` contains the returned
+    folder."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder / "wheel")]
     subprocess.run(command, cwd=PLUGIN, check=True, capture_output=True)
     (wheel,) = (folder / "wheel").glob("*.whl")

@@ -1,4 +1,5 @@
-"""Print a summary of a LeRobot dataset as JSON. Runs in the environment of LeRobot; the argument is its folder."""
+"""Print a summary of a LeRobot dataset as JSON. This script runs in the environment of LeRobot; its argument is the
+folder of the dataset."""
 
 import json
 import sys

@@ -40,7 +40,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[SocketRig]:
 
 @pytest.fixture
 def connect(rig: SocketRig) -> Iterator[Callable[..., ConnectedArm]]:
-    """Yield a function that connects, by default with all joints and degrees."""
+    """Yield a function that connects to the arm, by default with all joints and in degrees."""
     arms: list[ConnectedArm] = []
 
     def connect(arm: str | None = None, joints: list[str] = JOINTS, use_degrees: bool = True) -> ConnectedArm:
@@ -107,7 +107,7 @@ def test_a_target_beyond_the_limits_is_sent_as_the_limit(rig: SocketRig, connect
 
 
 def test_a_stream_that_was_silent_is_opened_again(rig: SocketRig, connect: Callable[..., ConnectedArm]) -> None:
-    """LeRobot sends nothing while it saves an episode."""
+    """LeRobot sends no actions while it saves an episode."""
     rig.pause_s = 0.02
     arm = connect()
     arm.take(max_age_s=1.0)

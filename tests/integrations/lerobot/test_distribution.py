@@ -1,4 +1,4 @@
-"""The plug-in for LeRobot is a distribution of its own that LeRobot finds by name."""
+"""The plug-in for LeRobot is a separate distribution that LeRobot finds by its name."""
 
 import ast
 import sys

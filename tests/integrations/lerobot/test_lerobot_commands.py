@@ -1,6 +1,6 @@
 """LeRobot's own commands with two virtual SO-101, each in the process of its ``servoloop up``.
 
-LeRobot runs in an environment of its own, with the wheel of the plug-in.
+LeRobot runs in a separate environment, with the wheel of the plug-in.
 """
 
 import json
@@ -27,7 +27,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 HERE = Path(__file__).parent
 LEROBOT_S = 300.0
-"""Maximum time of one of LeRobot's commands on a busy machine, in seconds. Its start alone takes half a minute."""
+"""Maximum time of one of LeRobot's commands on a busy machine, in seconds. The start of LeRobot alone takes half a
+minute."""
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
 FEATURES = [f"{joint}.pos" for joint in JOINTS]
 UP = ("servoloop up --no-ros --arm so101_leader", "servoloop up --no-ros --arm so101")
@@ -45,7 +46,7 @@ KEEP_TORQUE = "--teleop.release_torque=false"
 
 
 class LeRobot:
-    """LeRobot with the plug-in, as its commands see it."""
+    """LeRobot with the plug-in, as LeRobot's commands see it."""
 
     def __init__(self, environment: Path, folder: Path) -> None:
         self.home = folder / "home"
@@ -115,8 +116,8 @@ def arms(lerobot: LeRobot, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @contextmanager
 def moving_leader() -> Iterator[None]:
-    """Unfold both arms, and let the leader swing, as a hand would move it, until the end of the block."""
-    for name in ("so101", "so101_leader"):  # folded, the jaws would hit the bins
+    """Unfold both arms, and move the leader back and forth, as a hand would, until the end of the block."""
+    for name in ("so101", "so101_leader"):  # in the folded pose, the jaws would hit the bins
         with Arm.connect(name) as arm:
             arm.move_to(dict.fromkeys(JOINTS[:5], 0.0), speed=0.25)
     ended = threading.Event()

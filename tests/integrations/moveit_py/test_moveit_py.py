@@ -27,7 +27,7 @@ SRDF = (ROOT / "config" / "moveit" / "robot_arm.srdf").read_text()
 
 
 class RecordingClient:
-    """Client whose move_group plans a straight motion to joint1 = 0.5, and records what it gets."""
+    """Client whose move_group plans a straight motion to joint1 = 0.5 and records all requests."""
 
     def __init__(self) -> None:
         self.requests: list[Any] = []

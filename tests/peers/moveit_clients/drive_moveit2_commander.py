@@ -1,7 +1,7 @@
-"""Use a plan server with moveit2_commander, and print one JSON line with what each call reports.
+"""Use a plan server with moveit2_commander, and print the results of all calls as one line of JSON.
 
-moveit2_commander imports all names of three packages without using them. ROS 2 from wheels does not have these
-packages, so empty modules stand in for them.
+moveit2_commander imports all names of three packages without using them. ROS 2 from wheels does not contain these
+packages, so they are replaced by empty modules.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Use a plan server with pymoveit2, and print one JSON line with what each call reports."""
+"""Use a plan server with pymoveit2, and print the results of all calls as one line of JSON."""
 
 import json
 import sys
@@ -16,7 +16,7 @@ SCENE_S = 5.0
 
 
 def wait_for(condition: Any) -> bool:
-    """Return whether a condition becomes true in time."""
+    """Return whether a condition becomes true before a timeout."""
     end_s = time.monotonic() + SCENE_S
     while not condition():
         if time.monotonic() > end_s:
@@ -56,7 +56,7 @@ def move(robot: Any, found: dict[str, Any]) -> None:
 
 
 def change_scene(robot: Any, found: dict[str, Any]) -> None:
-    """Add an object in the way, attach one to the tool, and remove both."""
+    """Add an object that blocks the path, attach an object to the tool, and remove both."""
     arm = robot.arm
     robot.move_to_configuration(READY, timeout_sec=LIMIT_S)
     at = arm.compute_fk(joint_state=LEFT).pose.position

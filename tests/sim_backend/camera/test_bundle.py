@@ -1,4 +1,4 @@
-"""Bundles of rays: no ray that meets a geom is left out."""
+"""Bundles of rays: no ray that hits a geom is omitted."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_rays_to_all_sides_are_refused():
 
 
 def test_a_moving_arm_leaves_nothing_behind():
-    """A picture does not depend on earlier poses, and still and moving geoms give one picture."""
+    """A picture does not depend on earlier poses, and fixed and moving geoms are combined in one picture."""
     poses = ([-0.4, 0.3, -0.6, -0.8, -0.9, 0.4, 0.02], [0.0, -0.36, -0.64, -0.82, -0.95, -1.68, 0.0])
     worlds = [World(initial_position=pose) for pose in poses]
     camera = PinholeCamera.looking_at(np.array([0.29, 0.0, 0.09]), np.array([0.7, 0.0, 0.4]), 150.0, (160, 120))

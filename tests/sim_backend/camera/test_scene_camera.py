@@ -1,4 +1,4 @@
-"""The camera that a scene names, compared with the frames of the robot description."""
+"""The camera that a scene defines is compared with the frames of the robot description."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Pictures of apples on a table, and the truth about them."""
+"""Pictures of apples on a table, and the true values of the apples."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def test_a_picture_repeats_by_its_seeds():
 
 
 def test_the_outline_has_the_apples_size():
-    """The outline of a sphere is the tangent cone from the eye."""
+    """The outline of a sphere is given by the tangent cone from the eye."""
     _, truth = one(GREEN)
     away_m = float(np.linalg.norm(np.array(truth.position_m) - CAMERA.position_m))
     radius_px = CAMERA.focal_px * np.tan(np.arcsin(0.04 / away_m))
@@ -60,7 +60,7 @@ def test_truth_of_the_skin(apple, red, defect):
 
 
 def test_the_share_of_red_is_that_of_the_whole_skin():
-    """The mean over many views approaches it."""
+    """The mean over many views approaches this value."""
     shares = []
     for x, y, z in np.random.default_rng(2).normal(size=(12, 3)):
         turn = np.array([0.3, x, y, z]) / np.linalg.norm([0.3, x, y, z])

@@ -1,4 +1,4 @@
-"""The camera of a scene: its pictures follow the publications of the world."""
+"""The camera of a scene: its pictures follow the published states of the world."""
 
 import numpy as np
 import pytest

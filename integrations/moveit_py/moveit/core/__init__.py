@@ -1,1 +1,1 @@
-"""Robot models, states and trajectories, and the messages made from them."""
+"""Robot models, states and trajectories, and the messages that are created from them."""

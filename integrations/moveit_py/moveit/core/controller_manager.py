@@ -21,7 +21,7 @@ class ExecutionStatus:
 
     @property
     def status(self) -> str:
-        """Status in MoveIt's words, such as "SUCCEEDED"."""
+        """Status with MoveIt's name, such as "SUCCEEDED"."""
         return _STATUS.get(self.error_code.val, "FAILED")
 
     def __bool__(self) -> bool:

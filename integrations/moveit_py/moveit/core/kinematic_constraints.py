@@ -1,4 +1,4 @@
-"""Goals as constraints of joints and links."""
+"""Create goals as constraints of joints and links."""
 
 from collections.abc import Sequence
 
@@ -46,7 +46,7 @@ def construct_link_constraint(
 
     Args:
         link_name: Name of the link.
-        source_frame: Frame of the values.
+        source_frame: Frame in which the values are given.
         cartesian_position: Position x, y, z, in m.
         cartesian_position_tolerance: Radius around the position, in m.
         orientation: Quaternion x, y, z, w.
@@ -63,7 +63,7 @@ def construct_link_constraint(
 
 
 def pose_constraints(pose: PoseStamped, link_name: str) -> Constraints:
-    """Return constraints that bring a link to a pose, with MoveIt's default tolerances."""
+    """Return constraints that move a link to a pose, with MoveIt's default tolerances."""
     at, turn = pose.pose.position, pose.pose.orientation
     frame = pose.header.frame_id
     return construct_link_constraint(link_name, frame, (at.x, at.y, at.z), orientation=(turn.x, turn.y, turn.z, turn.w))

@@ -12,7 +12,7 @@ from planning.srdf_file import parse_srdf
 
 
 class JointModelGroup:
-    """Group of joints that are planned together. Mimic joints are left out."""
+    """Group of joints that are planned together. Mimic joints are omitted."""
 
     def __init__(self, group: Group, joints: list[UrdfJoint], eef_name: str) -> None:
         self._group = group
@@ -41,17 +41,17 @@ class JointModelGroup:
 
     @property
     def eef_name(self) -> str:
-        """Name of the end effector that this group is; empty if it is none."""
+        """Name of the end effector that this group represents; empty if the group is not an end effector."""
         return self._eef_name
 
     @property
     def states(self) -> dict[str, dict[str, float]]:
-        """Named states: positions by joint, in rad or m."""
+        """Named states: positions (rad or m) by joint."""
         return {name: dict(positions) for name, positions in self._group.states.items()}
 
     @property
     def tip(self) -> str | None:
-        """Last link of the group, if it is a chain."""
+        """Last link of the group if the group is a chain."""
         return self._group.tip
 
     def satisfies_position_bounds(self, values: Any, margin: float = 0.0) -> bool:
@@ -64,7 +64,7 @@ class JointModelGroup:
 class RobotModel:
     """Groups, joints and named states of a robot.
 
-    ``client`` is the client of move_group that states of this model use for kinematics; None without a client.
+    ``client`` is the move_group client with which states of this model compute kinematics; None without a client.
     """
 
     def __init__(self, urdf: str, srdf: str, client: Any = None) -> None:
@@ -82,7 +82,7 @@ class RobotModel:
 
     @property
     def model_frame(self) -> str:
-        """Frame of the model, its root link."""
+        """Frame of the model, which is that of its root link."""
         return self._root
 
     @property
@@ -107,7 +107,7 @@ class RobotModel:
 
     @property
     def joints(self) -> dict[str, UrdfJoint]:
-        """Joints with a position of their own, by name."""
+        """Joints that have their own positions, by name."""
         joints = self._description.joints.values()
         return {joint.name: joint for joint in joints if joint.kind != "fixed" and joint.mimic is None}
 
@@ -116,7 +116,7 @@ class RobotModel:
         return joint_model_group_name in self._groups.groups
 
     def get_joint_model_group(self, joint_model_group_name: str) -> JointModelGroup:
-        """Return a group. Raises PlanningError, whose message lists the groups, if there is none with this name."""
+        """Return a group. Raises PlanningError, whose message lists all groups, if no group has this name."""
         group = self._groups.group(joint_model_group_name)
         joints = [self._description.joints[name] for name in group.joints]
         effectors = self._groups.end_effectors.values()

@@ -24,7 +24,7 @@ def _default(joint: UrdfJoint) -> float:
 
 
 class RobotState:
-    """Positions of all joints with a position of their own, in rad or m."""
+    """Positions of all joints that have their own positions, in rad or m."""
 
     def __init__(self, robot_model: RobotModel) -> None:
         self._model = robot_model
@@ -32,7 +32,8 @@ class RobotState:
 
     @classmethod
     def from_message(cls, robot_model: RobotModel, message: RobotStateMsg) -> Self:
-        """Return the state of a moveit_msgs/RobotState. Joints that it does not name have their default positions."""
+        """Return the state that a moveit_msgs/RobotState describes. Joints that the message does not contain have their
+        default positions."""
         state = cls(robot_model)
         named = zip(message.joint_state.name, message.joint_state.position, strict=True)
         state.joint_positions = {name: position for name, position in named if name in state._positions}
@@ -55,12 +56,12 @@ class RobotState:
 
     @property
     def dirty(self) -> bool:
-        """False, because move_group computes transforms when they are needed."""
+        """Always False, because move_group computes transforms when they are needed."""
         return False
 
     @property
     def joint_positions(self) -> dict[str, float]:
-        """Positions by joint, in rad or m. An assigned mapping can have a part of the joints."""
+        """Positions by joint, in rad or m. An assigned mapping may contain only some of the joints."""
         return dict(self._positions)
 
     @joint_positions.setter
@@ -96,7 +97,7 @@ class RobotState:
         return np.array([self._positions[name] for name in self._group(joint_model_group_name).joint_model_names])
 
     def set_joint_group_positions(self, joint_model_group_name: str, position_values: Sequence[float] | Vector) -> None:
-        """Set the positions (n,) of a group, in rad or m. Raises ValueError if their number is wrong."""
+        """Set the positions (n,) of a group, in rad or m. Raises ValueError if the number of positions is wrong."""
         names = self._group(joint_model_group_name).joint_model_names
         values = np.asarray(position_values, dtype=float).ravel()
         if len(values) != len(names):
@@ -127,7 +128,8 @@ class RobotState:
     def set_from_ik(
         self, joint_model_group_name: str, geometry_pose: Pose, tip_name: str, timeout: float = 0.0
     ) -> bool:
-        """Set a group so that a link is at a pose in the frame of the model. Returns whether there is a solution."""
+        """Set the joints of a group so that a link is at a pose in the frame of the model. Returns whether there is a
+        solution."""
         request = PositionIKRequest(
             group_name=joint_model_group_name, ik_link_name=tip_name, robot_state=self.message()
         )

@@ -11,7 +11,7 @@ from moveit.core.robot_state import RobotState
 
 
 class RobotTrajectory:
-    """Sequence of states with the times between them."""
+    """Sequence of states, with the times between them."""
 
     def __init__(self, robot_model: RobotModel) -> None:
         self._model = robot_model
@@ -56,13 +56,13 @@ class RobotTrajectory:
         return [now - before for before, now in zip([0.0, *times_s], times_s, strict=False)]
 
     def get_robot_trajectory_msg(self, joint_filter: Sequence[str] = ()) -> RobotTrajectoryMsg:
-        """Return the trajectory as a message. A filter of joints is not supported and must be empty."""
+        """Return the trajectory as a message. Filtering by joints is not supported, so the filter must be empty."""
         if joint_filter:
             raise ValueError("joint_filter is not supported: select the joints in the message")
         return self._message
 
     def set_robot_trajectory_msg(self, robot_state: RobotState, msg: RobotTrajectoryMsg) -> "RobotTrajectory":
-        """Set the trajectory from a message. ``robot_state`` has the joints that the message does not name."""
+        """Set the trajectory from a message. ``robot_state`` contains the joints that the message does not contain."""
         self._start, self._message = RobotState.from_message(self._model, robot_state.message()), msg
         return self
 

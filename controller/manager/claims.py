@@ -1,0 +1,27 @@
+"""Check the command interfaces that a controller claims."""
+
+from collections.abc import Iterator
+
+from controller.parameters import Parameters
+from hal.robot_description.description import HardwareInfo
+from hal.types import Interface
+
+
+def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
+    """Check that the URDF has each claimed command interface and that each is claimed once.
+
+    Yields the name of the wrong parameter and a description of the mistake.
+    """
+    joints, claims = component.joints, parameters.claims()
+    key = "joint" if "joint" in type(parameters).model_fields else "joints"
+    block = "the URDF's <ros2_control> block"
+    for claim in dict.fromkeys(claims):
+        joint = Interface.parse(claim).joint
+        if claim in component.outputs:
+            continue
+        if joint not in joints:
+            yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
+        elif claim not in component.commands:
+            yield key, f"needs {claim}, which is not a command_interface in {block}"
+    for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):
+        yield key, f"names {Interface.parse(claim).joint} twice"

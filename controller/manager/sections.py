@@ -1,0 +1,84 @@
+"""Read the sections of a parameter file as the nodes of one namespace do, and find the lines of their values."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controller.manager.node_parameters import Content, matches, named, parameters_of
+from controller.manager.parameter_file import ALL, read_parameter_file
+from hal.yaml_file import YamlPlaces
+from hal.yaml_nodes import YamlFile
+
+
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """The sections of a file that concern the nodes of one namespace."""
+
+    file: YamlFile
+    content: Content
+    namespace: str = ""
+    """Absolute namespace such as ``/left``; empty for the root namespace."""
+
+    @classmethod
+    def read(cls, path: Path, namespace: str, error: type[Exception]) -> "Sections":
+        """Read a parameter file. Raises ``error`` with a message that lists all mistakes."""
+        return cls(*read_parameter_file(path, error), namespace)
+
+    def of(self, node: str) -> dict[str, Any]:
+        """Return the parameters of a node."""
+        return parameters_of(self.content, f"{self.namespace}/{node}")
+
+    def has(self, node: str) -> bool:
+        """Return whether the file has a section with the name of this node, not only a matching wildcard."""
+        return named(self.content, f"{self.namespace}/{node}")
+
+    def concerns(self, node: str) -> bool:
+        """Return whether the file has a section for this node or for all nodes."""
+        return self.has(node) or ALL in self.content
+
+    def elsewhere(self, node: str) -> bool:
+        """Return whether the only sections with the name of this node are for the node in the root namespace."""
+        return bool(self.namespace) and not self.has(node) and named(self.content, f"/{node}")
+
+    def nodes(self) -> Iterator[str]:
+        """Yield the names of the nodes of this namespace that have a section, in the order of the file."""
+        for pattern in self.content:
+            name = pattern.rpartition("/")[2]
+            if name.isidentifier() and self.has(name):
+                yield name
+
+    def place(self, location: Sequence[int | str]) -> str:
+        """Return the file and line of a value. The location begins with the name of a node."""
+        node, *rest = location
+        places = [location]
+        for pattern in self.content:
+            if matches(pattern, f"{self.namespace}/{node}"):
+                places += [(*keys, *rest) for keys in _spellings(pattern)]
+        return self.file.place(max(places, key=self.file.line))
+
+
+@dataclass(frozen=True, slots=True)
+class SectionsWithDefaults:
+    """Lines of parameters in a file, or in another file for the default values."""
+
+    sections: Sections
+    defaults: YamlPlaces
+    key: str
+    """Key of the default values in their file."""
+
+    def place(self, location: Sequence[int | str]) -> str:
+        """Return the file and line of a value, as ``Sections.place`` does."""
+        node, _, *keys = location
+        if keys and str(keys[0]) not in self.sections.of(str(node)):
+            return self.defaults.place((self.key, node, *keys))
+        return self.sections.place(location)
+
+
+def _spellings(pattern: str) -> Iterator[tuple[str, ...]]:
+    """Yield the keys under which a file can have this pattern: as one key, or nested at one slash or at all."""
+    yield (pattern,)
+    for at, letter in enumerate(pattern):
+        if letter == "/" and at:
+            yield (pattern[:at], pattern[at + 1 :])
+    yield tuple(pattern.split("/"))

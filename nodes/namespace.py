@@ -1,0 +1,54 @@
+"""Namespaces of ROS, in which the nodes of several stacks share one domain. Imports no ROS package."""
+
+import re
+from typing import Final, Protocol
+
+from drivers.errors import DriverError
+
+
+class _Named(Protocol):
+    """A node of rclpy."""
+
+    def get_namespace(self) -> str: ...
+
+
+_PART: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def parse_namespace(text: str) -> str:
+    """Return the namespace that a user names, as rcl reads the namespace of a node.
+
+    Args:
+        text: The namespace, with or without the slash at its start.
+
+    Returns:
+        The absolute namespace, such as ``/left``; empty for the root namespace.
+
+    Raises:
+        DriverError: The text is not a valid namespace.
+    """
+    parts = text.removeprefix("/").split("/")
+    if parts == [""]:
+        return ""
+    if not all(_PART.fullmatch(part) and "__" not in part for part in parts):
+        raise DriverError(
+            f"{text!r} is not a namespace: use letters, digits and single underscores, such as left or lab/left; "
+            "a part cannot start with a digit or be empty"
+        )
+    return "/" + "/".join(parts)
+
+
+def namespace_arguments(namespace: str) -> list[str]:
+    """Return the ROS arguments that put all nodes of a process into an absolute namespace."""
+    return ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
+
+
+def namespace_of(node: _Named) -> str:
+    """Return the absolute namespace of a node; empty for the root namespace."""
+    found = node.get_namespace()
+    return "" if found == "/" else found
+
+
+def frame_prefix(namespace: str) -> str:
+    """Return the prefix with which the frames of a namespace differ from those of other namespaces on /tf."""
+    return f"{namespace[1:]}/" if namespace else ""

@@ -1,0 +1,47 @@
+"""Assign the ports of a command line to the buses of leader and follower."""
+
+from collections.abc import Sequence
+
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
+from servoloop.teleop.arms import TeleopError
+
+
+def bus_names(arm: str) -> tuple[str, ...]:
+    """Return the names of the buses of an arm, such as ``left`` and ``right``. Raises HalError."""
+    return tuple(read_arm_servos(find_arm(arm)).robot.file.lines())
+
+
+def port_pairs(ports: Sequence[str], leader: Sequence[str], follower: Sequence[str]) -> tuple[str, str]:
+    """Return the port options of leader and follower.
+
+    Args:
+        ports: Ports of the command line: leader and follower, or leader and follower of each bus, in the order of the
+            follower's buses.
+        leader: Buses of the leader.
+        follower: Buses of the follower.
+
+    Returns:
+        One option for each side, with NAME=PATH for each of several buses.
+
+    Raises:
+        TeleopError: The ports do not fit the buses.
+    """
+    if len(ports) == 2:
+        return ports[0], ports[1]
+    if len(ports) < 2 or len(ports) % 2:
+        raise TeleopError(
+            f"{len(ports)} ports cannot be pairs of a leader and a follower: pass both ports of each pair"
+        )
+    pairs = len(ports) // 2
+    if pairs != len(follower) or set(leader) != set(follower):
+        raise TeleopError(
+            f"{pairs} pairs of ports do not fit the buses of the leader ({_listed(leader)}) and of the follower "
+            f"({_listed(follower)}): combine the arms of each side with `servoloop arms combine`, with the same "
+            "prefixes, and pass --leader-arm and --follower-arm"
+        )
+    named = [",".join(f"{bus}={port}" for bus, port in zip(follower, ports[side::2], strict=True)) for side in (0, 1)]
+    return named[0], named[1]
+
+
+def _listed(buses: Sequence[str]) -> str:
+    return ", ".join(bus or "one without a name" for bus in buses)

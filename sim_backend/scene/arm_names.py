@@ -1,0 +1,26 @@
+"""Arms of a scene. In a scene with several arms, the names of all parts of an arm begin with the prefix of the arm."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import mujoco
+
+ARMS: Final = "arms"
+"""Name of the custom text that lists the prefixes of a scene with several arms, separated by spaces."""
+ONE_ARM: Final = ("",)
+"""Prefixes of a scene with one arm, whose names have no prefix."""
+
+
+def arm_prefixes(model: Any) -> tuple[str, ...]:
+    """Return the prefix of each arm in a compiled scene, such as ``left_`` and ``right_``."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, ARMS)
+    if number < 0:
+        return ONE_ARM
+    begin = int(model.text_adr[number])
+    text = model.text_data[begin : begin + int(model.text_size[number])].decode().rstrip("\0")
+    return tuple(text.split()) or ONE_ARM
+
+
+def prefix_of(name: str, prefixes: Sequence[str]) -> str | None:
+    """Return the prefix of the arm that owns a name: the longest one with which it begins; None if there is none."""
+    return max((prefix for prefix in prefixes if name.startswith(prefix)), key=len, default=None)
