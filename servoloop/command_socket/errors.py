@@ -43,7 +43,7 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
     "motion_failed": "A motion ended before its target.",
     "motion_canceled": "A motion was canceled, or another motion has replaced it.",
     "stream_ended": "No stream is open, or the last target arrived too long ago.",
-    "timeout": "The control loop did not carry out the request in time. It may still do so.",
+    "timeout": "The control loop did not carry out the request in time, and may still carry it out later.",
     "ended": "The stack has ended, or the connection is closed.",
     "internal": "The stack has a defect. Its log contains the details.",
 }
