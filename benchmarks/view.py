@@ -150,7 +150,9 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--jobs", type=positive, default=6, help="of each run")
-    parser.add_argument("--rounds", type=positive, default=1, help="of a run without the page and one with it")
+    parser.add_argument(
+        "--rounds", type=positive, default=1, help="number of rounds: a run without the page and one with it"
+    )
     arguments = parser.parse_args()
     console = Console(width=120)
     outcomes = []

@@ -1,9 +1,16 @@
 """Namespaces of ROS, in which the nodes of several stacks share one domain. Imports no ROS package."""
 
 import re
-from typing import Final
+from typing import Final, Protocol
 
 from drivers.errors import DriverError
+
+
+class _Named(Protocol):
+    """A node of rclpy."""
+
+    def get_namespace(self) -> str: ...
+
 
 _PART: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -34,6 +41,12 @@ def parse_namespace(text: str) -> str:
 def namespace_arguments(namespace: str) -> list[str]:
     """Return the ROS arguments that put all nodes of a process into an absolute namespace."""
     return ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
+
+
+def namespace_of(node: _Named) -> str:
+    """Return the absolute namespace of a node; empty for the root namespace."""
+    found = node.get_namespace()
+    return "" if found == "/" else found
 
 
 def frame_prefix(namespace: str) -> str:

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from hal.types import FloatArray
+from nodes.namespace import namespace_of
 from nodes.ros_process import spin_until_done
 
 LOOP_STATUS = "servoloop: control loop"
@@ -59,8 +60,8 @@ class StackMonitor:
         self.newest = NewestMessages()
         self._node = node
         self._executor = executor
-        namespace = node.get_namespace()
-        self._prefix = "" if namespace == "/" else f"{namespace}/"
+        namespace = namespace_of(node)
+        self._prefix = f"{namespace}/" if namespace else ""
         """Prefix of the statuses of this stack, because all namespaces share /diagnostics."""
         node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         node.create_subscription(JointTrajectoryControllerState, f"{arm}/controller_state", self._on_state, 50)

@@ -1,4 +1,7 @@
-"""Run one pick-and-place job step by step. Imports no ROS package: the caller provides motions and a state callback."""
+"""Run one pick-and-place job step by step.
+
+The module imports no ROS package: the caller provides motions and a state callback.
+"""
 
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass

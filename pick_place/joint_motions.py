@@ -1,4 +1,4 @@
-"""Steps of a job that moves to joint positions, one goal after the other. Imports no ROS package."""
+"""Steps of a job that moves to joint positions, one goal after the other. The module imports no ROS package."""
 
 from collections.abc import Collection, Sequence
 

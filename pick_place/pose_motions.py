@@ -1,4 +1,4 @@
-"""Steps of a job whose motions are planned to poses of the tool. Imports no ROS package.
+"""Steps of a job whose motions are planned to poses of the tool. The module imports no ROS package.
 
 The planner finds a path to a pose above the pick pose or the bin. From there, the tool moves down and back up in a
 straight line.

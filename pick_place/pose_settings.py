@@ -1,4 +1,7 @@
-"""Settings of ``motion: poses``: poses of the tool, the planner's parameters and the object. No ROS imports."""
+"""Settings of ``motion: poses``: poses of the tool, the planner's parameters and the object.
+
+The module imports no ROS package.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

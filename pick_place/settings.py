@@ -1,4 +1,7 @@
-"""Poses, times and names of the pick-and-place node. The defaults describe the course's robot cell. No ROS imports."""
+"""Poses, times and names of the pick-and-place node. The defaults describe the course's robot cell.
+
+The module imports no ROS package.
+"""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Format the messages of ``/sorting/arm/state``. Imports no ROS package."""
+"""Format the messages of ``/sorting/arm/state``. The module imports no ROS package."""
 
 import json
 

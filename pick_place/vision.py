@@ -1,4 +1,4 @@
-"""Check the apples and the age of a vision message. Imports no ROS package."""
+"""Check the apples and the age of a vision message. The module imports no ROS package."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""Implementation of ``servoloop topic-host``: put an arm under the controller manager of another program."""
+"""Implementation of ``servoloop topic-host``: run an arm under the controller manager of another program."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -216,7 +216,7 @@ def bus() -> Iterator[Fact]:
         servo.memory.put(x.secondary_id, 9)
     heard = [servo_id for servo_id, _ in bench.send(Code.WRITE, b"\x41\0\x01", 9)]
     lit = [servo.memory.get(x.led) for servo in bench.line.servos]
-    yield Fact("bus", "secondary ID: obeyed by all, answered by none", ([1, 1, 1], []), (lit, heard))
+    yield Fact("bus", "secondary ID: all obey, none answers", ([1, 1, 1], []), (lit, heard))
     for firmware, kept in ((42, 5), (41, 0)):
         bench = Bench(x.XL430_W250, firmware=firmware)
         bench.write(x.homing_offset, 5)

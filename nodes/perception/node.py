@@ -23,6 +23,7 @@ from std_msgs.msg import Header
 
 from drivers.clock import Clock, wall_offset_s
 from drivers.printable import printable_line
+from nodes.namespace import frame_prefix, namespace_of
 from nodes.perception.messages import apple_array, camera_info, compressed, diagnostics, image, pose_array
 from nodes.perception.parameters import FRAMES, Setup, declare
 from perception.errors import PerceptionError
@@ -43,7 +44,13 @@ class CameraNode:
 
     def __init__(self, node: Node, setup: Setup, clock: Clock) -> None:
         self._node, self._clock = node, clock
-        self._camera_frame, self._base_frame = (str(declare(node, name, *rest)) for name, rest in FRAMES.items())
+        namespace = namespace_of(node)
+        prefix = frame_prefix(namespace)
+        self._title = f"{namespace}/{node.get_name()}: grading" if namespace else f"{node.get_name()}: grading"
+        """Name of the diagnostic status."""
+        self._camera_frame, self._base_frame = (
+            str(declare(node, name, prefix + frame, text)) for name, (frame, text) in FRAMES.items()
+        )
         self._images = node.create_publisher(Image, "~/image_raw", qos_profile_sensor_data)
         self._compressed = node.create_publisher(CompressedImage, "~/image_raw/compressed", qos_profile_sensor_data)
         self._infos = node.create_publisher(CameraInfo, "~/camera_info", qos_profile_sensor_data)
@@ -117,7 +124,7 @@ class CameraNode:
 
     def _report(self) -> None:
         now = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostics(f"{self._node.get_name()}: grading", self._status, now))
+        self._diagnostics.publish(diagnostics(self._title, self._status, now))
 
 
 def _if_wanted(publisher: Publisher, message: Callable[[], Any]) -> None:

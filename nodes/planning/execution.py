@@ -207,7 +207,7 @@ class Execution:
                     self._log.warning(printable_line(f"the scene has changed, and {text}"))
                     running.stop.request(INVALIDATED, f"the scene has changed, and {text}")
         except REFUSALS as error:
-            self._log.error(printable_line(f"the motion stops because its rest cannot be checked: {error}"))
+            self._log.error(printable_line(f"the motion stops, because the rest of it cannot be checked: {error}"))
             running.stop.request(INVALIDATED, f"the rest of the motion cannot be checked: {error}")
         finally:
             running.is_checked = False

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from nodes.namespace import namespace_of
 from nodes.pick_place.signals import on_stop_signal
 from nodes.planning.move_group import NAME, MoveGroupNode, others
 from nodes.planning.routes import Route
@@ -102,7 +103,7 @@ def _check_alone() -> None:
         while monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
             if others(probe):
-                raise RosError(OTHER.format(f"{probe.get_namespace().rstrip('/')}/{NAME}"))
+                raise RosError(OTHER.format(f"{namespace_of(probe)}/{NAME}"))
     finally:
         executor.shutdown(timeout_sec=1.0)
         probe.destroy_node()

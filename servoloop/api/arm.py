@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
 from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
-from servoloop.api.checks import check_goal, check_joints
+from servoloop.api.checks import check_joints, checked_goal
 from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion
@@ -217,8 +217,7 @@ class Arm:
             return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
         assert target is not None
         positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
-        goal = JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),))
-        check_goal(goal, self._arm)
+        goal = checked_goal(JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
         if asked_s is None:
             planned_s = approach_s(positions, self.state.command, self.limits, share)
             goal = JointGoal(goal.joints, (planned_s,), goal.positions)
@@ -292,8 +291,7 @@ class Arm:
             ArmEndedError: The control loop has ended.
         """
         _, share = duration_of(None, approach)
-        goal = goal_of(trajectory, 0.0)
-        check_goal(goal, self._arm)
+        goal = checked_goal(goal_of(trajectory, 0.0), self._arm)
         if isinstance(trajectory, PlannedTrajectory):
             self._planner.check(trajectory)
         first = dict(zip(goal.joints, goal.positions[0], strict=True))

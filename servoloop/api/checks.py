@@ -2,19 +2,20 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
-from typing import Final
 
-from hal.types import JointLimits, beyond_range
+from hal.types import AT_LIMIT, JointLimits, beyond_range
 from servoloop.api.backend import ArmDescription, JointGoal
 from servoloop.api.errors import ArmInputError
 
-ROUNDING: Final = 1e-6
-"""Share of a limit by which a position may exceed the limit, as for goals over ROS. Planners plan up to the limits."""
 
+def checked_goal(goal: JointGoal, arm: ArmDescription) -> JointGoal:
+    """Check the names, sizes, times and positions of a goal, and return it within the limits. Raises ArmInputError.
 
-def check_goal(goal: JointGoal, arm: ArmDescription) -> None:
-    """Check the names, sizes, times and positions of a goal. Raises ArmInputError."""
+    A joint that sags or is held at its limit is measured slightly beyond the limit. Such a position is moved to the
+    limit.
+    """
     check_joints(goal.joints, arm)
     rows = len(goal.times_s)
     if not rows:
@@ -25,21 +26,22 @@ def check_goal(goal: JointGoal, arm: ArmDescription) -> None:
         if any(len(row) != len(goal.joints) for row in table):
             raise ArmInputError(f"a row of {kind} must have {len(goal.joints)} values: {', '.join(goal.joints)}")
     _check_times(goal.times_s)
-    for index, row in enumerate(goal.positions):
-        at = f" at point {index}" if rows > 1 else ""
-        for joint, position in zip(goal.joints, row, strict=True):
-            check_position(joint, position, arm.limits[joint], at)
     for row in goal.velocities:
         for joint, velocity in zip(goal.joints, row, strict=True):
             if not math.isfinite(velocity):
                 raise ArmInputError(f"{joint}: velocity {velocity} is not finite: send a number", joint)
+    positions = []
+    for index, row in enumerate(goal.positions):
+        at = f" at point {index}" if rows > 1 else ""
+        found = zip(goal.joints, row, strict=True)
+        positions.append(tuple(_within(joint, position, arm.limits[joint], at) for joint, position in found))
+    return replace(goal, positions=tuple(positions))
 
 
-def check_targets(targets: Mapping[str, float], arm: ArmDescription) -> None:
-    """Check the names and the positions of streamed targets. Raises ArmInputError."""
+def checked_targets(targets: Mapping[str, float], arm: ArmDescription) -> dict[str, float]:
+    """Check streamed targets, and return them within the limits, as for goals. Raises ArmInputError."""
     check_joints(targets, arm)
-    for joint, position in targets.items():
-        check_position(joint, position, arm.limits[joint])
+    return {joint: _within(joint, position, arm.limits[joint]) for joint, position in targets.items()}
 
 
 def check_joints(joints: Iterable[str], arm: ArmDescription) -> None:
@@ -56,21 +58,17 @@ def check_joints(joints: Iterable[str], arm: ArmDescription) -> None:
             raise ArmInputError(f"{joint} is named twice: name each joint once", joint)
 
 
-def check_position(joint: str, position: float, limit: JointLimits, at: str = "") -> None:
-    """Check that a position is finite and within the limits. Raises ArmInputError."""
+def _within(joint: str, position: float, limit: JointLimits, at: str = "") -> float:
+    """Return a position within its limits. Raises ArmInputError if it is not finite or clearly beyond a limit."""
     if not math.isfinite(position):
         raise ArmInputError(f"{joint}: position {position}{at} is not finite: send a number", joint)
-    if not _beyond(limit.lower, position) and not _beyond(-limit.upper, -position):
-        return
+    slack = AT_LIMIT * (limit.upper - limit.lower)
+    if limit.lower - slack <= position <= limit.upper + slack:
+        return min(max(position, limit.lower), limit.upper)
     shown, lower, upper = beyond_range(position, limit.lower, limit.upper)
     raise ArmInputError(
         f"{joint}: position {shown}{at} is outside the limits {lower} to {upper}: choose a position between them", joint
     )
-
-
-def _beyond(lower: float, position: float) -> bool:
-    """Return whether a position is below its lower limit by more than a planner's rounding error."""
-    return position < lower - ROUNDING * abs(lower)
 
 
 def _check_times(times_s: tuple[float, ...]) -> None:

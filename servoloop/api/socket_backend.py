@@ -14,7 +14,7 @@ from drivers.errors import DriverError
 from hal.types import JointLimits
 from nodes.namespace import parse_namespace
 from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
-from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.pace import ThreadPace
 from servoloop.api.socket_errors import arm_error
@@ -99,7 +99,7 @@ class SocketBackend:
 
     def start(self, goal: JointGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
-        check_goal(goal, self.description)
+        goal = checked_goal(goal, self.description)
         self._ask("take")
         reply = self._ask(
             "move",
@@ -134,9 +134,9 @@ class SocketBackend:
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send targets by joint, in rad or m."""
-        check_targets(targets, self.description)
+        positions = checked_targets(targets, self.description)
         try:
-            self._commands.request("targets", positions=dict(targets))
+            self._commands.request("targets", positions=positions)
         except CommandError as error:
             if error.kind == "not_owner":
                 raise StreamEndedError(f"the stream has ended: {error}") from error

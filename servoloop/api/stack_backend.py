@@ -19,7 +19,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
 from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
-from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
 from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
@@ -93,7 +93,7 @@ class StackBackend:
 
     def start(self, goal: JointGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
-        check_goal(goal, self.description)
+        goal = checked_goal(goal, self.description)
         with self._lock:
             self._require_free(goal.joints)
             movers = self._movers(goal.joints)
@@ -138,8 +138,7 @@ class StackBackend:
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send targets by joint, in rad or m."""
-        check_targets(targets, self.description)
-        self._stream.send(targets)
+        self._stream.send(checked_targets(targets, self.description))
 
     def end_stream(self) -> None:
         """End the stream, if one is open."""

@@ -14,7 +14,7 @@ class ArmTrajectory:
     """Trajectory of some or all joints with k points. The arm is at rest at the last point."""
 
     times_s: Sequence[float]
-    """Times (k,) of the points, in seconds. They are not negative and strictly increasing."""
+    """Times (k,) of the points, in seconds. They are nonnegative and strictly increasing."""
     positions: Mapping[str, Sequence[float]]
     """Positions (k,) of each joint, in rad or m."""
     velocities: Mapping[str, Sequence[float]] = field(default_factory=dict)

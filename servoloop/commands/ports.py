@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def ports(
     wait: Annotated[
-        bool, typer.Option("--wait", help="Wait until an adapter is plugged in or unplugged, and print which.")
+        bool, typer.Option("--wait", help="Wait until an adapter is plugged in or unplugged, and print its path.")
     ] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Maximum time that --wait waits, in seconds.")] = 60.0,
     json: JsonOption = False,

@@ -149,7 +149,7 @@ class RosClients:
 
 
 class JobRunner:
-    """Runner of jobs, one after another, in a running cell."""
+    """Jobs that run one after another in a running cell."""
 
     def __init__(
         self,

@@ -71,7 +71,7 @@ def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
         w, x, y, z = (float(value) for value in turn / np.linalg.norm(turn))
         if all(_apart(apple, x_m, y_m, other) > gap_m for other in lying):
             lying.append(LyingApple(apple, x_m, y_m, (w, x, y, z)))
-    raise ValueError(f"{count} apples with gaps of {gap_m} m have no place on the table: ask for fewer")
+    raise ValueError(f"{count} apples with gaps of {gap_m} m do not fit on the table: request fewer apples")
 
 
 def render(table: Table, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:

@@ -31,7 +31,9 @@ class CableCut(OfBus, Lasting):
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
-            raise FaultError(f"servo {self.after} is the last on its line, so nothing follows it: name another servo")
+            raise FaultError(
+                f"servo {self.after} is the last one on its line, so there is no servo after it: choose another servo"
+            )
 
     def _cut(self, there: Inventory) -> dict[str, int]:
         """Return the index of the first servo that is cut off, for each line."""

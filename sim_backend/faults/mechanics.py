@@ -92,7 +92,7 @@ class SlippedHorn(Momentary, OfServo):
 
 def _require_world(there: Inventory, kind: str) -> None:
     if not there.world:
-        raise FaultError(f"there are only servos on a line here, without a simulated arm: no joint can have {kind!r}")
+        raise FaultError(f"there is no simulated arm here, only servos on a line: no joint can have {kind!r}")
 
 
 def _world(targets: FaultTargets) -> Mechanics:

@@ -112,7 +112,7 @@ class Inventory:
     def require_bus(self, bus: str | None) -> None:
         """Raise FaultError if the line does not exist. None means all lines."""
         if not self.servos:
-            raise FaultError("there is no line here whose servos could be named (all servos from a box have one ID)")
+            raise FaultError("servos cannot be selected here, because all servos of a box have the same ID")
         if bus is not None and bus not in self.servos:
             raise FaultError(f"there is no bus {bus!r}: known buses: {', '.join(map(repr, self.servos))}")
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hal.types import AT_LIMIT
 from servoloop import (
     Arm,
     ArmBusyError,
@@ -73,6 +74,15 @@ class ArmContract:
         assert after.position[PAN] == pytest.approx(0.3, abs=NEAR)
         assert after.position["elbow_flex"] == pytest.approx(1.3, abs=NEAR)
         assert after.position["shoulder_lift"] == pytest.approx(before.position["shoulder_lift"], abs=NEAR)
+
+    def test_a_joint_that_was_measured_beyond_its_limit_can_be_sent_there(self, arm: Arm) -> None:
+        limit, before = arm.limits[PAN], arm.state.position
+        tolerated = AT_LIMIT * (limit.upper - limit.lower)
+        arm.move_to({PAN: limit.upper + 0.9 * tolerated}, duration=4.0)
+        assert arm.state.command[PAN] == pytest.approx(limit.upper)
+        with pytest.raises(ArmInputError, match="outside the limits"):
+            arm.move_to({PAN: limit.upper + 2.0 * tolerated}, duration=4.0)
+        arm.move_to(before, duration=4.0)
 
     def test_an_array_has_one_position_for_each_joint(self, arm: Arm) -> None:
         target = np.array([0.2, -1.6, 1.2, 0.8, 0.1, 0.4])

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 
+from nodes.namespace import namespace_arguments
 from tests.ros.planned_stack import planned_stack, program
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -19,14 +20,16 @@ SUCCESS = 1
 
 
 @pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with planned_stack(tmp_path_factory.mktemp("planned"), "--hardware", "mock"):
-        yield
+def arguments(ros_domain: int, tmp_path_factory: pytest.TempPathFactory, namespace: str) -> Iterator[list[str]]:
+    """Run a planned stack, and yield the ROS arguments of its clients."""
+    with planned_stack(tmp_path_factory.mktemp("planned"), "--hardware", "mock", namespace=namespace):
+        yield namespace_arguments(namespace)
 
 
-def test_pymoveit2_plans_moves_and_changes_the_scene(stack: None) -> None:
+@pytest.mark.parametrize("namespace", ["", "/left"], scope="module")
+def test_pymoveit2_plans_moves_and_changes_the_scene(arguments: list[str]) -> None:
     pytest.importorskip("pymoveit2")
-    found = json.loads(program(str(CLIENTS / "drive_pymoveit2.py")).splitlines()[-1])
+    found = json.loads(program(str(CLIENTS / "drive_pymoveit2.py"), *arguments).splitlines()[-1])
     assert found.pop("distance to the pose, m") < 0.002
     assert found.pop("height of the line, m") == pytest.approx(0.03, abs=0.002)
     assert -0.6419 < found.pop("joint3 after the cancel") < -0.01
@@ -36,10 +39,11 @@ def test_pymoveit2_plans_moves_and_changes_the_scene(stack: None) -> None:
     assert all(found.values()), found
 
 
-def test_moveit2_commander_plans_moves_and_changes_the_scene(stack: None) -> None:
+@pytest.mark.parametrize("namespace", [""], scope="module")  # all its names start with a slash
+def test_moveit2_commander_plans_moves_and_changes_the_scene(arguments: list[str]) -> None:
     if find_spec("moveit2_commander") is None:
         pytest.skip("moveit2_commander is not installed")
-    found = json.loads(program(str(CLIENTS / "drive_moveit2_commander.py")).splitlines()[-1])
+    found = json.loads(program(str(CLIENTS / "drive_moveit2_commander.py"), *arguments).splitlines()[-1])
     assert found == {
         "joint goal": SUCCESS,
         "scaled trajectory": SUCCESS,

@@ -16,22 +16,23 @@ PROGRAM_S = 150.0
 
 
 @contextmanager
-def planned_stack(folder: Path, *arguments: str, arm: str = "robot_arm") -> Iterator[StackProcess]:
+def planned_stack(folder: Path, *arguments: str, arm: str = "robot_arm", namespace: str = "") -> Iterator[StackProcess]:
     """Run ``servoloop up`` with a plan server until the end of the block, and yield the plan server."""
-    with running(folder, "--arm", arm, *arguments):
-        server = StackProcess(folder / "plan_server.log", "plan-server", "--arm", arm)
+    options = ("--arm", arm, "--namespace", namespace)
+    with running(folder, *options, *arguments):
+        server = StackProcess(folder / "plan_server.log", "plan-server", *options)
         try:
-            wait_for_planner(server)
+            wait_for_planner(server, namespace)
             yield server
         finally:
             server.end()
 
 
-def wait_for_planner(server: StackProcess) -> None:
+def wait_for_planner(server: StackProcess, namespace: str = "") -> None:
     """Wait until the plan server provides its actions."""
     context = rclpy.Context()
     rclpy.init(context=context)
-    node = Node("wait_for_planner", context=context)
+    node = Node("wait_for_planner", context=context, namespace=namespace)
     until(lambda: is_planner_present(node), lambda: server.process.poll() is not None and server.words)
     node.destroy_node()
     context.shutdown()

@@ -52,7 +52,7 @@ class ConstraintReader:
         if not message.joint_constraints:
             return [self._tool_goal(*one) for one in self._regions(message)]
         if message.position_constraints or message.orientation_constraints:
-            raise _invalid("a goal has positions of joints and a pose of a link: send either")
+            raise _invalid("a goal has both joint positions and a pose of a link: send only one of them")
         return [JointGoal(*self._joints(message.joint_constraints))]
 
     def path(self, message: Constraints) -> PathConstraints:
@@ -64,7 +64,7 @@ class ConstraintReader:
         for position in message.position_constraints:
             goals = [self._tool_goal(region, position, None) for region in self._position_regions(position)]
             if len(goals) > 1:
-                raise _invalid("a path constraint has a region of several shapes: send one shape")
+                raise _invalid("a path constraint has a region with several shapes: send only one shape")
             regions += [LinkRegion(goal.goal, goal.link, goal.offset_m) for goal in goals]
         for orientation in message.orientation_constraints:
             goal = self._tool_goal(_anywhere(), None, orientation)

@@ -65,7 +65,9 @@ def checked_points(message: JointTrajectory) -> None:
                 raise _invalid(f"point {number}: the position of {joint} is {position}: send finite numbers")
         now_s = seconds_of(point.time_from_start)
         if now_s <= before_s:
-            raise _invalid(f"point {number} is at {now_s:g} s, not after the point before it: plan the times again")
+            raise _invalid(
+                f"point {number} is at {now_s:g} s, which is not after the previous point: plan the times again"
+            )
         before_s = now_s
 
 

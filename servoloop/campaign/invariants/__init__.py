@@ -1,4 +1,4 @@
-"""Invariants: conditions that must hold in every run, whatever faults happen."""
+"""Invariants: conditions that must hold in every run, regardless of the faults."""
 
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 

@@ -159,7 +159,7 @@ def _value(register: Register, order: ByteOrder, memory: Any, address: int, cont
 
 
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """Yield servo ID, address and bytes of each write in an instruction of the Feetech protocols or Dynamixel 1.0."""
+    """Yield the servo ID, address and bytes of each write in an instruction of a Feetech protocol or Dynamixel 1.0."""
     parameters, code = instruction.parameters, sts_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE) and parameters:
         yield instruction.servo_id, parameters[0], parameters[1:]
@@ -170,7 +170,7 @@ def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
 
 
 def _writes_2(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """Yield servo ID, address and bytes of each write in an instruction of Dynamixel 2.0."""
+    """Yield the servo ID, the address and the bytes of each write in an instruction of Dynamixel 2.0."""
     parameters, code = instruction.parameters, dynamixel_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE):
         yield instruction.servo_id, int.from_bytes(parameters[:2], "little"), parameters[2:]
