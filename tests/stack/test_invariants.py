@@ -113,9 +113,9 @@ def no_nan(gate: SafetyGate, wanted: FloatArray, last: FloatArray, *_: object) -
 @pytest.mark.parametrize(
     ("broken", "fault", "text"),
     [
-        (no_limits, "controller_jumps by=0.8 at=0.3s for=0.5s", "leap in one cycle"),
+        (no_limits, "controller_jumps by=0.8 at=0.3s for=0.5s", "jump in one cycle"),
         (no_nan, "controller_jumps by=6 at=0.3s for=1.5s", "beyond the limits"),
-        (no_nan, "controller_nan at=0.3s for=0.5s", "not a number"),
+        (no_nan, "controller_nan at=0.3s for=0.5s", "become NaN"),
     ],
 )
 def test_a_gate_that_passes_a_wrong_command(
