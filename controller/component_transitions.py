@@ -13,7 +13,7 @@ from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
 from hal.errors import HalError, LifecycleError
-from hal.hardware import Reactivating, undo_activation
+from hal.hardware import Reactivating, outputs_of, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 
@@ -217,7 +217,7 @@ class ComponentTransitions:
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
         """Deactivate the controllers of a component in this cycle. The joints of the component then come to rest."""
-        ended = self._manager.release(component.hardware.command_interfaces, reason)
+        ended = self._manager.release((*component.hardware.command_interfaces, *outputs_of(component.hardware)), reason)
         self.leaving.append(_Leaving(component, transition))
         if transition is not None and transition.reactivated is not None:
             transition.controllers = ended

@@ -6,6 +6,7 @@ from typing import Any, Protocol, cast
 
 from controller.parameters import Parameters
 from hal.compensation.servo_compliance import Compliance, lags
+from hal.outputs import Outputs
 from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
@@ -27,6 +28,8 @@ class ControllerContext:
     """Function that returns whether the joints of another controller have reached their command."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
     """Compliance and lag of servos, by joint name. A joint without an entry follows its command at once."""
+    outputs: Outputs = field(default_factory=Outputs)
+    """Outputs of the hardware, which move no joint."""
 
     def lags(self, joints: Sequence[str]) -> FloatArray:
         """Return the lags of joints, for the trajectory sampler.

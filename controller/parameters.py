@@ -95,6 +95,10 @@ class ManagerParameters(Parameters):
     """Parameters of the controller manager itself."""
 
     update_rate: UpdateRate = 100  # ros2_control's default
+    enforce_command_limits: bool = True
+    """Whether ros2_control limits the commands. Here, the limits always apply, and False only causes a warning."""
+    publish_introspection: bool = False
+    """Whether to publish ``~/introspection_data`` and ``~/statistics``."""
     max_message_size: MaxMessageSize = 2_000_000
     """Maximum size of a goal, command or request, in bytes of memory. Larger messages are rejected.
 

@@ -104,6 +104,21 @@ class Requesting(Protocol):
 
 
 @runtime_checkable
+class WithOutputs(Protocol):
+    """Hardware with command interfaces that move no joint, such as the LED of a servo."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of these interfaces, such as ``lamp/led``."""
+        ...
+
+
+def outputs_of(hardware: Hardware) -> tuple[str, ...]:
+    """Return the outputs of a component."""
+    return hardware.outputs if isinstance(hardware, WithOutputs) else ()
+
+
+@runtime_checkable
 class DoubtingLeaps(Protocol):
     """Hardware with its own check of whether a joint can have reached the measured position.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from hal.lifecycle import LifecycleState, require, require_configured
+from hal.outputs import Outputs
 from hal.robot_description.description import HardwareInfo
 from hal.types import Interface, JointCommand, JointState, position_interfaces
 
@@ -51,11 +52,21 @@ class MockHardware:
         self._velocity = np.zeros(len(self.joints))
         self._effort = np.full(len(self.joints), np.nan)
         self._extra: dict[str, float] = {}
+        self._outputs = Outputs()
+        self.outputs: tuple[str, ...] = ()
+        self._reported: list[str] = []
+        """Outputs that have a state interface of the same name."""
         self._joints_of = {kind: self._commanded(kind) for kind in KINDS}
 
     @classmethod
-    def of(cls, component: HardwareInfo, clock: Clock) -> "MockHardware":
-        """Create the mock that a ``<ros2_control>`` block describes."""
+    def of(cls, component: HardwareInfo, clock: Clock, outputs: Outputs | None = None) -> "MockHardware":
+        """Create the mock that a ``<ros2_control>`` block describes.
+
+        Args:
+            component: The block.
+            clock: Clock for the time stamps.
+            outputs: Values of the outputs. Each is copied to the state interface of the same name.
+        """
         made = cls(
             component.name,
             component.joints,
@@ -65,6 +76,9 @@ class MockHardware:
         )
         made._disable_commands = component.flag("disable_commands")
         made._begin(component.state_interfaces, component.initial_values)
+        made.outputs = tuple(component.outputs)
+        made._outputs = outputs or Outputs()
+        made._reported = [name for name in component.outputs if name in component.states]
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
@@ -117,6 +131,9 @@ class MockHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         if self._disable_commands:
             return
+        for name in self._reported:
+            if (value := self._outputs.requested(name)) is not None:
+                self._extra = {**self._extra, name: value}
         before = self._position.copy()
         for kind, array in (("velocity", self._velocity), ("effort", self._effort)):
             joints, places = self._joints_of[kind]

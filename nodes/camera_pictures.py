@@ -1,15 +1,26 @@
-"""Receive the compressed pictures of the camera node as they are encoded, for recordings."""
+"""Receive the compressed pictures of the camera node as they are encoded, for recordings and for the browser view."""
 
+import os
 import struct
+import threading
 from collections.abc import Callable
-from typing import Final
+from contextlib import suppress
+from typing import Any, Final
 
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage
 
+from drivers.clock import Clock
+from nodes.discovery import stay_on_this_machine
+from nodes.namespace import namespace_arguments
+
 PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed pictures."""
+GONE_S: Final = 3.0
+"""Age from which a picture is not shown any more, in seconds."""
 STAMP: Final = struct.Struct("<iI")
 """Layout of the stamp, seconds and nanoseconds, which is the first field of the message."""
 STAMP_AT: Final = 4
@@ -24,3 +35,42 @@ def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
         store(1_000_000_000 * seconds + nanoseconds, bytes(data))
 
     node.create_subscription(CompressedImage, PICTURES, on_message, qos_profile_sensor_data, raw=True)
+
+
+class PictureWatch:
+    """Newest picture of the camera node, received in a thread and a ROS context of its own."""
+
+    def __init__(self, clock: Clock, namespace: str = "") -> None:
+        """Start to watch the camera node in a namespace; empty for the root namespace."""
+        self._clock = clock
+        self._newest: CompressedImage | None = None
+        self._received_s = 0.0
+        stay_on_this_machine(os.environ)
+        self._context: Any = rclpy.Context()
+        rclpy.init(args=namespace_arguments(namespace), context=self._context)
+        self._node = rclpy.create_node("servoloop_view_camera", context=self._context)
+        self._node.create_subscription(CompressedImage, PICTURES, self._on_picture, qos_profile_sensor_data)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name="camera watch", daemon=True)
+        self._thread.start()
+
+    @property
+    def newest(self) -> CompressedImage | None:
+        """Newest picture; None if the last one is older than ``GONE_S``."""
+        newest = self._newest
+        return newest if self._clock.now() - self._received_s < GONE_S else None
+
+    def close(self) -> None:
+        """End the watch."""
+        self._executor.shutdown(timeout_sec=1.0)
+        self._thread.join(1.0)
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def _on_picture(self, message: CompressedImage) -> None:
+        self._received_s, self._newest = self._clock.now(), message

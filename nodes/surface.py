@@ -120,6 +120,7 @@ class Surface:
             self._simulation.advance(stamp)
         self._controllers.publish(stamp, cycles)
         self._hardware.update(state)
+        self._manager.publish_cycle(state, stamp)
         for broadcaster in self._broadcasters:
             if self._robot_state_publisher is not None and broadcaster.state is not None:
                 self._robot_state_publisher.publish(broadcaster.sample(state), stamp)

@@ -6,6 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "interfaces"
 MOVEIT_PY = ROOT / "integrations" / "moveit_py"
+ROS2_CLI = ROOT / "integrations" / "ros2_cli"
 LOCK = ROOT / "requirements.lock"
 HOOKS = ROOT / "tools" / "cmake" / "hooks.cmake"
 LOGS = ROOT / "build" / "setup"

@@ -16,7 +16,16 @@ from commands import Commands, SetUpError
 from interface_packages import packages
 from places import LOCK, LOGS, ROOT, STAMPS
 from progress import Step
-from stamps import digest, interface_key, is_stamped, moveit_py_key, project_key, simulation_key, venv_key
+from stamps import (
+    digest,
+    interface_key,
+    is_stamped,
+    moveit_py_key,
+    project_key,
+    ros2_cli_key,
+    simulation_key,
+    venv_key,
+)
 from steps import (
     CORES,
     build_interfaces,
@@ -24,7 +33,9 @@ from steps import (
     install_moveit_py,
     install_packages,
     install_project,
+    install_ros2_cli,
     is_moveit_present,
+    is_ros2_present,
     make_venv,
     uninstall_interfaces,
 )
@@ -51,6 +62,11 @@ def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Command
             (fresh or not is_stamped("moveit_py", moveit_py_key())) and not is_moveit_present(),
             "Python interface of MoveIt",
             install_moveit_py,
+        ),
+        (
+            (fresh or not is_stamped("ros2_cli", ros2_cli_key())) and not is_ros2_present(),
+            "command ros2",
+            install_ros2_cli,
         ),
         (bool(stale), "message packages", interfaces),
         (fresh or not is_stamped("simulation", simulation_key()), "simulation", compile_simulation),

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from interface_packages import needed_packages
-from places import HOOKS, INTERFACES, LOCK, MOVEIT_PY, ROOT, STAMPS, VENV
+from places import HOOKS, INTERFACES, LOCK, MOVEIT_PY, ROOT, ROS2_CLI, STAMPS, VENV
 
 
 def digest(*parts: str | Path) -> str:
@@ -50,6 +50,10 @@ def project_key() -> str:
 
 def moveit_py_key() -> str:
     return digest(MOVEIT_PY / "pyproject.toml")
+
+
+def ros2_cli_key() -> str:
+    return digest(ROS2_CLI / "pyproject.toml")
 
 
 def simulation_key() -> str:

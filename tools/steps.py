@@ -11,11 +11,21 @@ from pathlib import Path
 
 from commands import Commands, SetUpError
 from interface_packages import needed_packages
-from places import HOOKS, INTERFACES, LOCK, LOGS, MOVEIT_PY, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
+from places import HOOKS, INTERFACES, LOCK, LOGS, MOVEIT_PY, PYTHON, ROOT, ROS2_CLI, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
 from progress import Step
 from requirements import outdated
-from stamps import digest, interface_key, locked_packages, moveit_py_key, project_key, simulation_key, stamp, venv_key
+from stamps import (
+    digest,
+    interface_key,
+    locked_packages,
+    moveit_py_key,
+    project_key,
+    ros2_cli_key,
+    simulation_key,
+    stamp,
+    venv_key,
+)
 
 CORES = len(os.sched_getaffinity(0))
 PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--progress-bar=off")
@@ -82,6 +92,18 @@ def install_moveit_py(step: Step, pool: ThreadPoolExecutor, commands: Commands) 
     command = (*UV, "--editable", MOVEIT_PY)
     step.follow([pool.submit(commands.run, "moveit_py", *command)], lambda: "MoveIt's Python interface, editable")
     stamp("moveit_py", moveit_py_key())
+
+
+def is_ros2_present() -> bool:
+    """Return whether the shell finds the command of a ROS installation, which must not be replaced."""
+    found = shutil.which("ros2")
+    return found is not None and not Path(found).is_relative_to(VENV)
+
+
+def install_ros2_cli(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    command = (*UV, "--editable", ROS2_CLI)
+    step.follow([pool.submit(commands.run, "ros2_cli", *command)], lambda: "the command ros2, editable")
+    stamp("ros2_cli", ros2_cli_key())
 
 
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:

@@ -6,7 +6,6 @@ message does not end the control of the joints. ``deactivate_on_wrong_length`` r
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,7 +22,7 @@ class ForwardParameters(Parameters):
     """Parameters of a forward command controller."""
 
     joints: tuple[str, ...] = Field(min_length=1)
-    interface_name: Literal["position", "velocity", "effort"]
+    interface_name: str = Field(min_length=1)
     command_timeout: Time = COMMAND_TIMEOUT_S
     """Time after which a velocity or an effort without a new message becomes 0, in seconds.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.forward.approach import Approach
 from controller.forward.commands import ForwardParameters, Inbox
+from controller.forward.output_controller import OutputController
 from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import Controller, ControllerContext, indices, limits_of
 from controller.parameters import Parameters
@@ -53,6 +54,8 @@ class ForwardCommandController:
     @classmethod
     def build(cls, name: str, parameters: ForwardParameters, context: ControllerContext) -> Controller:
         """Build the controller from its parameters and the robot."""
+        if not set(parameters.claims()).isdisjoint(context.component.outputs):
+            return OutputController.build_as(cls.kind, name, parameters, context)
         if parameters.interface_name != "position":
             return RateCommandController.build_as(cls.kind, name, parameters, context)
         limits = limits_of(parameters.joints, context.limits)

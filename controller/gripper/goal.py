@@ -34,7 +34,7 @@ class GripperParameters(Parameters):
     def _no_effort_interface(cls, name: str) -> str:
         if name:
             raise ValueError(
-                f"there is no interface {name} for efforts: remove the parameter and set torque_limit in the robot file"
+                f"{name} cannot be set by this controller: remove the parameter, and set torque_limit in the robot file"
             )
         return name
 

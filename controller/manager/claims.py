@@ -17,6 +17,8 @@ def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[
     block = "the URDF's <ros2_control> block"
     for claim in dict.fromkeys(claims):
         joint = Interface.parse(claim).joint
+        if claim in component.outputs:
+            continue
         if joint not in joints:
             yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
         elif claim not in component.commands:

@@ -261,6 +261,11 @@ class _Reader:
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
         if unused := [key for key in unused if key not in HONORED]:
             LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, MANAGER, ", ".join(unused))
+        if not manager.enforce_command_limits:
+            LOG.warning(
+                "%s: %s: enforce_command_limits: false has no effect: the limits of the robot description always apply",
+                *(self.sections.file.path, MANAGER),
+            )
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
         """Return the parameters as a ``model``. If the parameters are invalid, record each mistake and return None."""

@@ -1,7 +1,7 @@
 """Load controllers and switch which of them command the joints."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +25,15 @@ class ControllerManager:
     The thread rules of ``ControllerRegistry`` apply.
     """
 
-    def __init__(self, hardware: Interfaces, limits: Mapping[str, JointLimits]) -> None:
-        """Create a manager without controllers. Joints that lose their controller stop within ``limits``."""
-        self.registry = ControllerRegistry(hardware.command_interfaces)
+    def __init__(self, hardware: Interfaces, limits: Mapping[str, JointLimits], outputs: Collection[str] = ()) -> None:
+        """Create a manager without controllers.
+
+        Args:
+            hardware: The hardware with its command interfaces.
+            limits: Limits of each joint, within which joints stop that lose their controller.
+            outputs: Command interfaces that move no joint.
+        """
+        self.registry = ControllerRegistry(hardware.command_interfaces, outputs)
         self.stops = DecelerationStops(hardware.command_interfaces, limits)
         self._hardware = hardware
         self.cycle = ControllerCycle(self.registry, self.stops, self._replace)

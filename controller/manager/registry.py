@@ -1,7 +1,7 @@
 """Keep the loaded controllers and their lifecycle states. The registry does not command any joint."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -45,12 +45,15 @@ class ControllerRegistry:
     and ``running``, because a change replaces these objects instead of modifying them.
     """
 
-    def __init__(self, command_interfaces: Sequence[str]) -> None:
+    def __init__(self, command_interfaces: Sequence[str], outputs: Collection[str] = ()) -> None:
         """Create an empty registry.
 
-        The command interfaces, such as ``joint1/position``, are in the order of the hardware.
+        Args:
+            command_interfaces: Command interfaces of the hardware, such as ``joint1/position``, in order.
+            outputs: Command interfaces that move no joint, such as ``lamp/led``.
         """
         self.command_interfaces = tuple(command_interfaces)
+        self._outputs = frozenset(outputs)
         self.transitions: deque[Transition] = deque(maxlen=KEPT_TRANSITIONS)
         """Transitions for one reader in another thread, which removes them from the left."""
         self.loaded: Mapping[str, Loaded] = {}
@@ -81,11 +84,12 @@ class ControllerRegistry:
         An inactive controller is cleaned up first.
         """
         entry = self.changeable(name, "configured")
-        unknown = [claim for claim in controller.command_interfaces if claim not in self.command_interfaces]
+        motions = [claim for claim in controller.command_interfaces if claim not in self._outputs]
+        unknown = [claim for claim in motions if claim not in self.command_interfaces]
         if unknown:
-            has = ", ".join(self.command_interfaces)
+            has = ", ".join((*self.command_interfaces, *sorted(self._outputs)))
             raise ClaimError(f"{name} claims {', '.join(unknown)}, which the hardware does not have (it has {has})")
-        index = indices(controller.command_interfaces, self.command_interfaces)
+        index = indices(motions, self.command_interfaces)
         self.cleanup(name)
         self.put(Loaded(entry.spec, INACTIVE, controller, index))
 

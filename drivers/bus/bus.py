@@ -145,6 +145,34 @@ class Bus:
                 for servo_id in self._servos.written_alone.intersection(counted):
                     self._separate.write_goal(servo_id, counted[servo_id])
 
+    def write_unacknowledged(self, servo_id: int, register: Register, value: int) -> None:
+        """Write a register of one servo with a packet that is not acknowledged, so that no cycle waits for a reply.
+
+        Args:
+            servo_id: ID of the servo.
+            register: The register.
+            value: Raw value.
+
+        Raises:
+            ValueError: The servo would refuse the value.
+        """
+        register.check(value)
+        protocol = self._servos.protocol
+        entry = bytes([servo_id]) + register.encode(value, self._servos.model(servo_id).byte_order)
+        self._line.send(protocol.packets.sync_write(register.address, register.size, entry))
+
+    def read_registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
+        """Read one register of each servo once.
+
+        Args:
+            registers: Register by ID.
+            deadline_s: Time to stop waiting, in seconds on the bus's clock.
+
+        Returns:
+            The raw value by ID. Servos that did not answer are missing.
+        """
+        return self._reader.registers(registers, deadline_s)
+
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """Request and receive the states of servos.
 

@@ -10,7 +10,7 @@ from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component, components_of, merged_state
 from hal.components.leap_filter import LeapFilter
 from hal.errors import PartLost
-from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting
+from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting, outputs_of
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, Interface, JointCommand, JointLimits, JointState
 
@@ -39,6 +39,7 @@ class ComponentSet:
         checks are slow.
         """
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
+        self._outputs = {name: component for component in self.components for name in outputs_of(component.hardware)}
         self._clock = clock
         self._cycle = 0
         self._parts: dict[str, JointState] = {}
@@ -73,7 +74,7 @@ class ComponentSet:
 
     def ready(self, interface: str) -> bool:
         """Return whether a controller can use this command interface now: its component must be active."""
-        home = self._homes.get(Interface.parse(interface).joint)
+        home = self._outputs.get(interface) or self._homes.get(Interface.parse(interface).joint)
         return home is not None and home.active
 
     def measured(self, interface: str) -> bool:

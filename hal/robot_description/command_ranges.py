@@ -50,7 +50,9 @@ def _number(interface: str, name: str, text: str | None, where: str) -> float | 
     try:
         return None if text is None else finite(text)
     except ValueError as error:
-        raise DescriptionError(f"{interface}: {name} must be a number, not '{text}' ({where}).") from error
+        raise DescriptionError(
+            f"{interface}: {name} must be a number, not '{text}' ({where}): write one, or remove it."
+        ) from error
 
 
 def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iterator[str]:

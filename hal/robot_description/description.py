@@ -8,7 +8,7 @@ from xml.parsers.expat import ExpatError
 from hal.errors import DescriptionError
 from hal.robot_description.command_ranges import narrowed, range_problems, range_warnings
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
-from hal.robot_description.limit_check import limit_problems
+from hal.robot_description.limit_check import limit_problems, with_wheel_speeds
 from hal.robot_description.links import Link, link_problems, parse_links
 from hal.robot_description.soft_limits import (
     SoftLimits,
@@ -69,11 +69,12 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         )
     whole = merged(components)
     joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
+    joints, wheels = with_wheel_speeds(joints)
     if problems := [*link_problems(joints, links), *limit_problems(joints), *number_problems(robot)]:
         raise DescriptionError("\n".join(problems))
     softened_joints, warnings = _softened(joints, parse_soft_limits(robot))
     limited, more = _narrowed(softened_joints, whole)
-    return Description(xml, limited, components, links, (*warnings, *more))
+    return Description(xml, limited, components, links, (*wheels, *warnings, *more))
 
 
 def _softened(

@@ -7,13 +7,13 @@ from xml.etree.ElementTree import Element
 from hal.errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
+from hal.robot_description.outputs import COMMANDS, OutputInfo, parse_outputs
 from hal.robot_description.servo_sensors import SENSORS, SensorInfo, parse_sensors
 from hal.robot_description.transmissions import SimpleTransmission, parse_transmissions
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
 from hal.robot_description.xml_places import place
 
 TYPES = ("system", "actuator", "sensor")
-COMMANDS = ("position", "velocity", "effort")
 DRIVEN = ("revolute", "continuous", "prismatic")
 
 
@@ -37,6 +37,8 @@ class HardwareInfo:
     """Gears between servos and joints, by joint name."""
     sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
     """``<sensor>`` and ``<gpio>`` elements by name."""
+    outputs: Mapping[str, OutputInfo] = field(default_factory=dict)
+    """Command interfaces that move no joint, by name (``lamp/led``)."""
     rw_rate: int = 0
     """Rate at which the component is read and written, in Hz; 0 for every cycle."""
 
@@ -77,6 +79,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
         command_ranges={name: found for c in components for name, found in c.command_ranges.items()},
         transmissions={joint: found for c in components for joint, found in c.transmissions.items()},
         sensors={name: found for c in components for name, found in c.sensors.items()},
+        outputs={name: found for c in components for name, found in c.outputs.items()},
     )
 
 
@@ -90,7 +93,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
     parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
     kind = _kind(name, block)
     elements = _block_joints(name, block, joints)
-    commands = {j: _interfaces(e, "command_interface") for j, e in elements.items()}
+    commands = {j: _motions(e) for j, e in elements.items()}
     _check_commands(f"<ros2_control name='{name}'>", kind, elements, joints)
     return HardwareInfo(
         name=name,
@@ -104,6 +107,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
         command_ranges=_command_ranges(elements),
         transmissions=parse_transmissions(block, elements),
         sensors=parse_sensors(block, elements),
+        outputs=parse_outputs(block),
         rw_rate=_rw_rate(block, block.get("rw_rate", parameters.get("rw_rate", "0"))),
     )
 
@@ -185,12 +189,6 @@ def _check_commands(block: str, kind: str, elements: Mapping[str, Element], join
                 f"{block}: joint '{joint}' has a <command_interface> but mimics '{mimic.joint}' ({where}): "
                 'remove the <command_interface>, or write mimic="false" in its <joint> of the block'
             )
-        for command in own:
-            if command not in COMMANDS:
-                raise DescriptionError(
-                    f"{block}: joint '{joint}' has the unknown <command_interface> '{command}' ({where}): "
-                    f"use one of {', '.join(COMMANDS)}"
-                )
 
 
 def _rw_rate(block: Element, text: str) -> int:
@@ -207,6 +205,8 @@ def _command_ranges(elements: Mapping[str, Element]) -> dict[str, CommandRange]:
     for joint, element in elements.items():
         for command in element.findall("command_interface"):
             interface = f"{joint}/{command.get('name')}"
+            if command.get("name") not in COMMANDS:
+                continue
             if found := parse_command_range(interface, command):
                 ranges[interface] = found
     return ranges
@@ -234,6 +234,11 @@ def _initial_value(interface: str, text: str, where: str) -> float:
     if mistake := range_mistake(kind, value):
         raise DescriptionError(f"initial_value of {interface} {mistake} ({where})")
     return value
+
+
+def _motions(element: Element) -> tuple[str, ...]:
+    """Return the command interfaces of a joint that move it."""
+    return tuple(name for name in _interfaces(element, "command_interface") if name in COMMANDS)
 
 
 def _interfaces(element: Element, tag: str) -> tuple[str, ...]:

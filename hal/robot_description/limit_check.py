@@ -2,9 +2,32 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Final
 
 from hal.plausible import range_mistake
 from hal.robot_description.urdf import UrdfJoint
+
+WHEEL_SPEED_RAD_S: Final = 20.0
+"""Velocity limit of a wheel without one, in rad/s."""
+
+
+def with_wheel_speeds(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
+    """Give wheels without a velocity limit a default limit. Return all joints, and a warning for each such wheel.
+
+    A wheel is a continuous joint that takes only velocities or efforts. ros2_control does not limit it.
+    """
+    wheels = {
+        name: joint
+        for name, joint in joints.items()
+        if joint.kind == "continuous" and joint.velocity == 0.0 and joint.commands and "position" not in joint.commands
+    }
+    warnings = tuple(
+        f"{name} has no velocity limit ({joint.place}), so its limit is {WHEEL_SPEED_RAD_S:g} rad/s: write another one "
+        "in <limit velocity>"
+        for name, joint in wheels.items()
+    )
+    return {**joints, **{n: replace(j, velocity=WHEEL_SPEED_RAD_S) for n, j in wheels.items()}}, warnings
 
 
 def limit_problems(joints: Mapping[str, UrdfJoint]) -> Iterator[str]:
@@ -30,13 +53,14 @@ def _range_problems(joint: UrdfJoint) -> Iterator[str]:
 
 def _plausibility_problems(joint: UrdfJoint) -> Iterator[str]:
     """Yield a message for each implausible limit, such as a placeholder or a number in another unit."""
-    given = {"velocity": joint.velocity} if joint.velocity else {}
-    if math.isfinite(joint.effort):
+    given = {"velocity": joint.velocity} if joint.velocity and joint.commands else {}
+    if joint.commands and math.isfinite(joint.effort):
         given["effort"] = joint.effort
     for kind, value in given.items():
-        if (value > 0.0 or not joint.commands) and (mistake := range_mistake(kind, value)):
+        if value > 0.0 and (mistake := range_mistake(kind, value)):
             yield f"{joint.name}: {kind} limit {mistake} ({joint.place})"
-    for key, value in (("lower", joint.lower), ("upper", joint.upper)):
+    ends = (("lower", joint.lower), ("upper", joint.upper)) if joint.commands else ()
+    for key, value in ends:
         if math.isfinite(value) and (mistake := range_mistake("position", value)):
             yield f"{joint.name}: {key} limit {mistake} ({joint.place})"
 

@@ -13,6 +13,8 @@ SENSORS: Final = ("sensor", "gpio")
 """Tags of elements without motion."""
 SERVO_VALUES: Final = ("voltage", "temperature", "current", "load", "alarms")
 """State interfaces of a servo (V, °C, A, share of full drive, number of alarms)."""
+SERVO_INPUTS: Final = ("external_port_data_1", "external_port_data_2", "external_port_data_3")
+"""Registers that a Dynamixel with external ports reports; raw values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,7 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
         joints: Names of its joints.
 
     Raises:
-        DescriptionError: A sensor has mistakes or a command interface.
+        DescriptionError: A sensor has mistakes, or a ``<sensor>`` has a command interface.
     """
     found: dict[str, SensorInfo] = {}
     for element in (child for child in block if child.tag in SENSORS):
@@ -42,14 +44,10 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
         subject, where = f"<{element.tag} name='{name}'>", place(element)
         if name in found or name in joints:
             raise DescriptionError(f"{subject} has the name of another element ({where}): rename it")
-        if element.find("command_interface") is not None:
-            raise DescriptionError(
-                f"{subject} has a <command_interface> ({where}), but only its states are supported: remove it"
-            )
+        if element.tag == "sensor" and element.find("command_interface") is not None:
+            raise DescriptionError(f"{subject} has a <command_interface> ({where}): write <gpio>, or remove it")
         states = element.findall("state_interface")
         interfaces = tuple(attribute(state, "name", f"a <state_interface> of {subject}") for state in states)
-        if not interfaces:
-            raise DescriptionError(f"{subject} has no <state_interface> ({where}): add one, or remove it")
         if twice := doubles(interfaces):
             raise DescriptionError(f"{subject} has <state_interface name='{twice[0]}'> twice ({where}): remove one")
         found[name] = SensorInfo(_joint(element, subject, joints, interfaces), interfaces, where)
@@ -64,9 +62,10 @@ def _joint(element: Element, subject: str, joints: Collection[str], interfaces: 
         return ""
     if joint not in joints:
         raise DescriptionError(f"{subject} names joint '{joint}', which its block does not have ({where}): correct it")
-    if unknown := [name for name in interfaces if name not in SERVO_VALUES]:
+    outputs = [command.get("name") for command in element.findall("command_interface")]
+    if unknown := [name for name in interfaces if name not in (*SERVO_VALUES, *SERVO_INPUTS, *outputs)]:
         raise DescriptionError(
             f"{subject} has the state interface {', '.join(unknown)} ({where}), but the servo of {joint} reports "
-            f"{', '.join(SERVO_VALUES)}: use one of them"
+            f"{', '.join((*SERVO_VALUES, *SERVO_INPUTS))} and the outputs of the <gpio>: use one of them"
         )
     return joint

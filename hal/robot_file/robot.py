@@ -38,7 +38,7 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     problems += [
         f'the sensor {name} ({sensor.place}) has no source: name a joint as <param name="joint">'
         for name, sensor in component.sensors.items()
-        if not sensor.joint
+        if sensor.interfaces and not sensor.joint
     ]
     joints: list[Joint] = []
     for name in component.joints:

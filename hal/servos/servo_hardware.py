@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
@@ -11,6 +12,7 @@ from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servos.activation import Activation
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_goals import ServoGoals
+from hal.servos.servo_outputs import ServoOutputs
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.types import JointCommand, JointState, position_interfaces
@@ -31,6 +33,7 @@ class ServoHardware:
         open_buses: Callable[[], Bus | Mapping[str, Bus]],
         clock: Clock,
         compensation: GravityCompensation | None = None,
+        outputs: ServoOutputs | None = None,
     ) -> None:
         """Create the component. ``open_buses`` opens and returns the bus of the component, or its buses by name."""
         self.name = name
@@ -44,6 +47,8 @@ class ServoHardware:
         self._activation: Activation | None = None
         self._clock = clock
         self.compensation = compensation
+        self.outputs = outputs.names if outputs else ()
+        self._outputs = outputs if outputs and (outputs.names or outputs.has_inputs) else None
         self._period_s = FIRST_PERIOD_S
         self._goals = ServoGoals(joints)
         self._states = ServoStates(joints, clock)
@@ -83,6 +88,8 @@ class ServoHardware:
             self._goals.hold(held)
             if self.compensation is not None:
                 self.compensation.restart()
+            if self._outputs is not None:
+                self._outputs.forget()
             self.state = LifecycleState.ACTIVE
             self.read()
         except BaseException:  # a bus is lost; no other code would release the servos
@@ -154,6 +161,9 @@ class ServoHardware:
         ask_until_s = self._deadline_s if self.state is LifecycleState.ACTIVE else None
         state = self._states.update(buses.receive(), buses, ask_until_s)
         self._measured = True
+        if self._outputs is not None:
+            self._outputs.read(buses, self._clock.now(), self._deadline_s)
+            return replace(state, extra=self._outputs.values)
         return state
 
     def write(self, command: JointCommand) -> None:
@@ -172,6 +182,8 @@ class ServoHardware:
         goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.loads, withheld)
         try:
             self._opened("write").write_goals(goals)
+            if self._outputs is not None:
+                self._outputs.send(self._opened("write"))
         finally:
             if self.compensation is not None:
                 self.compensation.update(command, self._states)  # for the next command

@@ -1,8 +1,10 @@
 """Serve ``/controller_manager``, through which ``ros2 control`` and the spawner list and switch controllers."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from typing import Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
+from builtin_interfaces.msg import Time
 from controller_manager_msgs.msg import ControllerManagerActivity, ControllerState, NamedLifecycleState
 from controller_manager_msgs.srv import (
     CleanupController,
@@ -28,13 +30,18 @@ from controller.parameters import ManagerParameters
 from drivers.printable import printable
 from hal.lifecycle import LifecycleState
 from hal.plausible import RANGES, range_mistake
+from hal.types import JointState
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS, PARAMETER
+from nodes.ros_environment import INSTALL
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
+
+if TYPE_CHECKING:
+    from nodes.manager.introspection import Introspection
 
 BASE_CLASS = "controller_interface::ControllerInterface"
 
@@ -53,7 +60,9 @@ class ManagerNode:
         self._published: object = None
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
-        self._declare(stack.factory.file.manager)
+        parameters = stack.factory.file.manager
+        self._declare(parameters)
+        self._introspection = self._introspect(stack) if parameters.get("publish_introspection") else None
         group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
@@ -70,6 +79,19 @@ class ManagerNode:
             (SwitchController, "switch_controller", self._switch),
         ):
             self.node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
+
+    def publish_cycle(self, state: JointState, stamp: Time) -> None:
+        """Publish the interfaces and the times of a cycle, if the parameter ``publish_introspection`` is set."""
+        if self._introspection is not None:
+            self._introspection.publish(state, stamp)
+
+    def _introspect(self, stack: Stack) -> "Introspection | None":
+        if find_spec("pal_statistics_msgs") is None:
+            self.node.get_logger().error(f"publish_introspection needs pal_statistics_msgs: {INSTALL}")
+            return None
+        from nodes.manager.introspection import Introspection
+
+        return Introspection(self.node, stack)
 
     def publish(self) -> None:
         """Publish ``~/activity`` if a controller or component has changed."""
@@ -88,7 +110,9 @@ class ManagerNode:
         """Declare the parameters of the controllers file, as ros2_control does, and declare the robot description in
         use."""
         rate = round(1.0 / self._stack.loop.period_s)
-        for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
+        fixed = {"update_rate": rate, "robot_description": self._stack.description.xml, "enforce_command_limits": True}
+        fixed["publish_introspection"] = bool(parameters.get("publish_introspection", False))
+        for name, value in fixed.items():
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
         self._limit_messages(parameters)
         for name, value in _flat(parameters):

@@ -71,7 +71,7 @@ class HardwareServices:
         claimed = self._stack.loop.manager.registry.claimed
         return [
             HardwareInterface(name=name, data_type="double", is_available=component.sound, is_claimed=name in claimed)
-            for name in info.commands
+            for name in (*info.commands, *info.outputs)
         ]
 
     async def _set_state(

@@ -24,6 +24,9 @@ MOST_OUTLINES: Final = 100
 """Maximum number of outlines that are examined in a picture."""
 BESIDE: Final = 1.15
 """Squared distance from the center of an apple beyond which a pixel belongs to another apple. The outline is at 1."""
+MOST_COVERED: Final = 0.015
+"""Largest share of an apple without color, apart from spots inside its outline. A larger share is another object in
+front of the apple, such as a finger."""
 LEAST_SKIN: Final = 25
 """Minimum number of pixels for the skin of an apple to be judged."""
 
@@ -174,13 +177,15 @@ class Grader:
 
     def _graded(self, relative: Pixels, index: int, found: Sequence[_Found]) -> GradedApple:
         one = found[index]
-        skin, visible = self._skin(relative, one, found[:index])
+        skin, visible, covered = self._skin(relative, one, found[:index])
         diameter_mm = 2000.0 * one.sphere.radius_m
         reason = ""
         if one.outline.cut:
             reason = "the edge of the picture cuts it off"
         elif visible < self._settings.least_visible:
             reason = f"only {100.0 * visible:.0f} % of it is visible"
+        elif covered > MOST_COVERED:
+            reason = f"something in front of it covers {100.0 * covered:.0f} % of it"
         grade = one.grade
         if grade is None:
             grade = self._settings.grade_of(diameter_mm, skin.red_ratio, skin.defect_score)
@@ -191,8 +196,8 @@ class Grader:
             (left, top, width, height), reason,
         )  # fmt: skip
 
-    def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[Skin, float]:
-        """Return the skin of an apple, and the share of its outline that closer apples do not hide."""
+    def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[Skin, float, float]:
+        """Return the skin of an apple, and the shares that no nearer apple hides, and that another object covers."""
         left, top, width, height = _grown(_box(one.outline), self._rays.shape)
         rows, columns = slice(top, top + height), slice(left, left + width)
         rays = self._rays[rows, columns].reshape(-1, 3)
@@ -207,9 +212,11 @@ class Grader:
         radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
         judged = free & (away < max(1.0 - RIM_PX / radius_px, 0.0) ** 2)
         if judged.sum() < LEAST_SKIN:
-            return Skin(0.0, 0.0), 0.0
-        colors = relative[rows, columns].reshape(-1, 3)[judged].astype(np.float64) * self._settings.table_rgb
-        return skin_of(colors, places[judged], judged.reshape(height, width)), visible
+            return Skin(0.0, 0.0), 0.0, 0.0
+        patch = relative[rows, columns]
+        covered = float((colored(np.ascontiguousarray(patch)).ravel()[judged] == 0).mean())
+        colors = patch.reshape(-1, 3)[judged].astype(np.float64) * self._settings.table_rgb
+        return skin_of(colors, places[judged], judged.reshape(height, width)), visible, covered
 
 
 def _box(outline: Outline) -> tuple[int, int, int, int]:

@@ -33,7 +33,7 @@ def parse_arms(words: Sequence[str]) -> dict[str, str]:
         name, separator, arm = word.partition("=")
         if not separator or not arm or not NAME.fullmatch(name):
             raise ArmFileError(
-                f"{word!r} is not PREFIX=ARM, such as left=so101: the prefix has lowercase letters, digits and single _"
+                f"{word!r} is not PREFIX=ARM, such as left=so101: write the prefix in lowercase letters, digits and _"
             )
         if name in arms:
             raise ArmFileError(f"the prefix {name} is given twice: choose a different prefix for each arm")

@@ -9,7 +9,7 @@ from typing import Any, Final
 import yaml
 
 from controller.manager.controllers_file import MANAGER
-from controller.manager.parameter_file import PARAMETERS
+from controller.manager.parameter_file import ALL, PARAMETERS
 from controller.manager.sections import Sections
 from hal.errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
@@ -101,7 +101,7 @@ def pick_place_text(parts: Sequence[Part]) -> str:
         parameters = part.prefixed(sections.of(NODE), part.names())
         controllers = {"arm_controller": f"{part.prefix}{ARM}", "hand_controller": f"{part.prefix}{HAND}"}
         names = {"pick_place_action_name": f"sorting/{part.prefix}arm/pick_place", "auto_goal_from_vision": False}
-        nodes[f"{part.prefix}{NODE}"] = {PARAMETERS: {**parameters, **controllers, **names}}
+        nodes[f"{ALL}/{part.prefix}{NODE}"] = {PARAMETERS: {**parameters, **controllers, **names}}
     return HEAD + yaml_text(nodes)
 
 

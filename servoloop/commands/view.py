@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -17,6 +18,7 @@ from servoloop.stack.arm_options import RunningArm, RunningChoice, RunningNamesp
 
 if TYPE_CHECKING:
     from nodes.planning_client.scene_watch import SceneWatch
+    from servoloop.dashboard.live_camera import LiveCamera
     from servoloop.recording.emulator_source import EmulatorSource
     from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import ArmFolder
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """Environment variables; at least one of them is set on a machine with a screen."""
+CAMERA_BELOW: Final = 0.25
+"""Place of the camera's picture among the controls, after the buttons and before the folder *Arm*."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,8 @@ def view(
     require_extras("the view", "view")
     if recording is not None and bus is not None:
         raise DriverError("--bus shows a virtual arm and FILE.mcap shows a recording; use only one of them")
-    from servoloop.dashboard.browser import show
+    from servoloop.dashboard.browser import Part, show
+    from servoloop.dashboard.camera_folder import CameraFolder
     from servoloop.dashboard.move_panel import MovePanel, Mover
     from servoloop.dashboard.page import Page
     from servoloop.dashboard.player import Player
@@ -77,25 +82,29 @@ def view(
 
     clock = MonotonicClock()
     found, folder = _opened(recording, bus, RunningChoice(arm, namespace), clock)
-    with Signals() as signals:
+    with Signals() as signals, ExitStack() as ends:
+        watch, camera = None, None
+        if isinstance(found, LiveSource):
+            watch, camera = _scene_watch(found.stack.namespace), _live_camera(clock, found.stack.namespace)
+        for watching in (watch, camera):
+            if watching is not None:
+                ends.callback(watching.close)
         server = PageServer(page.host, page.port)
-        watch = _scene_watch(found.stack.namespace) if isinstance(found, LiveSource) else None
+        ends.callback(server.stop)
         shown = Page(server, folder, None if watch is None else lambda: (watch.newest, clock.now()))
-        mover = Mover(found, clock) if isinstance(found, LiveSource) else None
-        panel = MovePanel(server, mover, shown.above_arm) if mover else None
+        cameras = CameraFolder(server, shown.above_arm + CAMERA_BELOW, camera.pictures if camera else None)
+        parts: list[Part] = [cameras.show]
         source = Player(server, found, clock) if isinstance(found, PlayedRecording) else found
+        ends.callback(source.close)
+        if isinstance(found, LiveSource):
+            mover = Mover(found, clock)
+            ends.callback(mover.close)
+            panel = MovePanel(server, mover, shown.above_arm)
+            parts.append(lambda _: panel.show())
         typer.echo(f"the page is at {server.url}")
         if page.browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
-        try:
-            show(shown, source, clock, lambda: signals.count > 0, panel)
-        finally:
-            if mover is not None:
-                mover.close()
-            source.close()
-            server.stop()
-            if watch is not None:
-                watch.close()
+        show(shown, source, clock, lambda: signals.count > 0, parts)
 
 
 def _scene_watch(namespace: str) -> "SceneWatch | None":
@@ -109,6 +118,17 @@ def _scene_watch(namespace: str) -> "SceneWatch | None":
     watch = SceneWatch(namespace=namespace)
     watch.start()
     return watch
+
+
+def _live_camera(clock: Clock, namespace: str) -> "LiveCamera | None":
+    """Start to watch the camera node, if ROS 2 is installed."""
+    try:
+        require_ros()
+    except RosError:
+        return None
+    from servoloop.dashboard.live_camera import LiveCamera
+
+    return LiveCamera(clock, namespace)
 
 
 def _opened(

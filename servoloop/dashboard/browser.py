@@ -1,11 +1,11 @@
 """Update the page of ``servoloop view`` from a source in a loop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from drivers.clock import Clock
-from servoloop.dashboard.move_panel import MovePanel
 from servoloop.dashboard.page import Page
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import Source
 
 ARM_S: Final = 0.05
@@ -16,15 +16,19 @@ BEAT: Final = 20
 """Number of updates of the arm per heartbeat to the browsers."""
 
 
-def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
-    """Show the source, and the buttons of ``panel`` if it is given, until ``stop`` returns True."""
+Part = Callable[[ObservedRobot], None]
+"""Updates a further part of the page, such as the buttons or the cameras."""
+
+
+def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], parts: Sequence[Part] = ()) -> None:
+    """Show the source and further parts of the page until ``stop`` returns True."""
     turn = 0
     while not stop():
         watched = source.robot
         page.status(source.status, source.up_to_date, beat=turn // BEAT)
         page.show_arm(watched)
-        if panel is not None:
-            panel.show()
+        for part in parts:
+            part(watched)
         if turn % NUMBERS == 0:
             page.show_numbers(watched)
         turn += 1

@@ -7,15 +7,12 @@ import heapq
 from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
-from typing import Final
 
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 
 from servoloop.recording.mcap import SUFFIX, McapFile, RecordingError
-from servoloop.recording.message_types import definition
-
-COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
+from servoloop.recording.message_types import PICTURE, definition
 
 
 class CameraRecording:
@@ -27,7 +24,7 @@ class CameraRecording:
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
         """File of the pictures, until ``finish`` has added them to the recording."""
         self._file = McapFile(self.pictures)
-        self._file.add_channel(topic, COMPRESSED, definition(COMPRESSED))
+        self._file.add_channel(topic, PICTURE, definition(PICTURE))
 
     def add(self, stamp_ns: int, data: bytes) -> None:
         """Write an encoded picture."""

@@ -21,6 +21,8 @@ APPLE_S: Final = 60.0
 """Maximum time for an apple to arrive at the stand and for its job to start, in seconds."""
 JOB_S: Final = 120.0
 """Maximum duration of a job, in seconds. The node itself limits the duration of each motion."""
+STUCK_S: Final = 15.0
+"""Time after a failed job within which the next apple comes or the next job starts, in seconds."""
 FALL_S: Final = 3.0
 """Maximum time for a released apple to come to rest, in seconds."""
 FRAME_S: Final = 0.4
@@ -86,6 +88,8 @@ class Sorter:
         self._camera = camera
         self._settings: GradingSettings = grading_settings(self._camera)
         self._last_seed: int | None = None
+        self._failed: SortingJob | None = None
+        self._failed_s = 0.0
         self.film = Film()
 
     def run(self, count: int = APPLES) -> list[SortedApple]:
@@ -98,8 +102,7 @@ class Sorter:
         found: list[SortedApple] = []
         for number in range(1, count + 1):
             jobs = len(self._monitor.jobs)
-            if not self._wait(self._has_new_apple, APPLE_S):
-                self._live.say("no further apple has come to the stand")
+            if not self._comes():
                 break
             found.append(self._sorted(number, jobs))
             self._report(found[-1])
@@ -121,6 +124,30 @@ class Sorter:
         self._wait(lambda: job.ended, JOB_S)
         self._wait(lambda: self._ready.runner.camera.bin is not None, FALL_S)
         return SortedApple(number, truth, grade, job, self._ready.runner.camera.bin)
+
+    def _comes(self) -> bool:
+        """Wait for the next apple, and return whether it has come. Otherwise say why the demo ends."""
+        self._wait(lambda: self._has_new_apple() or self._is_stuck(), APPLE_S)
+        if self._has_new_apple():
+            return True
+        text = "no further apple has come to the stand"
+        if self._failed is not None:
+            text += (
+                f" within {STUCK_S:g} s after a failed job ({self._failed.message}), so the apple is still in the hand:"
+                " see pick_place.log for the cause, and start the demo again"
+            )
+        self._live.say(text)
+        return False
+
+    def _is_stuck(self) -> bool:
+        """Whether the newest job has failed, and nothing has followed for ``STUCK_S``."""
+        newest = self._monitor.jobs[-1] if self._monitor.jobs else None
+        if newest is None or not newest.ended or newest.success:
+            self._failed = None
+            return False
+        if newest is not self._failed:
+            self._failed, self._failed_s = newest, perf_counter()
+        return perf_counter() > self._failed_s + STUCK_S
 
     def _has_new_apple(self) -> bool:
         newest = self._ready.runner.camera.newest

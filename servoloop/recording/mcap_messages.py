@@ -16,6 +16,7 @@ from servoloop.recording.message_types import (
     DIAGNOSTICS,
     GOAL_RESULT,
     JOINT_STATE,
+    PICTURE,
     STRING,
     TF,
     TRAJECTORY,
@@ -27,6 +28,8 @@ LOG = logging.getLogger("servoloop")
 STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/cycles"
 STATUSES, SCENE, URDF = "/diagnostics", "/servoloop/scene", "/robot_description"
 GOAL, RESULT = "/goal", "/goal_result"
+COMPRESSED: Final = "/image_raw/compressed"
+"""End of the topics with the pictures of cameras."""
 MAGIC: Final = b"\x89MCAP"
 OTHER_FORMATS: Final = {
     b"SQLite format 3": "is a rosbag2 database: convert it with `ros2 bag convert`",
@@ -61,6 +64,8 @@ def kinds_of(topic: str) -> tuple[str, ...]:
     """Return the message types of a topic with robot state, or no types for any other topic."""
     if topic.endswith(GOAL):
         return TRAJECTORY, JOINT_STATE
+    if topic.endswith(COMPRESSED):
+        return (PICTURE,)
     return (GOAL_RESULT,) if topic.endswith(RESULT) else KINDS.get(topic, ())
 
 

@@ -11,6 +11,7 @@ BUS_TRAFFIC, CYCLE, GOAL_RESULT = (f"servoloop_msgs/msg/{name}" for name in ("Bu
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+PICTURE = "sensor_msgs/msg/CompressedImage"
 STRING = "std_msgs/msg/String"
 TF = "tf2_msgs/msg/TFMessage"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"

@@ -25,6 +25,7 @@ from servoloop.recording.mcap_messages import (
     URDF,
     Received,
 )
+from servoloop.recording.pictures import Pictures
 
 RESULTS: Final = 50
 """Maximum number of goal results kept."""
@@ -234,9 +235,6 @@ def servo_faults(snapshot: RobotSnapshot) -> dict[str, str]:
     return {joint: one.message for joint, one in found.items() if one is not None and one.level >= FAULT}
 
 
-DIAGNOSTICS: Final = "/diagnostics"
-
-
 class Health(NamedTuple):
     """Supply voltages and temperatures of the servos at one time: arrays (n,) by joint, NaN for missing values."""
 
@@ -257,13 +255,15 @@ class ObservedRobot:
 
     def __init__(self) -> None:
         self.state = RobotState()
+        self.pictures = Pictures()
         self._lock = threading.Lock()
         self._health: deque[Health] = deque()
 
     def take(self, received: Received) -> None:
         """Update the robot with one message."""
         self.state.take(received)
-        if received.topic != DIAGNOSTICS:
+        self.pictures.take(received)
+        if received.topic != STATUSES:
             return
         now = received.stamp_ns * 1e-9
         with self._lock:

@@ -16,9 +16,11 @@ from hal.compensation.gravity_compensation import GravityCompensation
 from hal.components.component_lifecycle import configure_all
 from hal.hardware import Hardware
 from hal.joint import Joint
+from hal.outputs import Outputs
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.servo_hardware import ServoHardware
+from hal.servos.servo_outputs import ServoOutputs
 from hal.types import JointState
 from servoloop.recording.bus_tap import BusTap
 from servoloop.simulation.observed_components import ObservedComponents
@@ -80,10 +82,11 @@ class SimulatedStack:
         """Function that wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
         """Components with servos."""
+        self.outputs = Outputs(self.files.component.outputs)
         made = [self._made(one, wire) for one in self.files.description.components]
         self.components = ObservedComponents(made, self.clock)
         lagging = compliances(self.files.robot.joints)
-        setup = HardwareSetup(self.components, dict, {}, True, {}, {}, lagging)
+        setup = HardwareSetup(self.components, dict, {}, True, {}, {}, lagging, self.outputs)
         self.control_stack = ControlStack.build(setup, self.files, self.clock, keep_alive=keep_alive)
         self.loop, self.manager = self.control_stack.loop, self.control_stack.loop.manager
         self.loop.on_cycle = self._on_cycle
@@ -151,15 +154,17 @@ class SimulatedStack:
     def _made(self, component: HardwareInfo, wire: bool) -> Hardware:
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if not wire:
-            return MujocoHardware(component.name, joints, self.world, self.clock)
+            mujoco = MujocoHardware(component.name, joints, self.world, self.clock)
+            mujoco.outputs = tuple(component.outputs)
+            return mujoco
         names = {joint.bus for joint in joints}
 
         def open_buses() -> dict[str, Bus]:
             return {name: bus for name, bus in self._open_buses().items() if name in names}
 
-        made = ServoHardware(
-            component.name, joints, open_buses, self.clock, self._compensation(joints, self.files.description)
-        )
+        carried = self._compensation(joints, self.files.description)
+        outputs = ServoOutputs(component, joints, self.outputs)
+        made = ServoHardware(component.name, joints, open_buses, self.clock, carried, outputs)
         self.made.append(made)
         return made
 

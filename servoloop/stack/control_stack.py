@@ -51,7 +51,7 @@ class ControlStack:
             keep_alive: Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()
-        manager = ControllerManager(setup.hardware, files.limits)
+        manager = ControllerManager(setup.hardware, files.limits, files.component.outputs)
         period_s = 1.0 / files.controllers.update_rate_hz
         rules = TransitionRules(keep_alive, worker)
         loop = ControlLoop(setup.hardware, manager, files.limits, clock, period_s, rules)
@@ -61,7 +61,10 @@ class ControlStack:
     def context(self) -> ControllerContext:
         """Properties of the robot that its controllers need."""
         files, settled = self.files, self.loop.manager.cycle.settled
-        return ControllerContext(files.description, files.component, files.limits, settled, self.setup.compliances)
+        setup = self.setup
+        return ControllerContext(
+            files.description, files.component, files.limits, settled, setup.compliances, setup.outputs
+        )
 
     @cached_property
     def factory(self) -> Factory:

@@ -21,14 +21,16 @@ from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.servo_compliance import Compliance
 from hal.components.component_set import ComponentSet
 from hal.errors import DescriptionError, HalError
-from hal.hardware import Hardware
+from hal.hardware import Hardware, outputs_of
 from hal.joint import Joint
 from hal.mock_hardware import MockHardware
+from hal.outputs import Outputs
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import require_positions
 from hal.robot_file.robot_file import RobotFile
 from hal.servos.servo_hardware import ServoHardware
+from hal.servos.servo_outputs import ServoOutputs
 from servoloop.stack.devices import world_feed
 from servoloop.stack.emulated_scene import EmulatedScene, Pose
 from servoloop.stack.line_rate import RatedLine
@@ -84,6 +86,8 @@ class HardwareSetup:
     """Rate of reads and writes on each bus, in Hz."""
     compliances: Mapping[str, Compliance]
     """Known servo compliances, by joint."""
+    outputs: Outputs = field(default_factory=Outputs)
+    """Outputs of all components, which move no joint."""
 
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
@@ -128,7 +132,8 @@ def build(
     def open_port(device: str, baud: int, clock: Clock) -> Port:
         return tap(below(device, baud, clock), clock)
 
-    builder = _ComponentBuilder(files, devices, clock, world, open_port)
+    outputs = Outputs(files.component.outputs)
+    builder = _ComponentBuilder(files, devices, clock, world, open_port, outputs)
     made = [builder.build(kinds[component.name], component) for component in components]
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
@@ -145,7 +150,8 @@ def build(
     }
     driven = {joint for one in made if isinstance(one, ServoHardware) for joint in one.joints}
     lagging = compliances(joint for joint in files.robot.joints if joint.name in driven)
-    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, builder.buses, rates_hz, lagging)
+    components_set = ComponentSet(made, clock, divisors)
+    return HardwareSetup(components_set, scene, servos, not real, builder.buses, rates_hz, lagging, outputs)
 
 
 def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
@@ -176,6 +182,7 @@ class _ComponentBuilder:
     clock: Clock
     world: "_World | None"
     open_port: OpenPort
+    outputs: Outputs
     buses: dict[str, RatedLine] = field(default_factory=dict)
     """Buses opened so far, by name."""
 
@@ -186,7 +193,7 @@ class _ComponentBuilder:
         """
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if kind is HardwareKind.MOCK:
-            return MockHardware.of(component, self.clock)
+            return MockHardware.of(component, self.clock, self.outputs)
         if not isinstance(kind, HardwareKind):
             return _users(kind, component, self.clock)
         require_positions(component)
@@ -196,10 +203,11 @@ class _ComponentBuilder:
                 '<param name="robot">'
             )
         if self.world is not None and kind is HardwareKind.MUJOCO:
-            return self.world.hardware(component.name, joints)
+            return self.world.hardware(component, joints)
         names = list(dict.fromkeys(joint.bus for joint in joints))
         carried = compensation(joints, self.files.description)
-        return ServoHardware(component.name, joints, lambda: self._open(names), self.clock, carried)
+        outputs = ServoOutputs(component, joints, self.outputs)
+        return ServoHardware(component.name, joints, lambda: self._open(names), self.clock, carried, outputs)
 
     def _open(self, names: Sequence[str]) -> Mapping[str, Bus]:
         buses = open_buses(self.files.robot.file, self.devices, self.clock, names, self.open_port)
@@ -235,6 +243,11 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     except Exception as error:  # A user's module may raise any exception when it is imported.
         raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
     _check_names(hardware, component)
+    if missing := [name for name in component.outputs if name not in outputs_of(hardware)]:
+        raise PluginError(
+            f"the hardware {plugin} has no output {', '.join(missing)}: remove this <command_interface> from its "
+            f"<ros2_control> block '{component.name}'"
+        )
     return hardware
 
 
@@ -273,11 +286,13 @@ class _World:
         self._world.hold_until_driven()
         self._clock = clock
 
-    def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
+    def hardware(self, component: HardwareInfo, joints: Sequence[Joint]) -> Hardware:
         """Return the component that moves the arm in MuJoCo."""
         from sim_backend.scene.mujoco_hardware import MujocoHardware
 
-        return MujocoHardware(name, joints, self._world, self._clock)
+        made = MujocoHardware(component.name, joints, self._world, self._clock)
+        made.outputs = tuple(component.outputs)
+        return made
 
     def scene(self) -> Mapping[str, Pose]:
         """Return the poses of all objects in the world, by name."""

@@ -11,6 +11,7 @@ import mujoco
 
 from hal.errors import ArmFileError
 from sim_backend.apples.apple import Apple, draw_apple
+from sim_backend.scene.arm_names import ARMS
 
 DIAMETERS: Final = "apple_diameter_m"
 """Name of the element of the scene with the smallest and largest diameter of an apple, in meters."""
@@ -27,7 +28,12 @@ BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
 
 
 def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
-    """Return the smallest and the largest diameter. Raises ArmFileError if the scene declares no diameters."""
+    """Return the smallest and the largest diameter.
+
+    Raises ArmFileError if the scene declares no diameters, or if it has several arms.
+    """
+    if any(text.name == ARMS for text in spec.texts):
+        raise ArmFileError(f"{scene}: apples need a scene with one arm: use the arm robot_arm or so101")
     found = [numeric.data for numeric in spec.numerics if numeric.name == DIAMETERS]
     if not found or len(found[0]) != 2 or not 0.0 < found[0][0] <= found[0][1]:
         raise ArmFileError(

@@ -21,6 +21,12 @@ def arm_prefixes(model: Any) -> tuple[str, ...]:
     return tuple(text.split()) or ONE_ARM
 
 
+def part_name(model: Any, geom: int) -> str:
+    """Return the name of the body of a geom, or of the geom itself if it is fixed to the world."""
+    body = int(model.geom_bodyid[geom])
+    return str(model.body(body).name if body else model.geom(geom).name)
+
+
 def prefix_of(name: str, prefixes: Sequence[str]) -> str | None:
     """Return the prefix of the arm that owns a name: the longest one with which it begins; None if there is none."""
     return max((prefix for prefix in prefixes if name.startswith(prefix)), key=len, default=None)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
-from sim_backend.scene.arm_names import ARMS, arm_prefixes, prefix_of
+from sim_backend.scene.arm_names import ARMS, arm_prefixes, part_name, prefix_of
 from sim_backend.scene.cube_cell import FloatArray
 from sim_backend.scene.overview import overview_camera
 from sim_backend.scene.picture import CAMERA
@@ -213,12 +213,6 @@ def _arm_joints(model: Any) -> list[int]:
 def _solid(model: Any, prefix: str, prefixes: Sequence[str]) -> list[int]:
     solid = [geom for geom in range(model.ngeom) if model.geom_contype[geom] or model.geom_conaffinity[geom]]
     return [geom for geom in solid if prefix_of(part_name(model, geom), prefixes) == prefix]
-
-
-def part_name(model: Any, geom: int) -> str:
-    """Return the name of the body of a geom, or of the geom itself if it is fixed to the world."""
-    body = int(model.geom_bodyid[geom])
-    return str(model.body(body).name if body else model.geom(geom).name)
 
 
 def _overlaps(model: Any, data: Any, ones: Sequence[int], others: Sequence[int]) -> Iterator[tuple[str, str]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_of_tray, resize
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.scene.arm_names import arm_prefixes, prefix_of
+from sim_backend.scene.arm_names import arm_prefixes, part_name, prefix_of
 
 FloatArray = NDArray[np.float64]
 
@@ -177,12 +177,7 @@ class CubeCell:
         """Return the geoms on the table that belong to this cell."""
         table, prefixes = self._model.geom("table").id, arm_prefixes(self._model)
         things = [g for g in np.flatnonzero(~self._of_arm).tolist() if g != table]
-        return np.array([g for g in things if prefix_of(self._owner(g), prefixes) == self.prefix])
-
-    def _owner(self, geom: int) -> str:
-        """Return the name of the body of a geom, or of the geom itself if it is fixed to the world."""
-        body = int(self._model.geom_bodyid[geom])
-        return str(self._model.body(body).name if body else self._model.geom(geom).name)
+        return np.array([g for g in things if prefix_of(part_name(self._model, g), prefixes) == self.prefix])
 
     def feed_cube(self) -> None:
         """Place the cube, or the next apple, at rest in the middle of the stand."""

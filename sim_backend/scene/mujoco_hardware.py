@@ -62,6 +62,8 @@ class MujocoHardware:
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
+        self.outputs: tuple[str, ...] = ()
+        """Outputs of the component, which have no effect in the world."""
         self.state = LifecycleState.UNCONFIGURED
         self._world = world
         self._feeder = Feeder()

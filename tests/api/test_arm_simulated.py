@@ -210,7 +210,7 @@ def test_a_closed_arm_explains_itself() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("so99", {}, "there is no arm so99: choose one of koch"),
+        ("so99", {}, "there is no arm so99: choose one of bimanual_so101, koch"),
         ("so101", {"rate_hz": 0}, "rate_hz must be above 0, not 0"),
         ("so101", {"rate_hz": 2000}, "2000 Hz is too fast"),
         ("so101", {"controllers": "none.yaml"}, "none.yaml"),

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from hal.errors import ArmFileError
 from servoloop import cli
 from servoloop.arms.combine import combine, combined, parse_arms, parse_bases
-from servoloop.manual.poses import Poses
+from servoloop.manual.poses import CLOSE, OPEN, Poses, find_targets
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_places
 from servoloop.stack.robot_check import check_arm
@@ -79,6 +79,15 @@ def test_the_poses_and_the_calibration_of_a_users_arm_are_kept(tmp_path: Path) -
     assert servos["right_shoulder_pan"] == (-1, 2000) and servos["right_gripper"] == (1, 2047)
     both = {"left_shoulder_pan": 0.5, "right_shoulder_pan": 0.5}
     assert Poses(folder).get("home") == both and Poses(folder).get("left_home") == {"left_shoulder_pan": 0.5}
+
+
+def test_a_running_robot_opens_and_closes_both_hands() -> None:
+    folder = ARMS / "bimanual_so101"
+    driven = {f"{name}_hand_controller": (f"{name}_gripper",) for name in PAIR}
+    targets = find_targets(folder, driven, read_arm_files(find_arm("bimanual_so101")).limits)
+    assert targets.hand[OPEN] == {"left_gripper": 0.7, "right_gripper": 0.7}
+    assert targets.hand[CLOSE] == {"left_gripper": -0.1, "right_gripper": -0.1}
+    assert find_targets(folder, {"left_hand_controller": ("left_gripper",)}, {}).hand[OPEN] == {"left_gripper": 0.7}
 
 
 def test_each_arm_has_a_node_with_its_controllers() -> None:

@@ -59,6 +59,10 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
         (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
         (("benchmarks.stream", "--seconds", "2"), ("call to bytes", "100 targets; ", " 0 lost")),
         (
+            ("benchmarks.several_stacks", "--stacks", "2", "--seconds", "1"),
+            ("2 stacks at 20 Hz", "of a core per stack"),
+        ),
+        (
             ("benchmarks.topic_host", "--seconds", "2", "--rate", "50"),
             ("bytes to state topic", "100 commands; ", " 0 lost"),
         ),

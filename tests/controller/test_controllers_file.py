@@ -370,8 +370,8 @@ def test_later_parameter_files_override_earlier_ones_and_the_controllers_file(tm
         (
             "wrist",
             HAND_TYPE,
-            "wrist: {ros__parameters: {joints: [], interface_name: smell}}",
-            "more0.yaml:1: wrist.interface_name: must be",
+            "wrist: {ros__parameters: {joints: [joint1], interface_name: smell}}",
+            "more0.yaml:1: wrist.joints needs joint1/smell, which is not a command_interface",
         ),
         ("wrist", HAND_TYPE, "wrist: [", "more0.yaml is not YAML"),
         (

@@ -397,7 +397,7 @@ def test_parameters_without_effect_are_listed(parameters: dict[str, Any], unused
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"max_effort_interface": "finger/max_effort"}, "no interface finger/max_effort for efforts: remove"),
+        ({"max_effort_interface": "finger/max_effort"}, "finger/max_effort cannot be set by this controller: remove"),
         ({"goal_tolerance": -1.0}, "goal_tolerance"),
         ({"stall_timeout": NAN}, "stall_timeout"),
         ({"action_monitor_rate": 0.01}, "action_monitor_rate"),

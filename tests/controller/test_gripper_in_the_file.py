@@ -74,7 +74,7 @@ def test_the_controllers_are_built_and_parameters_without_effect_are_logged(
         (
             "max_effort: 20.0",
             "max_effort_interface: f/e",
-            r":10: gripper.max_effort_interface: .*no interface f/e for efforts",
+            r":10: gripper.max_effort_interface: .*f/e cannot be set by this controller",
         ),
         ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints has unknown entries thumb"),
         ("joints: [finger]", "rate: -1.0", r":13: servos.rate: "),

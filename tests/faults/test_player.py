@@ -152,7 +152,7 @@ def test_one_impossible_fault_prevents_the_whole_list() -> None:
     assert len(said.splitlines()) == 5
     for why in (
         "no servo 4: known servos: 1, 2, 3",
-        "without a simulated arm",
+        "there is no simulated arm here",
         "no stack",
         "no adapter",
         "servo 3 is the last",
@@ -172,7 +172,7 @@ def test_a_fault_of_an_unknown_controller_is_refused() -> None:
 
 
 def test_servos_from_the_box_cannot_be_named() -> None:
-    with pytest.raises(FaultError, match="all servos from a box have one ID"):
+    with pytest.raises(FaultError, match="all servos of a box have the same ID"):
         FaultPlayer(FaultTargets({})).play([parse("echo")])
 
 

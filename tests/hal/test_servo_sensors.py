@@ -38,10 +38,9 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
 @pytest.mark.parametrize(
     ("elements", "reason"),
     [
-        ('<sensor name="a"/>', r"<sensor name='a'> has no <state_interface> \(.*line \d+\): add one, or remove it"),
         (
-            f'<gpio name="a">{VALUES}<command_interface name="led"/></gpio>',
-            "<gpio name='a'> has a <command_interface> .*, but only its states are supported: remove it",
+            f'<sensor name="a">{VALUES}<command_interface name="led"/></sensor>',
+            r"<sensor name='a'> has a <command_interface> \(.*line \d+\): write <gpio>, or remove it",
         ),
         (f'<gpio name="gripper">{VALUES}</gpio>', "<gpio name='gripper'> has the name of another element"),
         (f'<gpio name="a"><param name="joint">knee</param>{VALUES}</gpio>', "names joint 'knee', which its block does"),
@@ -52,7 +51,7 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
         (f'<gpio name="a">{VALUES}{VALUES}</gpio>', "<state_interface name='voltage'> twice"),
         (f'<gpio name="a">{VALUES}</gpio>', r"the sensor a \(.*line \d+\) has no source: name a joint"),
     ],
-    ids=["empty", "output", "name", "joint", "interface", "twice", "no source"],
+    ids=["output", "name", "joint", "interface", "twice", "no source"],
 )
 def test_other_elements_are_refused(elements: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(HalError, match=reason):

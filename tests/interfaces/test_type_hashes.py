@@ -13,8 +13,8 @@ import pytest
 INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
 
 # Hashes of a ROS 2 Jazzy installation: control_msgs 5.8, controller_manager_msgs 4.46, and tf2_msgs of geometry2. The
-# hashes of moveit_msgs 2.6, mujoco_ros2_control_msgs 0.0.3, object_recognition_msgs 2.0 and octomap_msgs 2.0 are
-# computed from their published fields.
+# hashes of moveit_msgs 2.6, mujoco_ros2_control_msgs 0.0.3, object_recognition_msgs 2.0, octomap_msgs 2.0 and
+# pal_statistics_msgs 2.6 are computed from their published fields.
 PUBLIC = {
     "control_msgs/action/FollowJointTrajectory": "738ebcb7a2d7cfa42f9f1001cc99ce3a4383d1cfe508015d9be8485e4b1c66f6",
     "control_msgs/action/GripperCommand": "e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84",
@@ -98,6 +98,10 @@ PUBLIC = {
     "object_recognition_msgs/msg/ObjectType": "5eb3ee3976403366d7c50d7dbee8bec96b3bced1e752674a7194a35841632134",
     "octomap_msgs/msg/Octomap": "9891a19a05b70ec20aa8f45db3f8300b9ab80afff32c61c549d25087da9625b0",
     "octomap_msgs/msg/OctomapWithPose": "e65f8760aa96a2acef86b6d206175cfc78420082b6159dd3fa6ebf93f5f81979",
+    "pal_statistics_msgs/msg/Statistic": "05b6302f2400f44bd8ea51df13137f60f11ba00937d663fdbb60626dfbf9dad7",
+    "pal_statistics_msgs/msg/Statistics": "41f6fad7ef98ef8302d89fca17658d0e0b6922116bc01732a925e5c7339fd842",
+    "pal_statistics_msgs/msg/StatisticsNames": "3b9f11f92019fa7b7bb20b885b18d89972d6836d3f8296fe5c6f87ed9b0f7b28",
+    "pal_statistics_msgs/msg/StatisticsValues": "5227587e2d85c96fe55d619607437b847a1d65665a8e00aeb3b716bc56bd200a",
     "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 }
 

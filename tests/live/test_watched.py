@@ -4,8 +4,8 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
-from servoloop.recording.mcap_messages import Received
-from servoloop.recording.robot_state import DIAGNOSTICS, Health
+from servoloop.recording.mcap_messages import STATUSES, Received
+from servoloop.recording.robot_state import Health
 from tests.recorder.rig import Rig
 from tests.view.rig import watched
 
@@ -31,7 +31,7 @@ def test_messages_may_arrive_while_the_last_minute_is_read() -> None:
     rig = Rig()
     rig.run(2.0)
     found = watched(rig)
-    (*_, newest) = (one for sample in rig.samples for one in rig.messages.of_cycle(sample) if one.topic == DIAGNOSTICS)
+    (*_, newest) = (one for sample in rig.samples for one in rig.messages.of_cycle(sample) if one.topic == STATUSES)
     message = Received(newest.topic, newest.stamp_ns, newest.message, 0)
     taker = threading.Thread(target=found.take, args=[message], daemon=True)
     found._health = Interrupted(iter(found.minute().health), taker)

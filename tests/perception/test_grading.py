@@ -96,6 +96,18 @@ def test_an_apple_that_another_hides_is_found_but_not_graded(grader: Grader) -> 
     assert far.grade == "" and "of it is visible" in far.reason
 
 
+@pytest.mark.parametrize("rgb", [(25, 25, 28), (120, 120, 122), (225, 225, 225)])
+def test_an_apple_with_a_finger_in_front_of_it_is_not_graded(grader: Grader, rgb: tuple[int, int, int]) -> None:
+    """A dark finger would otherwise count as a defect."""
+    apple = painted.PaintedApple(CENTER, 0.03, painted.GREEN, 1.0, np.array([0.0, 0.0, 1.0]))
+    picture, _ = painted.paint(painted.view(), [apple], painted.Lamp(lamp=0.8), 0)
+    [alone] = grader.grade(picture)
+    left, top, _, height = alone.box_px
+    picture[: top + height // 2, left : left + 14] = rgb
+    [found] = grader.grade(picture)
+    assert alone.grade == "A" and found.grade == "" and "something in front of it covers" in found.reason
+
+
 def test_an_apple_at_the_edge_of_the_picture_has_no_grade(grader: Grader) -> None:
     apple = painted.PaintedApple(np.array([0.25, 0.285, 0.03]), 0.03, painted.GREEN, 1.0, np.array([0.0, 0.0, 1.0]))
     picture, _ = painted.paint(painted.view(), [apple], painted.Lamp(lamp=0.7), 0)

@@ -14,9 +14,9 @@ CONFIG = Path(__file__).parents[2] / "config" / "vision_pick_place_controller.ya
 
 def test_configuration_file_equals_the_defaults() -> None:
     given: dict[str, Any] = yaml.safe_load(CONFIG.read_text())
-    parameters = given["vision_pick_place_controller"]["ros__parameters"]
+    parameters = given["/**/vision_pick_place_controller"]["ros__parameters"]
     default = JobSettings()
-    assert parameters.pop("pick_place_action_name") == "/sorting/arm/pick_place"
+    assert parameters.pop("pick_place_action_name") == "sorting/arm/pick_place"
     assert parameters.pop("auto_goal_from_vision") is True
     assert parameters.pop("motion") == "joints"
     assert tuple(parameters.pop("joints")) == default.joints

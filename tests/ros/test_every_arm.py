@@ -98,7 +98,8 @@ def shown_joints(arm: str) -> set[str]:
         return len([joints for joints in shown if joints]) > 10
 
     try:
-        show(page, source, clock, stop, MovePanel(server, mover, page.above_arm))
+        panel = MovePanel(server, mover, page.above_arm)
+        show(page, source, clock, stop, [lambda _: panel.show()])
     finally:
         mover.close()
         source.close()

@@ -21,10 +21,10 @@ ARM_JOINT = '<joint name="joint1">'
 BROKEN = {
     # Text to replace, its replacement, and the expected message.
     "an unknown tag": (HARDWARE, f"{HARDWARE}<wheel/>", "<ros2_control name='arm'> has the unknown tag <wheel>"),
-    "a sensor element": (
+    "a sensor element that takes commands": (
         HARDWARE,
-        f'{HARDWARE}<sensor name="scale"/>',
-        "<sensor name='scale'> has no <state_interface>",
+        f'{HARDWARE}<sensor name="scale">{COMMAND}</sensor>',
+        "<sensor name='scale'> has a <command_interface>",
     ),
     "a joint that is not in the URDF": (
         ARM_JOINT,

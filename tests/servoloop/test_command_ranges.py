@@ -20,6 +20,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from hal.components.component_lifecycle import configure_all
 from hal.errors import DescriptionError
 from hal.robot_description.description import parse_urdf
+from hal.robot_description.limit_check import WHEEL_SPEED_RAD_S
 from servoloop.stack.hardware import HardwareKind, build
 from servoloop.stack.robot_files import URDF, Files, read_files
 from sim_backend.clock import SimulatedClock
@@ -39,7 +40,7 @@ CONTROLLERS = """
 controller_manager:
   ros__parameters:
     update_rate: 50
-    enforce_command_limits: true
+    enforce_command_limits: {enforced}
     lift_controller: {{type: {kind}}}
 lift_controller:
   ros__parameters: {{{parameters}}}
@@ -62,9 +63,11 @@ def urdf(*commands: str, kind: str = "revolute") -> str:
 class Stack:
     """Stack with one joint of a mock component and one controller."""
 
-    def __init__(self, folder: Path, text: str, kind: str, parameters: str) -> None:
+    def __init__(self, folder: Path, text: str, kind: str, parameters: str, enforced: str = "true") -> None:
         (folder / "arm.urdf").write_text(text)
-        (folder / "controllers.yaml").write_text(CONTROLLERS.format(kind=kind, parameters=parameters))
+        (folder / "controllers.yaml").write_text(
+            CONTROLLERS.format(kind=kind, parameters=parameters, enforced=enforced)
+        )
         self.files: Files = read_files(folder / "arm.urdf", folder / "controllers.yaml")
         clock, files = SimulatedClock(), self.files
         hardware = build(HardwareKind.MOCK, files, {}, clock).hardware
@@ -99,9 +102,13 @@ def test_a_trajectory_beyond_the_range_is_refused_but_one_to_its_limit_arrives(t
     assert stack.loop.command[0] == pytest.approx(0.5)
 
 
-def test_a_forwarded_position_is_limited_to_the_range(tmp_path: Path) -> None:
-    kind = ForwardCommandController.kind
-    stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, "joints: [lift], interface_name: position")
+@pytest.mark.parametrize("enforced", ["true", "false"])
+def test_a_forwarded_position_is_limited_to_the_range(
+    enforced: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    kind, parameters = ForwardCommandController.kind, "joints: [lift], interface_name: position"
+    stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, parameters, enforced)
+    assert ("enforce_command_limits: false has no effect" in caplog.text) is (enforced == "false")
     assert stack.sent([2.0]) == pytest.approx(0.5)
     assert stack.sent([-2.0]) == pytest.approx(-0.25)
 
@@ -171,9 +178,9 @@ def test_servos_stay_in_the_range_while_calibration_uses_the_whole_travel(tmp_pa
             urdf(interface(min=0.5, max=0.5)),
             "lift/position: min 0.5 equals max 0.5 (arm.urdf, line 4): widen the range.",
         ),
-        (urdf(interface(min="low")), "lift/position: min must be a number, not 'low' (arm.urdf, line 4)."),
-        (urdf(interface(max="nan")), "lift/position: max must be a number, not 'nan' (arm.urdf, line 4)."),
-        (urdf(interface(max="")), "lift/position: max must be a number, not '' (arm.urdf, line 4)."),
+        (urdf(interface(min="low")), "lift/position: min must be a number, not 'low' (arm.urdf, line 4): write one"),
+        (urdf(interface(max="nan")), "lift/position: max must be a number, not 'nan' (arm.urdf, line 4): write one"),
+        (urdf(interface(max="")), "lift/position: max must be a number, not '' (arm.urdf, line 4): write one"),
         (
             urdf(interface(min=2, max=3)),
             "lift/position: min 2.0 and max 3.0 (arm.urdf, line 4) are outside the joint's limits -1.0 to 1.0: correct",
@@ -215,3 +222,22 @@ def test_a_range_beyond_the_joint_limit_is_logged(tmp_path: Path, caplog: pytest
     stack = Stack(tmp_path, text, *TRAJECTORY)
     assert (stack.files.limits["lift"].lower, stack.files.limits["lift"].upper) == (-1.0, 0.5)
     assert "lift/position: min -5.0 is below the joint's limit -1.0 (" in caplog.text
+
+
+def test_a_wheel_without_a_limit_is_driven_within_a_default_speed(tmp_path: Path) -> None:
+    text = urdf(interface("velocity"), kind="continuous")
+    text = text.replace('<limit lower="-1" upper="1" velocity="2" effort="3"/>', "")
+    assert "lift has no velocity limit" in parse_urdf(text).warnings[0]
+    stack = Stack(tmp_path, text, ForwardCommandController.kind, "joints: [lift], interface_name: velocity")
+    assert stack.sent([100.0]) == pytest.approx(WHEEL_SPEED_RAD_S)
+
+
+def test_a_continuous_joint_with_positions_needs_a_limit() -> None:
+    text = urdf(interface(), kind="continuous").replace('<limit lower="-1" upper="1" velocity="2" effort="3"/>', "")
+    with pytest.raises(DescriptionError, match="velocity limit must be above 0"):
+        parse_urdf(text)
+
+
+def test_a_joint_without_commands_may_have_placeholder_limits() -> None:
+    text = urdf(kind="revolute").replace('upper="1" velocity="2"', 'upper="100000" velocity="100000"')
+    assert parse_urdf(text).joints["lift"].upper == 100000.0

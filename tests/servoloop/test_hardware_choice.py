@@ -168,6 +168,11 @@ def test_a_users_own_hardware(tmp_path: Path) -> None:
         ("<plugin>acme/Broken</plugin>", PluginError, r"the hardware acme/Broken \(acme_hardware:broken\) cannot be"),
         ("<plugin>acme/Gone</plugin>", PluginError, "No module named 'acme_gone'"),
         (
+            '<plugin>acme/Arm</plugin></hardware><gpio name="tool"><command_interface name="pump"/></gpio><hardware>',
+            PluginError,
+            "the hardware acme/Arm has no output tool/pump: remove this <command_interface> from its",
+        ),
+        (
             "<plugin>acme/Other</plugin>",
             PluginError,
             rf"acme/Other has the joints \('thumb',\), but its <ros2_control> block 'hand' has \('{HAND}',\): copy",

@@ -7,9 +7,9 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-from servoloop.demo.camera_recording import COMPRESSED, CameraRecording
+from servoloop.demo.camera_recording import CameraRecording
 from servoloop.recording.mcap import McapFile, RecordingError
-from servoloop.recording.message_types import STRING, definition
+from servoloop.recording.message_types import PICTURE, STRING, definition
 
 TOPIC = "/apple_camera/image_raw/compressed"
 
@@ -31,8 +31,8 @@ def picture(number: int) -> bytes:
     store = get_typestore(Stores.ROS2_JAZZY)
     stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=number)
     header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera_optical_frame")
-    message = store.types[COMPRESSED](header=header, format="jpeg", data=np.full(9, number, np.uint8))
-    return bytes(store.serialize_cdr(message, COMPRESSED))
+    message = store.types[PICTURE](header=header, format="jpeg", data=np.full(9, number, np.uint8))
+    return bytes(store.serialize_cdr(message, PICTURE))
 
 
 def test_pictures_are_added_in_the_order_of_time(recording: Path) -> None:
@@ -46,7 +46,7 @@ def test_pictures_are_added_in_the_order_of_time(recording: Path) -> None:
         assert [one.metadata for one in reader.iter_metadata()] == [{"arm": "robot_arm"}]
         (schema,) = {schema.name for schema, channel, _ in reader.iter_messages(topics=[TOPIC]) if schema}
     assert found == [(TOPIC, 50), ("/words", 100), (TOPIC, 200), ("/words", 300)]
-    assert schema == COMPRESSED
+    assert schema == PICTURE
     assert [path.name for path in recording.parent.iterdir()] == ["run.mcap"]
 
 

@@ -1,0 +1,37 @@
+"""Newest picture of each camera, from the messages of a recording or from a live camera node."""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from servoloop.recording.mcap_messages import COMPRESSED, Received
+
+ENCODINGS: Final = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
+"""Media types of the encodings that a browser shows, by a part of the format of a message."""
+
+
+class CameraPicture(NamedTuple):
+    """Encoded picture."""
+
+    format: str
+    """Format of the message, such as ``jpeg`` or ``rgb8; jpeg compressed bgr8``."""
+    data: bytes
+
+    @property
+    def media_type(self) -> str:
+        """Media type, or an empty string if a browser does not show this encoding."""
+        return next((kind for part, kind in ENCODINGS.items() if part in self.format.lower()), "")
+
+
+class Pictures:
+    """Newest picture of each camera. Updated in one thread, and readable in any thread."""
+
+    def __init__(self) -> None:
+        self.newest: Mapping[str, CameraPicture] = {}
+        """Pictures by topic."""
+
+    def take(self, received: Received) -> None:
+        """Keep the picture of a message. Other messages have no effect."""
+        if received.topic.endswith(COMPRESSED):
+            message = received.message
+            picture = CameraPicture(message.format, message.data.tobytes())
+            self.newest = {**self.newest, received.topic: picture}
