@@ -186,7 +186,7 @@ class _Source:
 def no_type(name: str) -> str:
     """Return the error for a controller without a type. The text starts with ros2_control's own message."""
     return (
-        f"The 'type' param was not defined for '{name}': set {name}.type on /controller_manager, "
+        f"The 'type' param was not defined for '{name}': set {name}.type on the node {MANAGER}, "
         "or give the controller a section with its type in a parameter file"
     )
 

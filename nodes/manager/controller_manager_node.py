@@ -138,7 +138,7 @@ class ManagerNode:
     def _on_description(self, message: String) -> None:
         if message.data != self._stack.description.xml:
             self.node.get_logger().warning(
-                "a different robot description on /robot_description is ignored: "
+                f"a different robot description on {self.node.resolve_topic_name('robot_description')} is ignored: "
                 "to use it, start the stack with its URDF (servoloop up --urdf FILE)"
             )
 

@@ -30,7 +30,8 @@ class JointMonitor:
         self._seen_s: dict[str, float] = {}
         self.listeners: list[Callable[[], None]] = []
         """Functions to call after each message."""
-        node.create_subscription(JointState, "joint_states", self._on_states, ANY_CLIENT)
+        self._topic = node.resolve_topic_name("joint_states")
+        node.create_subscription(JointState, self._topic, self._on_states, ANY_CLIENT)
 
     def state(self) -> dict[str, float]:
         """Return the positions of all driven joints, in rad or m.
@@ -43,7 +44,7 @@ class JointMonitor:
             if now_s - self._seen_s.get(joint, float("-inf")) > STALE_S:
                 raise RequestError(
                     "ROBOT_STATE_STALE",
-                    f"/joint_states has no position of {joint} since {STALE_S:g} s: start the stack",
+                    f"{self._topic} has no position of {joint} since {STALE_S:g} s: start the stack",
                 )
         return {joint: self._positions[joint] for joint in self._robot.limits}
 

@@ -23,6 +23,8 @@ from planning.robot import PlanningRobot
 
 NAME: Final = "move_group"
 """Name of the node, to which MoveIt's clients connect."""
+STOP_TOPIC: Final = "trajectory_execution_event"
+"""Topic on which RViz stops all motions."""
 CHECK_S: Final = 1.0
 """Period of the search for other nodes with this name, in seconds."""
 END_S: Final = 12.0
@@ -47,7 +49,7 @@ class MoveGroupNode:
         planning = Planning(node, Requests(robot), store, self._workers)
         self._queries = QueryServices(node, planning, store, joints, self._workers)
         group = ReentrantCallbackGroup()
-        node.create_subscription(String, "trajectory_execution_event", self._on_event, 10, callback_group=group)
+        node.create_subscription(String, STOP_TOPIC, self._on_event, 10, callback_group=group)
         node.create_timer(CHECK_S, self._look_for_others, callback_group=group)
         self._actions = MoveActions(node, planning, execution)  # created last, because clients wait for /move_action
 
@@ -76,8 +78,9 @@ class MoveGroupNode:
 
     def _on_event(self, message: String) -> None:
         if message.data == "stop":
-            self._node.get_logger().info("stopping all motions: /trajectory_execution_event")
-            self._actions.stop_all("PREEMPTED", "the motion was stopped by /trajectory_execution_event")
+            topic = self._node.resolve_topic_name(STOP_TOPIC)
+            self._node.get_logger().info(f"stopping all motions: {topic}")
+            self._actions.stop_all("PREEMPTED", f"the motion was stopped by {topic}")
 
     def _look_for_others(self) -> None:
         if others(self._node) > 1:

@@ -38,9 +38,11 @@ NAN, INF = math.nan, math.inf
 V, A = (0.2,) * 6, (0.5,) * 6
 
 
-@pytest.fixture(scope="module")
-def ours(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrajectoryClient]:
-    with client_of(tmp_path_factory.mktemp("ours"), *MOCK) as client:
+@pytest.fixture(scope="module", params=["", pytest.param("/lab/left", marks=pytest.mark.slow)])
+def ours(
+    request: pytest.FixtureRequest, ros_domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[TrajectoryClient]:
+    with client_of(tmp_path_factory.mktemp("ours"), *MOCK, namespace=request.param) as client:
         yield client
 
 

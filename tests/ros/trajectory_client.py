@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tests.ros.stack_process import JOINTS, PATIENCE_S, StackProcess
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-ARM = "/arm_controller"
+ARM = "arm_controller"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
 REACHED = "Goal successfully reached!"
 ZERO = (0.0,) * 6
@@ -202,7 +202,7 @@ class TrajectoryClient:
         """Switch the controller of the arm, and return whether the manager reports success."""
         names = {"activate_controllers" if on else "deactivate_controllers": ["arm_controller"]}
         request = SwitchController.Request(strictness=2, **names)
-        return bool(self.call(SwitchController, "/controller_manager/switch_controller", request).ok)
+        return bool(self.call(SwitchController, "controller_manager/switch_controller", request).ok)
 
     def set(self, name: str, value: Any) -> tuple[bool, str]:
         """Set a parameter of the controller, and return whether this succeeded, and the reason."""
@@ -228,7 +228,7 @@ class TrajectoryClient:
 def measured(client: TrajectoryClient) -> list[float]:
     """Return the positions of the arm from /joint_states, as MoveIt does."""
     received: list[JointState] = []
-    listener = client.node.create_subscription(JointState, "/joint_states", received.append, 10)
+    listener = client.node.create_subscription(JointState, "joint_states", received.append, 10)
     client.until(lambda: bool(received))
     client.node.destroy_subscription(listener)
     position = dict(zip(received[-1].name, received[-1].position, strict=True))

@@ -12,6 +12,7 @@ import pytest
 import rclpy
 
 from hal.robot_description.description import parse_urdf
+from nodes.namespace import namespace_arguments
 from servoloop.stack.robot_files import CONTROLLERS, URDF
 from tests.ros.stack_process import running
 from tests.ros.trajectory_client import NONE, TrajectoryClient
@@ -24,10 +25,10 @@ LARGEST_STEP_RAD = 1.001 * FASTEST_RAD_S * PERIOD_S
 
 
 @contextmanager
-def client_of(folder: Path, *arguments: str) -> Iterator[TrajectoryClient]:
-    """Run ``servoloop up`` with these arguments and yield its client."""
-    with running(folder, *arguments) as stack:
-        rclpy.init()
+def client_of(folder: Path, *arguments: str, namespace: str = "") -> Iterator[TrajectoryClient]:
+    """Run ``servoloop up`` with these arguments in a namespace, and yield its client."""
+    with running(folder, *arguments, "--namespace", namespace) as stack:
+        rclpy.init(args=namespace_arguments(namespace))
         client = TrajectoryClient(stack)
         try:
             yield client
