@@ -16,7 +16,12 @@ from tests.view.chromium import find_chromium
 
 PICTURES = sorted(path for path in DOCS.rglob("*") if path.suffix in (".png", ".gif", ".svg", ".jpg"))
 SHOWN = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
-SCRIPTS = {command for page in pages() for command in commands(page) if command.startswith("python tools/")}
+SCRIPTS = {
+    command
+    for page in pages()
+    for command in commands(page)
+    if re.match(r"python tools/.*\.(png|gif|svg|jpg)$", command)
+}
 VIEW = "python tools/view_picture.py docs/view.png"
 SIMULATED = sorted(SCRIPTS - {VIEW})
 """Scripts that compute their images only from numbers, so that the images are equal on every machine."""

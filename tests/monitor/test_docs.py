@@ -55,7 +55,7 @@ def test_the_keys_and_figures_on_the_page_match_the_code() -> None:
         name in strip.title for name, strip in zip(KEYS.values(), STRIPS, strict=True)
     )
     first = [KEYS[key] for key in AT_FIRST]
-    assert f"{', '.join(first[:-1])} and {first[-1]} are drawn at first" in " ".join(TEXT.split())
+    assert f"At the start, {', '.join(first[:-1])} and {first[-1]} are shown." in " ".join(TEXT.split())
     assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT
 
 

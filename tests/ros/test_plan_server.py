@@ -185,7 +185,7 @@ def test_a_box_in_the_path_stops_the_motion_or_makes_it_plan_again(ready: PlanCl
 
 
 def test_requests_are_answered_while_a_plan_is_searched_until_its_time_is_over(ready: PlanClient) -> None:
-    wall = box("wall", (0.396, 0.192, 0.55), (0.72, 0.01, 1.0))
+    wall = box("wall", (0.396, 0.192, 0.55), (0.72, 0.01, 1.09))
     wall.pose.orientation.z, wall.pose.orientation.w = 0.2231, 0.9748
     assert ready.apply(wall, box("ceiling", (0.0, 0.0, 0.42), (1.6, 1.6, 0.02)))
     request = GetMotionPlan.Request()
