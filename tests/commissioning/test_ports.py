@@ -277,7 +277,7 @@ def test_a_vanished_port_is_named_with_the_reason(tmp_path: Path) -> None:
 
 def test_waiting_ends(tmp_path: Path) -> None:
     clock = Later({})
-    with pytest.raises(CommissioningError, match=r"within 5 s.*another cable"):
+    with pytest.raises(CommissioningError, match=r"within 5 s.*different cable"):
         wait_for_plugging(5.0, SmallMachine(tmp_path).machine, clock)
     assert clock.now() == pytest.approx(5.0)
 

@@ -60,7 +60,10 @@ def test_controller_is_loaded_set_configured_and_activated(client: ManagerClient
 def test_invalid_parameters_are_refused_when_set_or_configured(client: ManagerClient, stack: StackProcess) -> None:
     load(client, "thumb", FORWARD)
     assert "joints" in client.put("/thumb", "joints", [])
-    assert "interface_name" in client.put("/thumb", "interface_name", "smell")
+    assert client.put("/thumb", "joints", ["hand_right_joint"]) == ""
+    assert client.put("/thumb", "interface_name", "smell") == ""  # an output of the URDF may have any name
+    assert not client.configure("thumb")
+    assert "needs hand_right_joint/smell, which is not a command_interface" in stack.words
     assert client.put("/thumb", "interface_name", "position") == ""
     assert client.put("/thumb", "joints", ["hand_right_joint", "hand_right_joint"]) == ""
     assert not client.configure("thumb")
