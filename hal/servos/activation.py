@@ -205,6 +205,8 @@ class Activation:
         """Write the goals and read them back, because servos do not acknowledge goals.
 
         Repeat this if a packet was lost. Most servos enable torque when they get a goal, so the goals must be recent.
+        Limp joints are measured again even if their goals agree, because a servo that was reset holds the position at
+        which it started, and may have sunk since.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -212,7 +214,7 @@ class Activation:
             if not wrong:
                 return
             if self._old():
-                self._take_fresh_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
+                self._take_fresh_goals([joint for joint in self._joints if not self._setup.torque_is_on(joint)])
         self._write_alone(wrong)
 
     def _write_alone(self, joints: Sequence[Joint]) -> None:
