@@ -57,7 +57,7 @@ class GripperActionController:
         self._cancels: deque[GripperHandle] = deque()
         self._active: GripperHandle | None = None
         self.newest_goal: GripperHandle | None = None
-        """The latest goal, active or finished."""
+        """The latest goal: queued, active or finished."""
         self._motion: Motion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
@@ -81,7 +81,7 @@ class GripperActionController:
 
     def submit(self, goal: GripperGoal) -> GripperHandle:
         """Start a goal that ``check`` has accepted. The goal takes effect in the next cycle."""
-        handle = GripperHandle(goal)
+        handle = self.newest_goal = GripperHandle(goal)
         self._inbox.append(handle)
         if not self._running:  # The controller may have been deactivated since the check.
             handle.decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
@@ -164,17 +164,19 @@ class GripperActionController:
     def _take_cancels(self, reference: Kinematics) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
+            while handle in self._inbox:  # It has replaced the goals before it.
+                if self._active:
+                    self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
+                self._active = self._inbox.popleft()
             if self._active is handle:
                 self._stop(reference)
-            elif handle in self._inbox:
-                self._inbox.remove(handle)
             self._decide(handle, GoalStatus.CANCELED, "canceled: the fingers stop where they are")
 
     def _take_goals(self, reference: Kinematics) -> None:
         while self._inbox:
             if self._active:
                 self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
-            self._active = self.newest_goal = self._inbox.popleft()
+            self._active = self._inbox.popleft()
             if not self._inbox:  # A newer goal in the queue would replace this goal at once.
                 self._start(self._active, reference)
 

@@ -54,11 +54,12 @@ class Execution:
         self._cancels: deque[GoalHandle] = deque()
         self.active: ActiveGoal | None = None
         self.newest: GoalHandle | None = None
-        """The latest goal, active or finished."""
+        """The latest goal: queued, active or finished."""
 
     def submit(self, handle: GoalHandle, plan: Plan) -> None:
         """Queue a goal that replaces the active goal."""
         self._inbox.append((handle, plan))
+        self.newest = handle
 
     def cancel(self, handle: GoalHandle) -> None:
         """Cancel a goal if it is still active in the next cycle."""
@@ -110,6 +111,7 @@ class Execution:
     def _take_cancels(self, now: Cycle) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
+            self._replace_by(handle, now)
             if self.active and self.active.handle is handle and now.parameters.constraints.decelerate_on_cancel:
                 if not self.active.ending:
                     self._finish(self.active, CANCELED, now)
@@ -120,6 +122,14 @@ class Execution:
             for waiting in [entry for entry in tuple(self._inbox) if entry[0] is handle]:
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+
+    def _replace_by(self, handle: GoalHandle, now: Cycle) -> None:
+        """Let a queued goal that is canceled replace the goals before it. Otherwise they would continue."""
+        queued = [waiting for waiting, _ in tuple(self._inbox)]
+        if handle not in queued or (self.active is None and queued[0] is handle):
+            return
+        for _ in range(queued.index(handle) + 1):
+            self._activate(*self._inbox.popleft(), now)
 
     def _end(self, active: ActiveGoal, result: GoalResult) -> None:
         """Report the result to the client. A result that was decided earlier takes precedence."""
@@ -150,12 +160,7 @@ class Execution:
     def _take_goals(self, now: Cycle) -> None:
         while self._inbox:
             handle, plan = self._inbox.popleft()
-            self.newest = handle
-            if self.active:
-                text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
-                self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
-            tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
-            self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
+            active = self._activate(handle, plan, now)
             if self._inbox:
                 continue  # A newer goal in the queue replaces this goal at once.
             # A trajectory on the topic may belong to a stream. If every trajectory of a stream waited, the arm would
@@ -163,10 +168,19 @@ class Execution:
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
                 # The first cycle does not count, because the other controllers cannot have changed yet.
-                self.active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
-                self._begin(self.active, now)
+                active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
+                self._begin(active, now)
             else:
                 self._sampler.stop(now.reference, now.parameters, along=True)
+
+    def _activate(self, handle: GoalHandle, plan: Plan, now: Cycle) -> ActiveGoal:
+        """Replace the active goal."""
+        if self.active:
+            text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
+            self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
+        tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
+        self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
+        return self.active
 
     def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
         """Return the tolerances of a goal. As in ros2_control, invalid tolerances are replaced by the defaults."""

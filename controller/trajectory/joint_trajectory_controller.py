@@ -120,7 +120,7 @@ class JointTrajectoryController:
 
     @property
     def newest_goal(self) -> GoalHandle | None:
-        """The latest goal, active or finished."""
+        """The latest goal: queued, active or finished."""
         return self._execution.newest
 
     def cancel(self, handle: GoalHandle) -> None:

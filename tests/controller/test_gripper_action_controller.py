@@ -253,6 +253,18 @@ def test_a_goal_can_be_canceled_before_it_starts() -> None:
     assert fingers.path == pytest.approx([0.0] * 3)
 
 
+def test_a_goal_that_is_canceled_before_it_starts_still_replaces_the_active_goal() -> None:
+    fingers = Fingers()
+    first = fingers.send(0.05)
+    fingers.cycle(6)
+    second = fingers.send(0.0)
+    assert fingers.controller.newest_goal is second
+    fingers.controller.cancel(second)
+    fingers.cycle(20)
+    assert (first.status, second.status) == (GoalStatus.ABORTED, GoalStatus.CANCELED)
+    assert 0.0 < fingers.path[-1] == fingers.path[-2] < 0.05
+
+
 # Lifecycle and faults
 
 

@@ -250,6 +250,24 @@ def test_a_goal_can_be_canceled_in_its_first_cycle() -> None:
     assert np.abs(bench.path()).max() == 0.0
 
 
+def test_a_goal_that_is_canceled_in_its_first_cycle_still_replaces_the_active_goal() -> None:
+    """The client that canceled its newest goal expects the arm to stop."""
+    bench = Bench().up()
+    first = bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    before = bench.path()[-1][0]
+    second, third = bench.send(to(0.5, 0.0)), bench.send(to(1.0, 0.0))
+    assert bench.arm.newest_goal is third
+    bench.arm.cancel(third)
+    bench.cycles_until(lambda: third.done)
+    assert first.status is second.status is GoalStatus.ABORTED and "preempted" in first.error_text
+    assert third.status is GoalStatus.CANCELED
+    bench.cycle(30)
+    assert before < bench.path()[-1][0] < 1.5
+    assert bench.path()[-1] == pytest.approx(bench.path()[-2])
+    assert_smooth(bench.path())
+
+
 def test_goals_may_arrive_while_the_loop_searches_for_a_canceled_goal() -> None:
     bench = Bench().up()
     first = bench.send(to(1.0, 0.0))
