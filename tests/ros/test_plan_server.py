@@ -185,9 +185,10 @@ def test_a_box_in_the_path_stops_the_motion_or_makes_it_plan_again(ready: PlanCl
 
 
 def test_requests_are_answered_while_a_plan_is_searched_until_its_time_is_over(ready: PlanClient) -> None:
-    wall = box("wall", (0.396, 0.192, 0.55), (0.72, 0.01, 1.09))
-    wall.pose.orientation.z, wall.pose.orientation.w = 0.2231, 0.9748
-    assert ready.apply(wall, box("ceiling", (0.0, 0.0, 0.42), (1.6, 1.6, 0.02)))
+    walls = [box(f"wall{side}", (side * 0.396, side * 0.192, 0.55), (0.72, 0.01, 1.09)) for side in (1, -1)]
+    for wall in walls:
+        wall.pose.orientation.z, wall.pose.orientation.w = 0.2231, 0.9748
+    assert ready.apply(*walls, box("ceiling", (0.0, 0.0, 0.42), (1.6, 1.6, 0.02)))
     request = GetMotionPlan.Request()
     request.motion_plan_request.group_name = "arm"
     request.motion_plan_request.allowed_planning_time = 2.0
@@ -200,7 +201,7 @@ def test_requests_are_answered_while_a_plan_is_searched_until_its_time_is_over(r
         tool(ready)
         answers.append(time.monotonic() - asked_s)
     took_s = time.monotonic() - begun_s
-    assert ready.apply(remove("wall"), remove("ceiling"))
+    assert ready.apply(*(remove(item) for item in ("wall1", "wall-1", "ceiling")))
     error = plan.result().motion_plan_response.error_code
     assert error.val == MoveItErrorCodes.TIMED_OUT, error.message
     assert 1.5 < took_s < 3.0
