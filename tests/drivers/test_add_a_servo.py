@@ -85,7 +85,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "pyproject.toml", copy)
     for block in PLACED:
         placed(block, copy)
-    shutil.copytree(ROOT / "hal", copy / "hal", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(SOURCES / "hal", copy / "hal", ignore=shutil.ignore_patterns("__pycache__"))
     (copy / "servo_models.yaml").write_text(codes(PAGE, "yaml")[0])
     return copy
 

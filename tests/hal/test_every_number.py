@@ -27,12 +27,20 @@ SHAPES = (
 """Shapes of a number in a file: single, in a list, and in a mapping by name or by number."""
 
 
+EXTRAS = ("rclpy", "ompl", "cv2")
+"""Libraries of extras that no module with a model needs."""
+
+
 def models() -> list[type[BaseModel]]:
-    """Return the pydantic models of all files, by name."""
+    """Return the pydantic models of all files, by name. Modules of extras that are not installed are left out."""
     for package in PACKAGES:
         for module in walk_packages(package.__path__, f"{package.__name__}."):
             if "ray_workers" not in module.name and not module.name.endswith("__main__"):
-                import_module(module.name)
+                try:
+                    import_module(module.name)
+                except ModuleNotFoundError as missing:
+                    if missing.name not in EXTRAS:
+                        raise
     return sorted({*_subclasses(BaseModel)}, key=lambda one: f"{one.__module__}.{one.__qualname__}")
 
 
