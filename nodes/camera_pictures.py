@@ -1,21 +1,15 @@
 """Receive the compressed pictures of the camera node as they are encoded, for recordings and for the browser view."""
 
-import os
 import struct
-import threading
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, Final
+from typing import Final
 
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage
 
 from drivers.clock import Clock
-from nodes.discovery import stay_on_this_machine
-from nodes.namespace import namespace_arguments
+from nodes.client_node import WatchingNode
 
 PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed pictures."""
@@ -45,15 +39,9 @@ class PictureWatch:
         self._clock = clock
         self._newest: CompressedImage | None = None
         self._received_s = 0.0
-        stay_on_this_machine(os.environ)
-        self._context: Any = rclpy.Context()
-        rclpy.init(args=namespace_arguments(namespace), context=self._context)
-        self._node = rclpy.create_node("servoloop_view_camera", context=self._context)
-        self._node.create_subscription(CompressedImage, PICTURES, self._on_picture, qos_profile_sensor_data)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._spin, name="camera watch", daemon=True)
-        self._thread.start()
+        self._watching = WatchingNode("servoloop_view_camera", namespace)
+        self._watching.node.create_subscription(CompressedImage, PICTURES, self._on_picture, qos_profile_sensor_data)
+        self._watching.start()
 
     @property
     def newest(self) -> CompressedImage | None:
@@ -63,14 +51,7 @@ class PictureWatch:
 
     def close(self) -> None:
         """End the watch."""
-        self._executor.shutdown(timeout_sec=1.0)
-        self._thread.join(1.0)
-        self._node.destroy_node()
-        self._context.try_shutdown()
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            self._executor.spin()
+        self._watching.close()
 
     def _on_picture(self, message: CompressedImage) -> None:
         self._received_s, self._newest = self._clock.now(), message

@@ -1,12 +1,17 @@
 """ROS nodes and executors of a client process."""
 
+import os
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from nodes.discovery import stay_on_this_machine
+from nodes.namespace import namespace_arguments
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
 
 Client = tuple[Node, SingleThreadedExecutor]
@@ -46,3 +51,32 @@ def client_nodes(names: Sequence[str], namespace: str = "") -> Iterator[list[Cli
                 executor.shutdown(timeout_sec=1.0)
                 node.destroy_node()
             rclpy.try_shutdown()
+
+
+class WatchingNode:
+    """A node in a thread and a ROS context of its own, for viewers that only watch."""
+
+    def __init__(self, name: str, namespace: str) -> None:
+        """Create the node in a namespace; empty for the root namespace. Add subscriptions, then call ``start``."""
+        stay_on_this_machine(os.environ)
+        self._context: Any = rclpy.Context()
+        rclpy.init(args=namespace_arguments(namespace), context=self._context)
+        self.node: Node = rclpy.create_node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Start to receive messages."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and leave the ROS graph."""
+        self._executor.shutdown(timeout_sec=1.0)
+        self._thread.join(1.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()

@@ -92,7 +92,7 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Return free shafts at random angles. If two servos sent identical replies, they could not be told apart."""
+    """Return free shafts at random angles. If two servos sent identical replies, they could not be distinguished."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

@@ -1,22 +1,16 @@
 """Watch the planning scene and the plans of move_group in a thread, for the browser view."""
 
-import os
-import threading
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-import rclpy
 from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene
 from moveit_msgs.srv import GetPlanningScene
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.task import Future
 from rclpy.time import Duration
 
 from hal.types import FloatArray
-from nodes.discovery import stay_on_this_machine
-from nodes.namespace import namespace_arguments
+from nodes.client_node import WatchingNode
 from nodes.planning.conversion.poses import pose_of
 from nodes.planning.conversion.shapes import shapes_of
 from nodes.planning.errors import REFUSALS
@@ -68,38 +62,23 @@ class SceneWatch:
     _is_new: bool = True
     """Whether the scene has changed since the last request."""
     _answer: Future | None = None
-    _context: Any = None
-    _node: Any = None
-    _executor: Any = None
+    _watching: WatchingNode | None = None
     _client: Any = None
-    _thread: threading.Thread | None = None
 
     def start(self) -> None:
         """Start to watch, in a separate thread and ROS context."""
-        stay_on_this_machine(os.environ)
-        self._context = rclpy.Context()
-        rclpy.init(args=namespace_arguments(self.namespace), context=self._context)
-        self._node = node = rclpy.create_node("servoloop_view", context=self._context)
+        self._watching = WatchingNode("servoloop_view", self.namespace)
+        node = self._watching.node
         node.create_subscription(PlanningScene, "monitored_planning_scene", self._on_scene, 10)
         node.create_subscription(DisplayTrajectory, "display_planned_path", self._on_plan, LATCHED)
         self._client = node.create_client(GetPlanningScene, "get_planning_scene")
         node.create_timer(PERIOD_S, self._request)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._spin, name="scene watch", daemon=True)
-        self._thread.start()
+        self._watching.start()
 
     def close(self) -> None:
         """End the watch."""
-        if self._thread is not None:
-            self._executor.shutdown(timeout_sec=1.0)
-            self._thread.join(1.0)
-            self._node.destroy_node()
-            self._context.try_shutdown()
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            self._executor.spin()
+        if self._watching is not None:
+            self._watching.close()
 
     def _on_scene(self, message: PlanningScene) -> None:
         has_objects = message.world.collision_objects or message.robot_state.attached_collision_objects
