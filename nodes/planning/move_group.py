@@ -13,6 +13,7 @@ from nodes.planning.conversion.semantic import srdf_text
 from nodes.planning.execution import Execution
 from nodes.planning.joint_monitor import JointMonitor
 from nodes.planning.move_action import MoveActions, Planning
+from nodes.planning.only_one import CHECK_S, Seniority, servers_in_graph
 from nodes.planning.query_services import QueryServices
 from nodes.planning.requests import PIPELINE, Requests
 from nodes.planning.routes import Route
@@ -21,12 +22,10 @@ from nodes.planning.world_store import WorldStore
 from nodes.publishing import LATCHED
 from planning.robot import PlanningRobot
 
-NAME: Final = "move_group"
-"""Name of the node, to which MoveIt's clients connect."""
 STOP_TOPIC: Final = "trajectory_execution_event"
 """Topic on which RViz stops all motions."""
-CHECK_S: Final = 1.0
-"""Period of the search for other nodes with this name, in seconds."""
+POLL_S: Final = 0.05
+"""Period at which the end waits for the motions, in seconds."""
 END_S: Final = 12.0
 """Maximum time until all motions have stopped when the program ends, in seconds."""
 
@@ -39,6 +38,7 @@ class MoveGroupNode:
     ) -> None:
         self._node = node
         self._on_other = on_other
+        self._seniority = Seniority()
         self._waiter = Waiter(node)
         self._declare(robot)
         self._workers = Workers(node)
@@ -56,10 +56,10 @@ class MoveGroupNode:
     async def stop(self, reason: str) -> None:
         """Stop all motions along their paths, and wait until they have ended."""
         self._actions.stop_all("PREEMPTED", reason)
-        for _ in range(round(END_S / CHECK_S * 20)):
+        for _ in range(round(END_S / POLL_S)):
             if self._actions.is_idle:
                 break
-            await self._waiter.until(CHECK_S / 20)
+            await self._waiter.until(POLL_S)
         self._workers.close()
 
     def _declare(self, robot: PlanningRobot) -> None:
@@ -83,11 +83,5 @@ class MoveGroupNode:
             self._actions.stop_all("PREEMPTED", f"the motion was stopped by {topic}")
 
     def _look_for_others(self) -> None:
-        if others(self._node) > 1:
+        if self._seniority.must_end(servers_in_graph(self._node)):
             self._on_other()
-
-
-def others(node: Node) -> int:
-    """Return the number of nodes named move_group, including this node."""
-    own = (NAME, node.get_namespace())
-    return sum(found == own for found in node.get_node_names_and_namespaces())

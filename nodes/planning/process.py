@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
-from typing import Final
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -11,21 +9,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from nodes.namespace import namespace_of
 from nodes.pick_place.signals import on_stop_signal
-from nodes.planning.move_group import NAME, MoveGroupNode, others
+from nodes.planning.move_group import MoveGroupNode
+from nodes.planning.only_one import NAME, OTHER, check_alone
 from nodes.planning.routes import Route
-from nodes.ros_environment import RosError
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
 from planning.robot import PlanningRobot
-
-DISCOVERY_S: Final = 2.0
-"""Time to discover other nodes before the start, in seconds."""
-OTHER: Final = (
-    "another node is named {}: a MoveIt or another servoloop plan-server is running; "
-    "end it first, because both would move the arm"
-)
-"""Message if another server with the name in the braces is in the ROS graph."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +44,7 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
     """
     reach = init_rclpy(namespace=settings.namespace)
     try:
-        _check_alone()
+        check_alone()
         with rcl_errors():
             node = Node(NAME, parameter_overrides=[Parameter("use_sim_time", value=settings.sim_time)])
         node.get_logger().info(reach)
@@ -90,20 +79,3 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
             executor.shutdown(timeout_sec=1.0)
             node.destroy_node()
     return 1 if failures else 0
-
-
-def _check_alone() -> None:
-    """Raise RosError if another move_group is in the graph."""
-    with rcl_errors():
-        probe = Node("servoloop_plan_server")
-    end_s = monotonic() + DISCOVERY_S
-    executor = SingleThreadedExecutor()
-    executor.add_node(probe)
-    try:
-        while monotonic() < end_s:
-            executor.spin_once(timeout_sec=0.1)
-            if others(probe):
-                raise RosError(OTHER.format(f"{namespace_of(probe)}/{NAME}"))
-    finally:
-        executor.shutdown(timeout_sec=1.0)
-        probe.destroy_node()
