@@ -16,7 +16,7 @@ DISCOVERY_S: Final = 2.0
 """Time to discover other nodes before the start, in seconds."""
 CHECK_S: Final = 1.0
 """Period of the search for other nodes while the server runs, in seconds."""
-NEW_CHECKS: Final = 15
+NEW_CHECKS: Final = 5
 """Checks after the start during which a server ends as soon as it discovers another one."""
 PATIENT_CHECKS: Final = 6
 """Checks in a row that must discover another server before one that has run for longer ends, too."""
