@@ -79,11 +79,6 @@ def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
     return x_state(unit_a, error, 0, 0, *numbers, 0)
 
 
-def profile_units(velocity_counts_s: int) -> int:
-    """Convert a velocity to profile_velocity, rounded up so that the servo is not slower than requested. 0 stays 0."""
-    return min(ceil(velocity_counts_s / _VELOCITY_COUNTS_S), LARGEST_PROFILE)
-
-
 def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
     position, velocity = wanted
     if not (_LOWEST <= position <= _HIGHEST and 0 <= velocity <= LARGEST_PROFILE):

@@ -49,13 +49,6 @@ class SortedApple:
         """Whether the grade is right and the apple is in the bin of its grade."""
         return self.job is not None and self.job.success and self.true_grade == self.job.grade == self.bin
 
-    @property
-    def diameter_error_mm(self) -> float | None:
-        """Measured diameter minus the true diameter."""
-        if self.job is None or self.job.apple is None:
-            return None
-        return self.job.apple.diameter_mm - self.truth.diameter_mm
-
 
 @dataclass(slots=True)
 class Film:

@@ -53,14 +53,6 @@ def test_unplugging_a_servo_resets_its_ram() -> None:
     assert held == [32, 40, 0, 1]
 
 
-def test_connecting_the_chain_connects_all_servos() -> None:
-    line = Line()
-    for number, servo_id in enumerate((1, 2, 3)):
-        line.servo(number).memory.save(sts.servo_id, servo_id)
-    line.box.connect_all()
-    assert [line.answers(servo_id) for servo_id in (1, 2, 3, 4)] == ["ok", "ok", "ok", "silent"]
-
-
 def test_factory_limits_and_delays_of_new_servos() -> None:
     box = VirtualBox([sts.STS3215_C001, sts.STS3215])
     limits = [servo.memory.get(sts.max_voltage) for servo in box.servos]
