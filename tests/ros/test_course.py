@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -19,7 +18,7 @@ from tests.pages import ROOT, blocks, code
 from tests.ros.planned_stack import wait_for_planner
 from tests.ros.stack_process import PATIENCE_S, StackProcess, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 PAGE = "course.md"
 SHELLS = [block.commands for block in blocks(PAGE) if block.language == "sh"]

@@ -10,12 +10,10 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from nodes.discovery import PROFILES, RANGE
 from tests.ros.stack_process import READY, StackProcess, arm_client, running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 LOOPBACK = "127.0.0.1"
 

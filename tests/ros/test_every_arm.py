@@ -9,9 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from typer.testing import CliRunner
@@ -32,8 +29,6 @@ from tests.live.rig import runtime_folder
 from tests.ros.stack_process import until
 from tests.servoloop.test_emulator_process import given, read_again
 from tests.view.view_process import viewing
-
-pytestmark = pytest.mark.ros
 
 QUICK = "koch"
 """Arm of the quick tests. The joints and servos of this arm differ from those of the default arm."""

@@ -3,9 +3,6 @@
 from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.srv import ListControllers, SetHardwareComponentState
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
@@ -20,8 +17,6 @@ from servoloop.api.arm import Arm
 from servoloop.recording.stream import LiveError, find_stack
 from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import running
-
-pytestmark = pytest.mark.ros
 
 LEFT = """
 lab/left:

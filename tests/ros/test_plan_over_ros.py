@@ -7,15 +7,12 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
 from tests.pages import ROOT, code, commands
 from tests.ros.planned_stack import program, servoloop, wait_for_planner
 from tests.ros.stack_process import StackProcess
-
-pytestmark = pytest.mark.ros
 
 PAGE = "plan-over-ros.md"
 UP, *CLIENTS, _DEMO = commands(PAGE)

@@ -4,9 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from typer.testing import CliRunner
 
 from drivers.errors import DriverError
@@ -16,7 +13,7 @@ from tests.live.rig import runtime_folder
 from tests.ros.planned_stack import servoloop
 from tests.servoloop.test_up_without_ros import stack
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from mcap.reader import make_reader
 from PIL import Image
 from rich.console import Console
 
-pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
 from rclpy.serialization import deserialize_message
@@ -25,7 +24,7 @@ from servoloop.demo.jobs import Live
 from servoloop.demo.sort_apples import sort_apples
 from servoloop.demo.sorting_report import print_sorting, write_sorting
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 COMMAND = "servoloop demo --vision"
