@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
-from benchmarks.arguments import in_words, positive
+from benchmarks.shared.arguments import in_words, positive
 from perception.camera_view import CameraPose, CameraView
 from perception.grading.grader import GradedApple, Grader
 from perception.grading.settings import GradingSettings

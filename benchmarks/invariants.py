@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from benchmarks.stopwatch import Stopwatch
+from benchmarks.shared.stopwatch import Stopwatch
 from servoloop.campaign.campaign import Scenario, files_of, read_scenario, schedule_of
 from servoloop.campaign.invariants import Invariant
 from servoloop.campaign.invariants.watch import ALL

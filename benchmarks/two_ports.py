@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks import simulator
-from benchmarks.arguments import free_path, in_words, positive
 from benchmarks.processes.children import child
+from benchmarks.shared.arguments import free_path, in_words, positive
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus

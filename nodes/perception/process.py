@@ -17,8 +17,8 @@ from drivers.printable import printable
 from nodes.discovery import open_to_network
 from nodes.perception.node import CameraNode
 from nodes.perception.parameters import Setup, camera_of_parameters, given_camera
-from nodes.pick_place.signals import on_stop_signal
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.stop_signals import on_stop_signal
 from perception.camera_view import CameraView
 from perception.frames import CameraSource
 from perception.grading.settings import GradingSettings

@@ -14,8 +14,8 @@ from drivers.printable import printable, printable_line
 from nodes.discovery import open_to_network
 from nodes.pick_place import parameters
 from nodes.pick_place.node import PickPlaceNode
-from nodes.pick_place.signals import on_stop_signal
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.stop_signals import on_stop_signal
 
 NODE_NAME = "vision_pick_place_controller"
 

@@ -9,11 +9,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from nodes.pick_place.signals import on_stop_signal
 from nodes.planning.move_group import MoveGroupNode
 from nodes.planning.only_one import NAME, OTHER, check_alone
 from nodes.planning.routes import Route
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
 
 

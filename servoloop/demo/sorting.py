@@ -13,7 +13,7 @@ from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.truth import AppleTruth
 
 if TYPE_CHECKING:
-    from nodes.sorting_monitor import SortingJob, SortingMonitor
+    from nodes.clients.sorting_monitor import SortingJob, SortingMonitor
 
 APPLES: Final = 12
 """Number of apples of a demo."""

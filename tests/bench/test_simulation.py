@@ -8,7 +8,8 @@ import time
 import pytest
 from rich.console import Console
 
-from benchmarks import invariants, simulation, stopwatch
+from benchmarks import invariants, simulation
+from benchmarks.shared import stopwatch
 from servoloop.campaign.campaign import Scenario, files_of
 from servoloop.campaign.invariants import Invariant
 from servoloop.campaign.invariants.watch import ALL

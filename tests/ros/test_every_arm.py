@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from servoloop.cli import app, main
 from servoloop.dashboard.browser import show
 from servoloop.dashboard.move_panel import MovePanel, Mover

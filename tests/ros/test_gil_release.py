@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.rclpy_patches.gil_release import replacements
 
 PATIENCE_S = 30.0

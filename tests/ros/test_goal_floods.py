@@ -24,7 +24,7 @@ FLOODER = f"""
 import json, sys, time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.publishing import EVERY_CALL
 from tests.ros.stack_process import JOINTS, READY, PATIENCE_S
 from trajectory_msgs.msg import JointTrajectoryPoint

@@ -11,8 +11,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from nodes.clients.stack_monitor import StackMonitor
 from nodes.publishing import LATCHED
-from nodes.stack_monitor import StackMonitor
 from servoloop.api.arm import Arm
 from servoloop.recording.stream import LiveError, find_stack
 from tests.ros.manager_client import ManagerClient, manager_client

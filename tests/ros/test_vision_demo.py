@@ -18,7 +18,7 @@ pytest.importorskip("cv2")
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage
 
-from nodes.camera_pictures import PICTURES
+from nodes.clients.camera_pictures import PICTURES
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
 from servoloop.demo.sort_apples import sort_apples

@@ -9,7 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.ros_process import spin_until_done
 from servoloop_ros2.errors import Ros2Error
 
