@@ -13,8 +13,7 @@ from drivers.servos.register import Register
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
 from hal.servos.servo_gains import foreign_gains, wanted_gains
-from hal.servos.servo_settings import mode_mistake, settings_of, wanted_mode
-from hal.servos.servo_setup import check_reach
+from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wanted_mode
 
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
