@@ -105,7 +105,7 @@ class BusSnapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class ArmSnapshot:
     """Measurements of the whole arm."""
 
     buses: tuple[BusSnapshot, ...]

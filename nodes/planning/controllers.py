@@ -55,7 +55,7 @@ class Stop:
             self.future.set_result(None)
 
 
-class Controller(Protocol):
+class RouteController(Protocol):
     """Controller that executes trajectories of its joints."""
 
     route: Route
@@ -65,9 +65,9 @@ class Controller(Protocol):
         ...
 
 
-def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> dict[str, Controller]:
+def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> dict[str, RouteController]:
     """Return the controllers of the stack by name."""
-    makers: dict[str, Callable[[Route], Controller]] = {
+    makers: dict[str, Callable[[Route], RouteController]] = {
         "trajectory": lambda route: ActionController(node, route, FollowJointTrajectory, "follow_joint_trajectory"),
         "gripper": lambda route: ActionController(node, route, GripperCommand, "gripper_cmd"),
         "parallel_gripper": lambda route: ActionController(node, route, ParallelGripperCommand, "gripper_cmd"),

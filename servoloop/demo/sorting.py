@@ -51,7 +51,7 @@ class SortedApple:
 
 
 @dataclass(slots=True)
-class Film:
+class SortingFilm:
     """States of the world to draw later, with the grade of the newest message. Phases without motion are left out."""
 
     first: Mapping[str, Any] | None = None
@@ -83,7 +83,7 @@ class Sorter:
         self._last_seed: int | None = None
         self._failed: SortingJob | None = None
         self._failed_s = 0.0
-        self.film = Film()
+        self.film = SortingFilm()
 
     def run(self, count: int = APPLES) -> list[SortedApple]:
         """Watch the jobs of ``count`` apples, or of fewer if no further apple comes in time.

@@ -35,7 +35,7 @@ class SeenPose(Protocol):
     def quaternion_xyzw(self) -> tuple[float, float, float, float]: ...
 
 
-class SeenApple(Protocol):
+class ArrivingApple(Protocol):
     """Apple that is on its way."""
 
     @property
@@ -63,7 +63,7 @@ class SeenWorld(Protocol):
     def arm_contacts(self) -> set[str]: ...
 
     @property
-    def apple(self) -> SeenApple | None: ...
+    def apple(self) -> ArrivingApple | None: ...
 
 
 def feed_path(link: Path) -> Path:

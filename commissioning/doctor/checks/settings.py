@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, counts_turns, on, write
+from commissioning.doctor.snapshot import ArmSnapshot, ServoSnapshot, counts_turns, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
@@ -25,7 +25,7 @@ millisecond per servo and cycle.
 """
 
 
-def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
+def check_settings(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo whose registers could be read."""
     for bus in snapshot.buses:
         for servo in bus.servos:

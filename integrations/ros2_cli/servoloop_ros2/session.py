@@ -22,7 +22,7 @@ HIDDEN: Final = "/_"
 """Part of the names of an action's topics and services, which are not listed."""
 
 
-class Session:
+class RosSession:
     """The node of a command and its executor."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
@@ -61,10 +61,10 @@ class Session:
 
 
 @contextmanager
-def session() -> Iterator[Session]:
+def session() -> Iterator[RosSession]:
     """Provide a session until the end of the block."""
     with client_node("ros2_command") as (node, executor):
-        yield Session(node, executor)
+        yield RosSession(node, executor)
 
 
 def print_names(names: Mapping[str, list[str]], show_types: bool) -> None:
