@@ -12,14 +12,15 @@ from planning.kinematics.chain import Chain
 from planning.kinematics.goals import CollidingError, PoseGoal
 from planning.kinematics.inverse import InverseKinematics, Remaining, Valid
 from planning.motion import Goal, JointGoal, no_goal
+from planning.scene import Pose
 
 SAMPLES: Final = 16
 """Number of random positions, in addition to the goal itself, that represent a joint goal with tolerances."""
 WIDE: Final = 1e-3
 """Tolerance from which a joint goal counts as a range of positions, in rad or m."""
 
-ChainOf = Callable[[str | None, Sequence[float]], Chain]
-"""Function that returns the chain of a link, or of the group's tip if None, with an offset (3,) in m."""
+ChainOf = Callable[[str | None, Pose], Chain]
+"""Function that returns the chain of a frame, given its pose relative to a link, or to the group's tip if None."""
 
 
 class GroupGoals:
@@ -60,7 +61,7 @@ class GroupGoals:
                 if isinstance(goal, JointGoal):
                     found += self._of_joints(goal, start)
                 else:
-                    chain = self._chain_of(goal.link, goal.offset_m)
+                    chain = self._chain_of(goal.link, goal.offset)
                     found += self.of_pose(chain, goal.goal, start, (collisions, margins))
             except PlanningError as error:
                 errors.append(error)

@@ -31,7 +31,7 @@ from planning.paths.request import PathRequest, Remaining
 from planning.paths.smooth_timing import timed_smoothly
 from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
-from planning.scene import Scene
+from planning.scene import Pose, Scene
 
 THINNING_M: Final = 2e-4
 """Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
@@ -98,7 +98,7 @@ class GroupPlanner:
 
     def _straight(self, request: LineRequest) -> LineMotion:
         limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
-        arm, chain = self._arm(request.start), self.chain(request.link, request.start)
+        arm, chain = self._arm(request.start), self.chain(request.link, request.start, request.offset)
         scene = request.scene if request.avoid_collisions else Scene(allowed=arm.everything())
         start = self._inside(request.start)
         collisions = self._collisions(arm, scene, request.constraints, request.start)
@@ -142,7 +142,7 @@ class GroupPlanner:
             PlanningError: The link does not exist.
         """
         checks = None if scene is None else (Collisions(self._arm(state), scene), margins)
-        chain = self.chain(goal.link, state, goal.offset_m)
+        chain = self.chain(goal.link, state, goal.offset)
         found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
         return with_positions(state, self.joints, found[0])
 
@@ -185,13 +185,13 @@ class GroupPlanner:
         at_s = times_s[index] + (contact.part - index) * (times_s[index + 1] - times_s[index])
         return FutureContact(float(at_s), *contact.pair)
 
-    def chain(self, link: str | None, state: State, offset_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Chain:
+    def chain(self, link: str | None, state: State, offset: Pose | None = None) -> Chain:
         """Return the kinematics of a link or site, in the robot's frame, with the joints of the group that move it.
 
         Args:
             link: Link or site; the tip of the group if None.
             state: Positions of all driven joints, for those of other groups.
-            offset_m: Point of the link that counts as its origin (3,), in m.
+            offset: Frame that is fixed to the link and replaces the frame of the link, relative to the link.
 
         Raises:
             PlanningError: The link does not exist, or the group does not move it.
@@ -206,7 +206,7 @@ class GroupPlanner:
             )
         others = {joint: at for joint, at in state.items() if joint not in moving}
         chain = Chain(self._model, {joint: self.limits[joint] for joint in moving}, name, others=others)
-        return chain.at_point(offset_m) if any(offset_m) else chain
+        return chain if offset is None else chain.at_frame(offset.matrix, offset.position_m)
 
     def _indices(self, chain: Chain) -> list[int]:
         return [self.joints.index(name) for name in chain.names]
@@ -233,7 +233,7 @@ class GroupPlanner:
     def _regions(self, constraints: PathConstraints, state: State) -> list[Region]:
         regions = []
         for region in constraints.regions:
-            chain = self.chain(region.link, state, region.offset_m)
+            chain = self.chain(region.link, state, region.offset)
             regions.append(Region(chain, region.goal, self._indices(chain)))
         return regions
 

@@ -4,6 +4,7 @@ communicates over ROS."""
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Final
 
 from geometry_msgs.msg import PoseStamped
@@ -23,6 +24,7 @@ from planning.group_planner import GroupPlanner
 from planning.kinematics.cartesian import Steps
 from planning.motion import LineMotion, LineRequest, Motion, MotionRequest, Scaling, State, Validity
 from planning.robot import PlanningRobot
+from planning.scene import Pose
 
 PIPELINE: Final = "ompl"
 """Name of the only planning pipeline."""
@@ -121,7 +123,7 @@ class Requests:
     def forward(self, request: GetPositionFK.Request, now: Snapshot) -> list[PoseStamped]:
         """Return the poses of links in the frame given in the header. Raises RequestError or PlanningError."""
         state, world = self._placed(request.robot_state, now)
-        frames = Frames(self.robot, state, world.scene, world.items)
+        frames = self._frames(state, world)
         base = frames.in_base(request.header.frame_id).inverse()
         if not request.fk_link_names:
             raise RequestError("INVALID_LINK_NAME", f"the request names no link: choose from {self._links()}")
@@ -140,17 +142,16 @@ class Requests:
         group = self.robot.group(request.group_name)
         start, world = self._placed(request.start_state, now)
         reader = self._reader(group, start, world)
-        frame = Frames(self.robot, start, world.scene, world.items).in_base(request.header.frame_id)
         if not request.waypoints:
             raise RequestError("INVALID_GOAL_CONSTRAINTS", "the path has no waypoints: send at least one pose")
-        poses = [frame @ reader.goal_pose(pose) for pose in request.waypoints]
-        link, poses = reader.planned_link(request.link_name or None, poses)
+        link, offset = reader.planned_frame(request.link_name or None)
         found = group.straight(
             LineRequest(
                 start=start,
-                waypoints=[tool_pose(pose) for pose in poses],
+                waypoints=[tool_pose(pose) for pose in self._waypoints(request, group, start, world)],
                 scene=world.scene,
                 link=link,
+                offset=offset,
                 steps=_steps(request),
                 scaling=_scaling(request.max_velocity_scaling_factor, request.max_acceleration_scaling_factor),
                 margins=_margins(world),
@@ -162,6 +163,19 @@ class Requests:
             return start, found
         limited = request.cartesian_speed_limited_link
         return start, replace(found, motion=slowed(group, found.motion, limited, request.max_cartesian_speed))
+
+    def _waypoints(
+        self, request: GetCartesianPath.Request, group: GroupPlanner, start: State, world: World
+    ) -> list[Pose]:
+        """Return the poses of a straight path in the planning frame. As in MoveIt, each waypoint in the frame of the
+        link that moves is relative to the waypoint before it. Raises RequestError or PlanningError."""
+        frames, reader = self._frames(start, world), self._reader(group, start, world)
+        name = request.header.frame_id.removeprefix("/")
+        frame = frames.in_base(name)
+        poses = [reader.goal_pose(pose) for pose in request.waypoints]
+        if name and name == (request.link_name or group.group.tip):
+            return list(accumulate(poses, Pose.__matmul__, initial=frame))[1:]
+        return [frame @ pose for pose in poses]
 
     def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, str, World]:
         """Return the result of a state check, the first violated constraint and the scene. Raises RequestError."""
@@ -196,7 +210,10 @@ class Requests:
         return state, world_of(self.robot, message, now.world, state)
 
     def _reader(self, group: GroupPlanner, state: State, world: World) -> ConstraintReader:
-        return ConstraintReader(self.robot, Frames(self.robot, state, world.scene, world.items), group.group.tip)
+        return ConstraintReader(self.robot, self._frames(state, world), group.group.tip)
+
+    def _frames(self, state: State, world: World) -> Frames:
+        return Frames(self.robot, state, world.scene, world.items)
 
     def _links(self) -> str:
         return ", ".join(self.robot.description.links)

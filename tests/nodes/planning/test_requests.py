@@ -108,7 +108,7 @@ def test_each_shape_of_a_region_is_a_goal() -> None:
     goals = reader().goals(Constraints(position_constraints=[message]))
     assert [type(goal.goal.region) for goal in goals] == [PositionSphere, PositionBox]
     assert goals[1].goal.region.size_m == (0.1, 0.2, 0.3)
-    assert goals[1].offset_m == (0.0, 0.0, 0.1)
+    assert goals[1].offset.position_m.tolist() == [0.0, 0.0, 0.1]
 
 
 def test_constraints_of_a_path() -> None:
