@@ -98,9 +98,11 @@ class Region:
         """
         if self.broken(positions[None]) < 0:
             return ""
-        distance_m, angle_rad = self.goal.distances(self.chain.transforms(positions[None, self.own]))[0].tolist()
-        place = f"{distance_m:.3f} m and {angle_rad:.2f} rad from its center"
-        return f"{self.chain.tool} is outside its path constraint, {place}"
+        tool = self.chain.transforms(positions[None, self.own])
+        beyond = np.abs(self.goal.excess(tool, 1.0)[0]).reshape(2, 3).max(axis=1)
+        away = zip(self.goal.distances(tool)[0].tolist(), beyond.tolist(), ("m", "rad"), strict=True)
+        place = " and ".join(f"{distance:.3f} {unit}" for distance, excess, unit in away if excess > 0.0)
+        return f"{self.chain.tool} is outside its path constraint, {place} from its center"
 
 
 class ConstrainedCollisions(Collisions):

@@ -70,11 +70,17 @@ class GroupGoals:
         raise errors[0] if errors else no_goal()
 
     def of_pose(
-        self, chain: Chain, goal: PoseGoal, start: FloatArray, checks: tuple[Collisions, Margins] | None
+        self,
+        chain: Chain,
+        goal: PoseGoal,
+        start: FloatArray,
+        checks: tuple[Collisions, Margins] | None,
+        kept: Valid = lambda _: True,
     ) -> list[FloatArray]:
         """Return positions (n,) of the group's joints that bring a link to a pose, closest positions first.
 
-        Solutions closer to something than the padding are used only if there are no others. Raises PlanningError.
+        Solutions closer to something than the padding are used only if there are no others. ``kept`` returns whether
+        positions are allowed apart from contacts. Raises PlanningError.
         """
         own = [self._joints.index(name) for name in chain.names]
 
@@ -83,20 +89,24 @@ class GroupGoals:
             full[own] = positions
             return full
 
-        def solutions(valid: Valid | None) -> list[FloatArray]:
+        def solutions(clear: Valid) -> list[FloatArray]:
+            def valid(positions: FloatArray) -> bool:
+                full = whole(positions)
+                return clear(full) and kept(full)
+
             solver = InverseKinematics(chain, self._seed)
             found = solver.solve(goal, start[own], valid=valid, remaining_s=self._remaining_s)
             return [whole(one) for one in found]
 
         if checks is None:
-            return solutions(None)
+            return solutions(lambda _: True)
         collisions, margins = checks
         try:
-            return solutions(lambda one: collisions.is_clear(whole(one), margins.padding_m))
+            return solutions(lambda one: collisions.is_clear(one, margins.padding_m))
         except CollidingError:
             pass
         try:
-            return solutions(lambda one: collisions.is_clear(whole(one), CONTACT_M))
+            return solutions(lambda one: collisions.is_clear(one, CONTACT_M))
         except CollidingError as error:
             contacts = collisions.nearer(whole(error.positions), CONTACT_M)
             if not contacts:

@@ -1,6 +1,6 @@
 """Plan for one group of joints: free motions, straight motions and inverse kinematics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any, Final
 
@@ -125,7 +125,12 @@ class GroupPlanner:
         return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
 
     def inverse(
-        self, goal: ToolGoal, state: State, scene: Scene | None = None, margins: Margins = MARGINS, seed: int = 1
+        self,
+        goal: ToolGoal,
+        state: State,
+        scene: Scene | None = None,
+        margins: Margins = MARGINS,
+        accepts: Callable[[State], bool] | None = None,
     ) -> State:
         """Return a state in which a link is at a pose, near the given state if possible.
 
@@ -134,29 +139,32 @@ class GroupPlanner:
             state: Positions of all driven joints. The joints of other groups stay there.
             scene: Scene in which the state must be free of contact; None to ignore contacts.
             margins: Distances that the state keeps if possible.
-            seed: Seed of all random numbers.
+            accepts: Returns whether a state that reaches the pose is allowed; by default, all are.
 
         Raises:
             UnreachableError: The pose cannot be reached. The error has the nearest pose.
-            CollidingError: The pose can be reached only in contact.
+            CollidingError: The pose can be reached only in contact or in states that are not accepted.
             PlanningError: The link does not exist.
         """
         checks = None if scene is None else (Collisions(self._arm(state), scene), margins)
         chain = self.chain(goal.link, state, goal.offset)
-        found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
+        goals = self._goals(state, seed=1)
+
+        def kept(positions: FloatArray) -> bool:
+            return accepts is None or accepts(with_positions(state, self.joints, positions))
+
+        found = goals.of_pose(chain, goal.goal, self._inside(state), checks, kept)
         return with_positions(state, self.joints, found[0])
 
-    def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
-        """Describe the first path constraint that a state violates, or return an empty text.
+    def narrowed(self, constraints: PathConstraints) -> "GroupPlanner":
+        """Return a planner whose limits are narrowed to the ranges of joints in constraints.
 
         Raises:
-            PlanningError: The link of a region does not exist.
+            PlanningError: A range does not overlap the limits.
         """
-        if text := constraints.broken_range(state):
-            return text
-        positions = np.array(positions_of(state, self.joints))
-        texts = (region.text(positions) for region in self._regions(constraints, state))
-        return next((text for text in texts if text), "")
+        planner = copy(self)
+        planner.limits = constraints.limits(self.limits)
+        return planner
 
     def clearance(self, state: State, scene: Scene) -> Clearance:
         """Return the smallest distance between the links that the group moves and the robot itself or any object."""
@@ -217,9 +225,7 @@ class GroupPlanner:
             return self
         if text := constraints.broken_range(start):
             raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint there first")
-        narrowed = copy(self)
-        narrowed.limits = constraints.limits(self.limits)
-        return narrowed
+        return self.narrowed(constraints)
 
     def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
         """Return the checks of a request. Raise PlanningError if the start violates a constraint."""

@@ -13,6 +13,7 @@ from moveit_msgs.srv import GetCartesianPath, GetPositionFK, GetStateValidity
 from std_msgs.msg import Header
 
 from nodes.planning.conversion.constraints import ConstraintReader
+from nodes.planning.conversion.evaluation import ConstraintChecks, Evaluation
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_message, tool_pose
 from nodes.planning.errors import RequestError
@@ -20,8 +21,10 @@ from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
 from nodes.planning.world import World
 from planning.collision import Margins
+from planning.constraints import PathConstraints
 from planning.group_planner import GroupPlanner
 from planning.kinematics.cartesian import Steps
+from planning.kinematics.goals import CollidingError
 from planning.motion import LineMotion, LineRequest, Motion, MotionRequest, Scaling, State, Validity
 from planning.robot import PlanningRobot
 from planning.scene import Pose
@@ -115,10 +118,18 @@ class Requests:
         reader = self._reader(group, seed, world)
         goal = reader.pose_goal(stamped, link, IK_POSITION_M, IK_TURN_RAD)
         scene = world.scene if request.avoid_collisions else None
-        found = group.inverse(goal, seed, scene, _margins(world))
-        if text := group.broken_constraint(reader.path(request.constraints), found):
-            raise RequestError("NO_IK_SOLUTION", f"{text}: widen the constraint or move the pose")
-        return found
+        checks, broken = ConstraintChecks(self.robot, reader, request.constraints), list[str]()
+
+        def accepts(state: State) -> bool:
+            broken.append(checks.broken(state, self._frames(state, world)))
+            return not broken[-1]
+
+        try:
+            group = group.narrowed(PathConstraints(reader.path(request.constraints).joints))
+            return group.inverse(goal, seed, scene, _margins(world), accepts)
+        except CollidingError as error:
+            text = next((f"{text}: widen the constraint or move the pose" for text in broken if text), str(error))
+            raise RequestError("NO_IK_SOLUTION", text) from None
 
     def forward(self, request: GetPositionFK.Request, now: Snapshot) -> list[PoseStamped]:
         """Return the poses of links in the frame given in the header. Raises RequestError or PlanningError."""
@@ -177,13 +188,13 @@ class Requests:
             return list(accumulate(poses, Pose.__matmul__, initial=frame))[1:]
         return [frame @ pose for pose in poses]
 
-    def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, str, World]:
-        """Return the result of a state check, the first violated constraint and the scene. Raises RequestError."""
+    def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, list[Evaluation], World]:
+        """Return the result of a state check, the result for each constraint, and the scene. Raises RequestError."""
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
         group = self.robot.group(request.group_name or next(iter(self.robot.groups.groups)))
-        path = self._reader(group, state, world).path(request.constraints)
-        return found, group.broken_constraint(path, state), world
+        checks = ConstraintChecks(self.robot, self._reader(group, state, world), request.constraints)
+        return found, checks.results(state, self._frames(state, world)), world
 
     def contacts(self, found: Validity, world: World) -> list[ContactInformation]:
         """Return the messages of the pairs in contact."""

@@ -40,7 +40,8 @@ class ConstraintReader:
     def __init__(self, robot: PlanningRobot, frames: Frames, tip: str | None) -> None:
         self._robot = robot
         self._frames = frames
-        self._tip = tip
+        self.tip = tip
+        """Tip of the group, for which constraints without a link are meant."""
 
     def goals(self, message: Constraints) -> list[Goal]:
         """Return goals, each of which satisfies the constraints.
@@ -138,7 +139,7 @@ class ConstraintReader:
         names = {one.link_name for one in (position, orientation) if one is not None and one.link_name}
         if len(names) > 1:
             raise _invalid(f"a goal has poses of {' and '.join(sorted(names))}: send the pose of one link")
-        name = next(iter(names), self._tip)
+        name = next(iter(names), self.tip)
         offset_m = vector_of(position.target_point_offset) if position is not None else (0.0, 0.0, 0.0)
         if not all(map(math.isfinite, offset_m)):
             raise _invalid(f"the offset {offset_m} of a position is not finite: send numbers")
