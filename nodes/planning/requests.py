@@ -232,7 +232,7 @@ class Requests:
 
 def _steps(request: GetCartesianPath.Request) -> Steps:
     if not 0.0 < request.max_step < math.inf:
-        raise RequestError("INVALID_GOAL_CONSTRAINTS", f"max_step is {request.max_step} m: send a number above 0")
+        raise RequestError("FAILURE", f"max_step is {request.max_step} m: send a number above 0")
     given = (request.jump_threshold, request.prismatic_jump_threshold, request.revolute_jump_threshold)
     if any(math.isnan(value) for value in given):
         raise RequestError("INVALID_GOAL_CONSTRAINTS", "a jump threshold is nan: send 0 for no limit")
