@@ -12,6 +12,7 @@ import numpy as np
 from controller.action_goals import NOT_RUNNING, GoalStatus
 from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointLimits, JointState
 from servoloop.api.stream_gate import STREAM
@@ -55,9 +56,10 @@ class GoalsEnd(Invariant):
     """
 
     name = "every goal ends"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._on_path_s: dict[int, float] = defaultdict(float)
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
@@ -67,8 +69,8 @@ class GoalsEnd(Invariant):
     def on_state(self, state: JointState) -> None:
         self._watch_stream()
         for logged in self.stack.goals.open:
-            tracking = self.stack.arm.tracking
-            if logged.controller == self.stack.arm.name and tracking is not None:
+            tracking = self.arm.tracking
+            if logged.controller == self.arm.name and tracking is not None:
                 self.examined += 1
                 self._count(logged, state, tracking)
 
@@ -89,7 +91,7 @@ class GoalsEnd(Invariant):
             self.say(f"a stream continues although its client has been silent for {silent_s:.2f} s")
 
     def _count(self, logged: LoggedGoal, state: JointState, tracking: Tracking) -> None:
-        arm, period_s, key = self.stack.arm, self.stack.loop.period_s, id(logged)
+        arm, period_s, key = self.arm, self.stack.loop.period_s, id(logged)
         faulty = self._faulty_s[key]
         self._faulty_s[key] = {j: faulty.get(j, 0.0) + period_s for j in arm.joints if j in state.faults}
         for joint, lasted_s in self._faulty_s[key].items():
@@ -105,14 +107,14 @@ class GoalsEnd(Invariant):
 
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
         """Return the time within which a goal on its path must end, in seconds."""
-        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.stack.arm.parameters.constraints.goal_time)
+        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
         limits = dict(zip(self.commanded, self.stack.loop.limits, strict=True))
         return min(longest_s(logged.goal, limits), tracking.path.duration_s) + goal_time_s + REST_S
 
     def _waits_s(self) -> float:
-        parameters = self.stack.arm.parameters
+        parameters = self.arm.parameters
         return parameters.wait_for_timeout if parameters.wait_for else 0.0
 
 
@@ -120,19 +122,20 @@ class AbortsAreTrue(Invariant):
     """A joint that is named in an abort actually deviates from its path or is actually not measured."""
 
     name = "aborts are true"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
 
     def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
+        tracking = self.arm.tracking
         if tracking is not None:
-            wanted = dict(zip(self.stack.arm.joints, tracking.reference.position.tolist(), strict=True))
+            wanted = dict(zip(self.arm.joints, tracking.reference.position.tolist(), strict=True))
             self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
         for logged in self.stack.ended_goals:
             handle = logged.handle
-            if handle.status is GoalStatus.ABORTED and logged.controller == self.stack.arm.name:
+            if handle.status is GoalStatus.ABORTED and logged.controller == self.arm.name:
                 self._examine(handle.error_code, handle.error_text)
 
     def _examine(self, code: int, text: str) -> None:
@@ -161,8 +164,8 @@ class CancelsAreFollowed(Invariant):
 
     name = "cancels are followed"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._done: set[int] = set()
 
     def on_state(self, state: JointState) -> None:
@@ -189,17 +192,18 @@ class FeedbackIsTrue(Invariant):
     """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
 
     name = "feedback is true"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         names = stack.loop.hardware.joints
-        self._places = [names.index(joint) for joint in stack.arm.joints]
+        self._places = [names.index(joint) for joint in arm.joints]
         self._last_s = -math.inf
         self._path: Any = None
         self._elapsed_s = 0.0
 
     def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
+        tracking = self.arm.tracking
         if tracking is None or tracking.stamp_s != state.stamp_s:
             return
         self.examined += 1
@@ -226,14 +230,15 @@ class DeviationEnds(Invariant):
     """
 
     name = "deviation ends a goal"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
-        arm, period_s = self.stack.arm, self.stack.loop.period_s
+        arm, period_s = self.arm, self.stack.loop.period_s
         open_goals = [logged for logged in self.stack.goals.open if logged.controller == arm.name]
         tracking = arm.tracking
         on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s
@@ -266,8 +271,8 @@ class GoalsAreJudged(Invariant):
 
     name = "goals are judged"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files)
         self._sent = self._rejected = 0
 
@@ -291,7 +296,7 @@ class GoalsAreJudged(Invariant):
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
-                if known is None and joint in self.stack.arm.joints and share > 0.0:
+                if known is None and share > 0.0 and any(joint in arm.joints for arm in self.stack.arms):
                     continue  # The reference reader cannot read its limits.
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
@@ -301,8 +306,8 @@ class GoalsAreJudged(Invariant):
         return ""
 
     def _complete(self, goal: TrajectoryGoal, reason: str) -> bool:
-        whole = set(goal.joints) == set(self.stack.arm.joints) and len(goal.points[0].positions) == len(goal.joints)
-        return whole and reason != NOT_RUNNING
+        whole = any(set(goal.joints) == set(arm.joints) for arm in self.stack.arms)
+        return whole and len(goal.points[0].positions) == len(goal.joints) and reason != NOT_RUNNING
 
 
 def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:
