@@ -23,6 +23,8 @@ from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
+STDERR: Final = 2
+"""File descriptor of the standard error. ``sys.stderr`` may be replaced by an object without one."""
 _TURN_S: Final = 0.1
 MIXED_LIST: Final = "Sequence should be of same type"
 """Error text of rcl for a parameter list that mixes integers and decimal numbers."""
@@ -112,7 +114,7 @@ def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
     ``DomainParticipant::set_listener`` waits for a lock that it already holds. Because the GIL may be held during the
     deadlock, the watchdog is a thread in C.
     """
-    faulthandler.dump_traceback_later(seconds, exit=True)
+    faulthandler.dump_traceback_later(seconds, exit=True, file=STDERR)
     try:
         yield
     finally:

@@ -32,6 +32,7 @@ from hal.lifecycle import LifecycleState
 from hal.plausible import RANGES, range_mistake
 from hal.types import JointState
 from nodes.lifecycle_messages import state_message
+from nodes.manager.other_managers import MANAGER, OtherManagers
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
@@ -53,11 +54,12 @@ class ManagerNode:
     def __init__(
         self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
     ) -> None:
-        self.node = ParameterNode("controller_manager", ros_time, allow_undeclared_parameters=True)
+        self.node = ParameterNode(MANAGER, ros_time, allow_undeclared_parameters=True)
         self._stack = stack
         self._manager_client = manager_client
         self._pending = pending
         self._published: object = None
+        self.others = OtherManagers(self.node)
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         parameters = stack.factory.file.manager

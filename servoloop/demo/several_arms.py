@@ -32,7 +32,8 @@ from servoloop.demo.jobs import Camera, JobRun, JobRunner, Live, RosClients
 from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import read_arm_files
 from servoloop.stack.pick_place import NODE as NODE_NAME
-from servoloop.stack.pick_place import PickPlace, load_pick_places
+from servoloop.stack.pick_place import PickPlace
+from servoloop.stack.pick_place import arm_jobs as read_arm_jobs
 from servoloop.stack.processes import Processes, choose_ros_domain
 from servoloop.stack.robot_files import write_file
 from servoloop.stack.signals import Signals
@@ -94,8 +95,7 @@ def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
 
     Raises ArmFileError.
     """
-    jobs = load_pick_places(options.found().pick_place, options.namespace)
-    return {node.removesuffix(NODE_NAME).rstrip("_"): job for node, job in jobs.items()}
+    return read_arm_jobs(options.found().pick_place, options.namespace)
 
 
 def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOptions, live: Live) -> SeveralArmsReport:

@@ -114,7 +114,7 @@ def test_simulated_time_is_recorded(ros_domain: int, tmp_path: Path, monkeypatch
 
 def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
     path, read = tmp_path / "job.mcap", set()
-    simulate(read_files(), JobSettings(), Schedule(job=("B",)), path)
+    simulate(read_files(), {"": JobSettings()}, Schedule(job=("B",)), path)
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema is not None

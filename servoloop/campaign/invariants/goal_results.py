@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
@@ -31,19 +32,20 @@ class AbortsAreTrue(Invariant):
     """A joint that is named in an abort actually deviates from its path or is actually not measured."""
 
     name = "aborts are true"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
 
     def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
+        tracking = self.arm.tracking
         if tracking is not None:
-            wanted = dict(zip(self.stack.arm.joints, tracking.reference.position.tolist(), strict=True))
+            wanted = dict(zip(self.arm.joints, tracking.reference.position.tolist(), strict=True))
             self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
         for logged in self.stack.ended_goals:
             handle = logged.handle
-            if handle.status is GoalStatus.ABORTED and logged.controller == self.stack.arm.name:
+            if handle.status is GoalStatus.ABORTED and logged.controller == self.arm.name:
                 self._examine(handle.error_code, handle.error_text)
 
     def _examine(self, code: int, text: str) -> None:
@@ -68,17 +70,18 @@ class FeedbackIsTrue(Invariant):
     """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
 
     name = "feedback is true"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         names = stack.loop.hardware.joints
-        self._places = [names.index(joint) for joint in stack.arm.joints]
+        self._places = [names.index(joint) for joint in arm.joints]
         self._last_s = -math.inf
         self._path: Any = None
         self._elapsed_s = 0.0
 
     def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
+        tracking = self.arm.tracking
         if tracking is None or tracking.stamp_s != state.stamp_s:
             return
         self.examined += 1
@@ -105,14 +108,15 @@ class DeviationEnds(Invariant):
     """
 
     name = "deviation ends a goal"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
-        arm, period_s = self.stack.arm, self.stack.loop.period_s
+        arm, period_s = self.arm, self.stack.loop.period_s
         open_goals = [logged for logged in self.stack.goals.open if logged.controller == arm.name]
         tracking = arm.tracking
         on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s

@@ -8,6 +8,7 @@ from typing import Final
 
 from controller.action_goals import NOT_RUNNING, GoalStatus
 from controller.trajectory.goal import TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import JointLimits, JointState
 from servoloop.api.stream_gate import STREAM
@@ -41,9 +42,10 @@ class GoalsEnd(Invariant):
     """
 
     name = "every goal ends"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._on_path_s: dict[int, float] = defaultdict(float)
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
@@ -53,8 +55,8 @@ class GoalsEnd(Invariant):
     def on_state(self, state: JointState) -> None:
         self._watch_stream()
         for logged in self.stack.goals.open:
-            tracking = self.stack.arm.tracking
-            if logged.controller == self.stack.arm.name and tracking is not None:
+            tracking = self.arm.tracking
+            if logged.controller == self.arm.name and tracking is not None:
                 self.examined += 1
                 self._count(logged, state, tracking)
 
@@ -75,7 +77,7 @@ class GoalsEnd(Invariant):
             self.say(f"a stream continues although its client has been silent for {silent_s:.2f} s")
 
     def _count(self, logged: LoggedGoal, state: JointState, tracking: Tracking) -> None:
-        arm, period_s, key = self.stack.arm, self.stack.loop.period_s, id(logged)
+        arm, period_s, key = self.arm, self.stack.loop.period_s, id(logged)
         faulty = self._faulty_s[key]
         self._faulty_s[key] = {j: faulty.get(j, 0.0) + period_s for j in arm.joints if j in state.faults}
         for joint, lasted_s in self._faulty_s[key].items():
@@ -91,14 +93,14 @@ class GoalsEnd(Invariant):
 
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
         """Return the time within which a goal on its path must end, in seconds."""
-        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.stack.arm.parameters.constraints.goal_time)
+        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
         limits = dict(zip(self.commanded, self.stack.loop.limits, strict=True))
         return min(longest_s(logged.goal, limits), tracking.path.duration_s) + goal_time_s + REST_S
 
     def _waits_s(self) -> float:
-        parameters = self.stack.arm.parameters
+        parameters = self.arm.parameters
         return parameters.wait_for_timeout if parameters.wait_for else 0.0
 
 
@@ -110,8 +112,8 @@ class CancelsAreFollowed(Invariant):
 
     name = "cancels are followed"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._done: set[int] = set()
 
     def on_state(self, state: JointState) -> None:
@@ -139,8 +141,8 @@ class GoalsAreJudged(Invariant):
 
     name = "goals are judged"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files)
         self._sent = self._rejected = 0
 
@@ -164,7 +166,7 @@ class GoalsAreJudged(Invariant):
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
-                if known is None and joint in self.stack.arm.joints and share > 0.0:
+                if known is None and share > 0.0 and any(joint in arm.joints for arm in self.stack.arms):
                     continue  # The reference reader cannot read its limits.
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
@@ -174,8 +176,8 @@ class GoalsAreJudged(Invariant):
         return ""
 
     def _complete(self, goal: TrajectoryGoal, reason: str) -> bool:
-        whole = set(goal.joints) == set(self.stack.arm.joints) and len(goal.points[0].positions) == len(goal.joints)
-        return whole and reason != NOT_RUNNING
+        whole = any(set(goal.joints) == set(arm.joints) for arm in self.stack.arms)
+        return whole and len(goal.points[0].positions) == len(goal.joints) and reason != NOT_RUNNING
 
 
 def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
 from hal.joint import Joint
@@ -47,8 +48,8 @@ class MotionIsTrue(Invariant):
 
     name = "motion is true"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         names, world = stack.loop.hardware.joints, stack.world.joints
         self._names = [joint.name for joint in self.joints]
         self._reported = [names.index(name) for name in self._names]
@@ -102,8 +103,8 @@ class HealthIsTrue(Invariant):
 
     name = "health is true"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._off_s = defaultdict[tuple[str, str], float](float)
         self._voltage = {joint.name: _register(joint, VOLTAGES) for joint in self.joints}
         self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}

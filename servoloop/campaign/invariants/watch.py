@@ -1,5 +1,6 @@
 """The list of all invariants, and the watch that calls them during a run."""
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -66,7 +67,11 @@ class Watch:
         self._stack = stack
         self._error: Exception | None = None
         """Exception that an invariant raised. ``end`` raises it again."""
-        self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
+        self._invariants = [
+            kind(stack, self._sayer(kind.name), arm)
+            for kind in kinds
+            for arm in (stack.arms if kind.of_each_arm else stack.arms[:1])
+        ]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
         on_step, on_write, on_state = (self._guarded(hook) for hook in ("on_step", "on_write", "on_state"))
@@ -88,7 +93,10 @@ class Watch:
     @property
     def examined(self) -> dict[str, int]:
         """Number of times that each invariant examined its condition, by name."""
-        return {one.name: one.examined for one in self._invariants}
+        examined = Counter[str]()
+        for one in self._invariants:
+            examined[one.name] += one.examined
+        return examined
 
     def end(self) -> None:
         """Finish all invariants after the program has ended.
