@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from controller.manager.leaving import LeavingControllers
-from controller.manager.registry import ControllerRegistry, ActiveEntry
+from controller.manager.registry import ActiveEntry, ControllerRegistry
 from controller.stops import DecelerationStops
 from hal.types import FloatArray, JointState
 

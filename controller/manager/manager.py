@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.interface import Controller, relieving
 from controller.manager.cycle import ControllerCycle
-from controller.manager.registry import ControllerRegistry, ActiveEntry
+from controller.manager.registry import ActiveEntry, ControllerRegistry
 from controller.manager.switch import Interfaces, ManagerError, SwitchError, SwitchPlan, SwitchRequest, plan_switch
 from controller.stops import DecelerationStops
 from hal.lifecycle import LifecycleState
