@@ -19,7 +19,7 @@ from benchmarks.invariants import SEEDS, InvariantCost, cost, default_scenario
 from benchmarks.shared.arguments import in_words
 from benchmarks.shared.stopwatch import Stopwatch
 from drivers.servos import sts
-from servoloop.campaign.campaign import Scenario
+from servoloop.campaign.scenario import Scenario
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.robot_files import read_files

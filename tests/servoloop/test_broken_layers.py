@@ -13,7 +13,8 @@ from drivers.protocol.decoder import Reply
 from hal.gate import Gated, SafetyGate
 from hal.servos.activation import Activation
 from hal.types import FloatArray
-from servoloop.campaign.campaign import Scenario, run_schedule_of, run_seed
+from servoloop.campaign.campaign import run_schedule_of, run_seed
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule
 
