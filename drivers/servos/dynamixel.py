@@ -7,11 +7,11 @@ from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
 
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v2
 from drivers.servos import x, xl320
 from drivers.servos.register import ServoModel, bit_names
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
+from drivers.types import ServoGoal, ServoState
 
 ALARMED: Final = ("hardware error",)
 """Alarm reported by the alert bit of a reply. The kind of error is in a register that not every block contains."""

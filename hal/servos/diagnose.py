@@ -8,10 +8,10 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import FaultKind, Reading, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
+from drivers.types import FaultKind, Reading, ServoFault
 
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),

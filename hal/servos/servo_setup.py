@@ -7,13 +7,13 @@ from typing import TypeVar
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
-from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.eeprom import EepromError
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
+from drivers.types import Reading, ServoFault, ServoState
 from hal.joint import Joint
 from hal.servos.diagnose import NO_BAUD_RATE, diagnose, intermittent_text, read_explained_states
 from hal.servos.fault_log import FaultLog

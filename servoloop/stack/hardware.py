@@ -15,7 +15,6 @@ from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from hal.compensation.gravity import Gravity
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.servo_compliance import Compliance
 from hal.components.component_set import ComponentSet
 from hal.errors import DescriptionError
@@ -27,6 +26,7 @@ from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import require_positions
 from hal.robot_file.robot_file import RobotFile
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_outputs import ServoOutputs
 from servoloop.stack.devices import world_feed

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_of_tray, resize
+from sim_backend.arm_names import arm_prefixes, part_name, prefix_of
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.scene.arm_names import arm_prefixes, part_name, prefix_of
 
 FloatArray = NDArray[np.float64]
 

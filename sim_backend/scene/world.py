@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from hal.robot_description.link_meshes import link_meshes
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_diameters_mm, replace_cube
+from sim_backend.arm_names import arm_prefixes, prefix_of
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.scene.arm_names import arm_prefixes, prefix_of
 from sim_backend.scene.backlash import motor_name, with_gaps
 from sim_backend.scene.cube_cell import CUBE, BodyPose, CubeCell, FloatArray, Tray, cell_prefixes
 from sim_backend.scene.drawn_model import drawn_model

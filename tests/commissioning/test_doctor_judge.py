@@ -6,7 +6,7 @@ import pytest
 
 from commissioning.doctor.doctor import judge
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, LineFigures, ServoSnapshot
-from drivers.bus.types import ServoState
+from drivers.types import ServoState
 from tests.commissioning.patient import files_of, perfect
 
 STS = files_of("robot_arm").robot.joints[0]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from commissioning.doctor.doctor import judge
 from commissioning.doctor.findings import KINDS, SEVERITIES, Finding, FindingPlace, finding, ranked
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, Heard, LineFigures, ServoSnapshot
-from drivers.bus.types import ServoState
+from drivers.types import ServoState
 from tests.commissioning.patient import files_of
 
 JOINTS = files_of("robot_arm").robot.joints

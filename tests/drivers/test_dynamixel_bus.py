@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.backoff import LONGEST_PAUSE_S
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
 from drivers.servos import x
 from drivers.servos.register import Register
+from drivers.types import ServoFault, ServoGoal, ServoState
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware

@@ -9,11 +9,11 @@ from fastcrc.crc16 import umts as crc16
 from drivers.bus.bus import Bus
 from drivers.bus.fast_read import FAST_TRIES, fast_plan
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos import x
 from drivers.servos.dynamixel import X
 from drivers.servos.series import StateBlock
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

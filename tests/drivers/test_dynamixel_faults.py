@@ -1,10 +1,10 @@
 """Faults specific to the Dynamixel bus: alarms that need a second read, checksums and byte stuffing."""
 
 from drivers.bus.read_plan import state_plan
-from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.dynamixel import PROTOCOL_2, X
 from drivers.servos.x import hardware_error_status
+from drivers.types import ServoState
 from sim_backend.line.line import DelayedReply
 from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.fault_lines import IDS, KINDS, Line

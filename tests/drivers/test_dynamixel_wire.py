@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
 from drivers.protocol.decoder import Reply
 from drivers.servos import x as x_series
 from drivers.servos.x import XL430_W250
+from drivers.types import ServoGoal
 from sim_backend.clock import SimulatedClock
 from sim_backend.packets.dynamixel import InstructionParser, status_packet
 from tests.drivers.tape import SdkPackets, Tape

@@ -8,12 +8,12 @@ import pytest
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
 from drivers.servos.register import Register
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.known_servos import KnownServos
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1 as wire
 from drivers.protocol.decoder import Reply
 from drivers.servos import sts
 from drivers.servos.feetech import STS
+from drivers.types import ServoGoal, ServoState
 from tests.drivers.fault_lines import IDS
 from tests.drivers.tape import one_bit_flipped
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
+from drivers.types import ServoGoal
 from tests.drivers.tape import SdkPackets, SilentTape, Tape
 
 # The module is imported by name, because it has no types.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.clock import MonotonicClock
 from drivers.errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port.line import GAP_S
@@ -16,6 +15,7 @@ from drivers.servos import scs, sts
 from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.clock import SimulatedClock
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, Kind, Line

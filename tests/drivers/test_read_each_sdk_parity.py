@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.protocol.v1 import READ, bulk_read, packet
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from tests.drivers.tape import SdkPackets, Tape
 
 # The modules are imported by name, because they have no types.

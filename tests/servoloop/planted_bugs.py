@@ -21,7 +21,7 @@ from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import excess
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal
+from drivers.types import ServoFault, ServoGoal
 from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout

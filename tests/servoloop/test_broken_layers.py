@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.protocol.decoder import Reply
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from hal.gate import Gated, SafetyGate
 from hal.servos.activation import Activation
 from hal.types import FloatArray

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoState
 from drivers.servos.register import ServoModel
+from drivers.types import ServoState
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault
 from drivers.servos import sts
+from drivers.types import ServoFault
 from sim_backend.box import VirtualBox, plugged
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -2,11 +2,11 @@
 
 import pytest
 
-from drivers.bus.types import ServoGoal
 from drivers.errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos.register import Register
+from drivers.types import ServoGoal
 from sim_backend.mechanics.plant import BenchPlant
 from tests.sim_backend.read_each_bench import ReadEachBench
 

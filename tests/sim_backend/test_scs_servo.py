@@ -4,11 +4,11 @@ from math import pi
 
 import pytest
 
-from drivers.bus.types import ServoGoal
 from drivers.eeprom import eeprom
 from drivers.protocol import v1 as wire
 from drivers.servos import feetech as models
 from drivers.servos import scs
+from drivers.types import ServoGoal
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.generic.scs_servo import VirtualScsServo
 from tests.sim_backend.read_each_bench import ReadEachBench

@@ -16,7 +16,7 @@ from servoloop.dashboard.page import known_arm
 from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
 from servoloop.dashboard.shapes import GRAY, DrawnShape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
-from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.arm_names import arm_prefixes
 from sim_backend.scene.scene_file import scene_model
 from tests.stack.rig import PICK, READY
 
