@@ -11,7 +11,7 @@ from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory
 
 from drivers.printable import printable_line
-from nodes.planning.controllers import RouteController, Stop
+from nodes.planning.controllers import RouteController, StopRequest
 from nodes.planning.conversion.trajectories import checked_points, part, timed_path
 from nodes.planning.errors import REFUSALS, RequestError
 from nodes.planning.requests import Snapshot
@@ -37,7 +37,7 @@ class Running:
 
     path: TimedPath
     """The motion of all driven joints."""
-    stop: Stop
+    stop: StopRequest
     begun_s: float
     """Time of the node's clock at the start, in seconds."""
     names: tuple[str, ...]
@@ -78,7 +78,7 @@ class Execution:
             running.stop.request(code, message)
 
     async def run(
-        self, trajectory: RobotTrajectory, names: Sequence[str], stop: Stop, *, must_be_free: bool = False
+        self, trajectory: RobotTrajectory, names: Sequence[str], stop: StopRequest, *, must_be_free: bool = False
     ) -> None:
         """Execute a trajectory until its end or until it is stopped.
 
@@ -114,7 +114,7 @@ class Execution:
             if not self._running and not self.idle.done():
                 self.idle.set_result(None)
 
-    async def _follow(self, message: JointTrajectory, chosen: Sequence[RouteController], stop: Stop) -> None:
+    async def _follow(self, message: JointTrajectory, chosen: Sequence[RouteController], stop: StopRequest) -> None:
         executor = self._node.executor
         ends = [executor.create_task(self._follow_one, one, message, stop) for one in chosen]
         reasons = [await end for end in ends]
@@ -123,7 +123,7 @@ class Execution:
         if reason := next(filter(None, reasons), ""):
             raise RequestError("CONTROL_FAILED", reason)
 
-    async def _follow_one(self, controller: RouteController, message: JointTrajectory, stop: Stop) -> str:
+    async def _follow_one(self, controller: RouteController, message: JointTrajectory, stop: StopRequest) -> str:
         own = [joint for joint in message.joint_names if joint in controller.route.joints]
         try:
             reason = await controller.follow(part(message, own), stop)
