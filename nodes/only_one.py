@@ -3,7 +3,6 @@
 import os
 import time
 from enum import Enum, auto
-from types import TracebackType
 from typing import Any, Final
 
 import rclpy
@@ -29,7 +28,7 @@ PATIENT_CHECKS: Final = 6
 """Checks in a row that must discover another node before a node that has run for longer reports it."""
 
 
-class Finding(Enum):
+class Discovery(Enum):
     """Result of one check."""
 
     ALONE = auto()
@@ -51,7 +50,7 @@ class Seniority:
         self._checks = 0
         self._in_a_row = 0
 
-    def check(self, nodes: int) -> Finding:
+    def check(self, nodes: int) -> Discovery:
         """Count one check and return its result.
 
         Args:
@@ -60,8 +59,8 @@ class Seniority:
         self._checks += 1
         self._in_a_row = self._in_a_row + 1 if nodes > 1 else 0
         if self._checks <= NEW_CHECKS:
-            return Finding.NEWCOMER if self._in_a_row else Finding.ALONE
-        return Finding.RIVAL if self._in_a_row >= PATIENT_CHECKS else Finding.ALONE
+            return Discovery.NEWCOMER if self._in_a_row else Discovery.ALONE
+        return Discovery.RIVAL if self._in_a_row >= PATIENT_CHECKS else Discovery.ALONE
 
 
 def nodes_in_graph(node: Node, name: str) -> int:
@@ -125,12 +124,7 @@ class Search:
     def __enter__(self) -> "Search":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _found(self) -> bool:

@@ -7,7 +7,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from controller.diagnostics import Level, Status
-from nodes.only_one import CHECK_S, Finding, Seniority, nodes_in_graph
+from nodes.only_one import CHECK_S, Discovery, Seniority, nodes_in_graph
 
 MANAGER: Final = "controller_manager"
 """Name of the node of the controller manager."""
@@ -43,7 +43,7 @@ class OtherManagers:
 
     def _check(self) -> None:
         finding = self._seniority.check(nodes_in_graph(self._node, MANAGER))
-        self.must_end = self.must_end or finding is Finding.NEWCOMER
-        if finding is Finding.RIVAL and not self._reported:
+        self.must_end = self.must_end or finding is Discovery.NEWCOMER
+        if finding is Discovery.RIVAL and not self._reported:
             self._node.get_logger().warning(self.message)
-        self._reported = finding is Finding.RIVAL
+        self._reported = finding is Discovery.RIVAL
