@@ -72,7 +72,6 @@ def test_positions_are_joined_by_lines_and_commanded_a_period_ahead(at_zero: Tra
         assert list(held.reference.velocities) == list(ZERO)
 
 
-CUBIC = ((0.3, 0.8), (0.3, 0.8))
 CURVES = [
     case("velocities", (P(0.3, 0.4, V), P(1.0, 1.0, ZERO)), (0.8,), rows=["jtc-20", "golden-velocities"]),
     case(
