@@ -18,6 +18,7 @@ from servoloop.campaign.invariants.goals import (
     GoalsAreJudged,
     GoalsEnd,
 )
+from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
@@ -50,6 +51,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     CancelsAreFollowed,
     FeedbackIsTrue,
     GoalsAreJudged,
+    GripsAreFollowed,
     NothingTravels,
     NothingPresses,
     SmoothReference,
