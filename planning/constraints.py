@@ -13,7 +13,7 @@ from planning.collision import MARGINS, PADDING_M, Collisions, Contact, Margins
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
-from planning.scene import Scene
+from planning.scene import Pose, Scene
 
 STEP_RAD: Final = 0.02
 """Largest motion of a joint between two checked points of an edge, in rad or m. Between these points, a pose may leave
@@ -33,8 +33,8 @@ class LinkRegion:
     goal: PoseGoal
     link: str | None = None
     """Link or site; the tip of the group if None."""
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Point of the link that stays in the region, in the frame of the link, in m."""
+    offset: Pose = field(default_factory=Pose)
+    """Frame that stays in the region, relative to the link to which it is fixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +98,11 @@ class Region:
         """
         if self.broken(positions[None]) < 0:
             return ""
-        distance_m, angle_rad = self.goal.distances(self.chain.transforms(positions[None, self.own]))[0].tolist()
-        place = f"{distance_m:.3f} m and {angle_rad:.2f} rad from its center"
-        return f"{self.chain.tool} is outside its path constraint, {place}"
+        tool = self.chain.transforms(positions[None, self.own])
+        beyond = np.abs(self.goal.excess(tool, 1.0)[0]).reshape(2, 3).max(axis=1)
+        away = zip(self.goal.distances(tool)[0].tolist(), beyond.tolist(), ("m", "rad"), strict=True)
+        place = " and ".join(f"{distance:.3f} {unit}" for distance, excess, unit in away if excess > 0.0)
+        return f"{self.chain.tool} is outside its path constraint, {place} from its center"
 
 
 class ConstrainedCollisions(Collisions):

@@ -12,14 +12,15 @@ from planning.kinematics.chain import Chain
 from planning.kinematics.goals import CollidingError, PoseGoal
 from planning.kinematics.inverse import InverseKinematics, Remaining, Valid
 from planning.motion import Goal, JointGoal, no_goal
+from planning.scene import Pose
 
 SAMPLES: Final = 16
 """Number of random positions, in addition to the goal itself, that represent a joint goal with tolerances."""
 WIDE: Final = 1e-3
 """Tolerance from which a joint goal counts as a range of positions, in rad or m."""
 
-ChainOf = Callable[[str | None, Sequence[float]], Chain]
-"""Function that returns the chain of a link, or of the group's tip if None, with an offset (3,) in m."""
+ChainOf = Callable[[str | None, Pose], Chain]
+"""Function that returns the chain of a frame, given its pose relative to a link, or to the group's tip if None."""
 
 
 class GroupGoals:
@@ -60,7 +61,7 @@ class GroupGoals:
                 if isinstance(goal, JointGoal):
                     found += self._of_joints(goal, start)
                 else:
-                    chain = self._chain_of(goal.link, goal.offset_m)
+                    chain = self._chain_of(goal.link, goal.offset)
                     found += self.of_pose(chain, goal.goal, start, (collisions, margins))
             except PlanningError as error:
                 errors.append(error)
@@ -69,11 +70,17 @@ class GroupGoals:
         raise errors[0] if errors else no_goal()
 
     def of_pose(
-        self, chain: Chain, goal: PoseGoal, start: FloatArray, checks: tuple[Collisions, Margins] | None
+        self,
+        chain: Chain,
+        goal: PoseGoal,
+        start: FloatArray,
+        checks: tuple[Collisions, Margins] | None,
+        kept: Valid = lambda _: True,
     ) -> list[FloatArray]:
         """Return positions (n,) of the group's joints that bring a link to a pose, closest positions first.
 
-        Solutions closer to something than the padding are used only if there are no others. Raises PlanningError.
+        Solutions closer to something than the padding are used only if there are no others. ``kept`` returns whether
+        positions are allowed apart from contacts. Raises PlanningError.
         """
         own = [self._joints.index(name) for name in chain.names]
 
@@ -82,20 +89,24 @@ class GroupGoals:
             full[own] = positions
             return full
 
-        def solutions(valid: Valid | None) -> list[FloatArray]:
+        def solutions(clear: Valid) -> list[FloatArray]:
+            def valid(positions: FloatArray) -> bool:
+                full = whole(positions)
+                return clear(full) and kept(full)
+
             solver = InverseKinematics(chain, self._seed)
             found = solver.solve(goal, start[own], valid=valid, remaining_s=self._remaining_s)
             return [whole(one) for one in found]
 
         if checks is None:
-            return solutions(None)
+            return solutions(lambda _: True)
         collisions, margins = checks
         try:
-            return solutions(lambda one: collisions.is_clear(whole(one), margins.padding_m))
+            return solutions(lambda one: collisions.is_clear(one, margins.padding_m))
         except CollidingError:
             pass
         try:
-            return solutions(lambda one: collisions.is_clear(whole(one), CONTACT_M))
+            return solutions(lambda one: collisions.is_clear(one, CONTACT_M))
         except CollidingError as error:
             contacts = collisions.nearer(whole(error.positions), CONTACT_M)
             if not contacts:

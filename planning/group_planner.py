@@ -1,6 +1,6 @@
 """Plan for one group of joints: free motions, straight motions and inverse kinematics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ from planning.paths.request import PathRequest, Remaining
 from planning.paths.smooth_timing import timed_smoothly
 from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
-from planning.scene import Scene
+from planning.scene import Pose, Scene
 
 THINNING_M: Final = 2e-4
 """Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
@@ -98,7 +98,7 @@ class GroupPlanner:
 
     def _straight(self, request: LineRequest) -> LineMotion:
         limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
-        arm, chain = self._arm(request.start), self.chain(request.link, request.start)
+        arm, chain = self._arm(request.start), self.chain(request.link, request.start, request.offset)
         scene = request.scene if request.avoid_collisions else Scene(allowed=arm.everything())
         start = self._inside(request.start)
         collisions = self._collisions(arm, scene, request.constraints, request.start)
@@ -125,7 +125,12 @@ class GroupPlanner:
         return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
 
     def inverse(
-        self, goal: ToolGoal, state: State, scene: Scene | None = None, margins: Margins = MARGINS, seed: int = 1
+        self,
+        goal: ToolGoal,
+        state: State,
+        scene: Scene | None = None,
+        margins: Margins = MARGINS,
+        accepts: Callable[[State], bool] | None = None,
     ) -> State:
         """Return a state in which a link is at a pose, near the given state if possible.
 
@@ -134,29 +139,32 @@ class GroupPlanner:
             state: Positions of all driven joints. The joints of other groups stay there.
             scene: Scene in which the state must be free of contact; None to ignore contacts.
             margins: Distances that the state keeps if possible.
-            seed: Seed of all random numbers.
+            accepts: Returns whether a state that reaches the pose is allowed; by default, all are.
 
         Raises:
             UnreachableError: The pose cannot be reached. The error has the nearest pose.
-            CollidingError: The pose can be reached only in contact.
+            CollidingError: The pose can be reached only in contact or in states that are not accepted.
             PlanningError: The link does not exist.
         """
         checks = None if scene is None else (Collisions(self._arm(state), scene), margins)
-        chain = self.chain(goal.link, state, goal.offset_m)
-        found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
+        chain = self.chain(goal.link, state, goal.offset)
+        goals = self._goals(state, seed=1)
+
+        def kept(positions: FloatArray) -> bool:
+            return accepts is None or accepts(with_positions(state, self.joints, positions))
+
+        found = goals.of_pose(chain, goal.goal, self._inside(state), checks, kept)
         return with_positions(state, self.joints, found[0])
 
-    def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
-        """Describe the first path constraint that a state violates, or return an empty text.
+    def narrowed(self, constraints: PathConstraints) -> "GroupPlanner":
+        """Return a planner whose limits are narrowed to the ranges of joints in constraints.
 
         Raises:
-            PlanningError: The link of a region does not exist.
+            PlanningError: A range does not overlap the limits.
         """
-        if text := constraints.broken_range(state):
-            return text
-        positions = np.array(positions_of(state, self.joints))
-        texts = (region.text(positions) for region in self._regions(constraints, state))
-        return next((text for text in texts if text), "")
+        planner = copy(self)
+        planner.limits = constraints.limits(self.limits)
+        return planner
 
     def clearance(self, state: State, scene: Scene) -> Clearance:
         """Return the smallest distance between the links that the group moves and the robot itself or any object."""
@@ -185,13 +193,13 @@ class GroupPlanner:
         at_s = times_s[index] + (contact.part - index) * (times_s[index + 1] - times_s[index])
         return FutureContact(float(at_s), *contact.pair)
 
-    def chain(self, link: str | None, state: State, offset_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Chain:
+    def chain(self, link: str | None, state: State, offset: Pose | None = None) -> Chain:
         """Return the kinematics of a link or site, in the robot's frame, with the joints of the group that move it.
 
         Args:
             link: Link or site; the tip of the group if None.
             state: Positions of all driven joints, for those of other groups.
-            offset_m: Point of the link that counts as its origin (3,), in m.
+            offset: Frame that is fixed to the link and replaces the frame of the link, relative to the link.
 
         Raises:
             PlanningError: The link does not exist, or the group does not move it.
@@ -206,7 +214,7 @@ class GroupPlanner:
             )
         others = {joint: at for joint, at in state.items() if joint not in moving}
         chain = Chain(self._model, {joint: self.limits[joint] for joint in moving}, name, others=others)
-        return chain.at_point(offset_m) if any(offset_m) else chain
+        return chain if offset is None else chain.at_frame(offset.matrix, offset.position_m)
 
     def _indices(self, chain: Chain) -> list[int]:
         return [self.joints.index(name) for name in chain.names]
@@ -217,9 +225,7 @@ class GroupPlanner:
             return self
         if text := constraints.broken_range(start):
             raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint there first")
-        narrowed = copy(self)
-        narrowed.limits = constraints.limits(self.limits)
-        return narrowed
+        return self.narrowed(constraints)
 
     def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
         """Return the checks of a request. Raise PlanningError if the start violates a constraint."""
@@ -233,7 +239,7 @@ class GroupPlanner:
     def _regions(self, constraints: PathConstraints, state: State) -> list[Region]:
         regions = []
         for region in constraints.regions:
-            chain = self.chain(region.link, state, region.offset_m)
+            chain = self.chain(region.link, state, region.offset)
             regions.append(Region(chain, region.goal, self._indices(chain)))
         return regions
 

@@ -12,7 +12,7 @@ from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal
 from planning.paths.request import Remaining
 from planning.paths.timing import TimedPath
-from planning.scene import Scene
+from planning.scene import Pose, Scene
 
 State = Mapping[str, float]
 """Positions of all driven joints of a robot by name, in rad or m."""
@@ -36,8 +36,8 @@ class ToolGoal:
     goal: PoseGoal
     link: str | None = None
     """Link or site that is brought to the pose; the tip of the group if None."""
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Point of the link that is brought to the position, in the frame of the link, in m."""
+    offset: Pose = field(default_factory=Pose)
+    """Frame that is brought to the pose, relative to the link to which it is fixed."""
 
 
 Goal = JointGoal | ToolGoal
@@ -80,10 +80,12 @@ class LineRequest:
 
     start: State
     waypoints: Sequence[ToolPose]
-    """Poses of the link after the start, in the robot's frame."""
+    """Poses after the start, in the robot's frame."""
     scene: Scene
     link: str | None = None
     """Link or site that moves along the line; the tip of the group if None."""
+    offset: Pose = field(default_factory=Pose)
+    """Frame that moves along the line, relative to the link to which it is fixed."""
     steps: Steps = field(default_factory=Steps)
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)

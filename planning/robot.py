@@ -145,7 +145,8 @@ class PlanningRobot:
         Args:
             state: Positions of all driven joints.
             scene: Objects and pairs that may touch.
-            group: Group whose joints are checked for limits; all driven joints if empty.
+            group: Group whose joints are checked for limits, and whose links and attached objects are checked for
+                contacts; the whole robot if empty.
 
         Raises:
             PlanningError: The group does not exist, or the scene has an error.
@@ -154,9 +155,16 @@ class PlanningRobot:
         joints = self.groups.group(group).joints if group else arm.joints
         positions = np.array([state[joint] for joint in arm.joints])
         collisions = Collisions(arm, scene)
-        touches = tuple(Touch(*pair, distance_m) for distance_m, pair in collisions.nearer(positions, CONTACT_M))
+        near = collisions.nearer(positions, CONTACT_M)
+        moved = self._moved_by(joints, scene) if group else None
+        touches = tuple(Touch(*pair, one) for one, pair in near if moved is None or not moved.isdisjoint(pair))
         outside = next((text for joint in joints if (text := self._outside(joint, state[joint]))), "")
         return Validity(touches, outside, collisions.clearance(positions).distance_m)
+
+    def _moved_by(self, joints: Iterable[str], scene: Scene) -> frozenset[str]:
+        """Return the links that joints move, and the objects that are attached to these links."""
+        links = {link for name in joints for link in self.carried_links(self.description.joints[name].child)}
+        return frozenset(links | {name for name, held in scene.attached.items() if held.link in links})
 
     def _outside(self, joint: str, position: float) -> str:
         limit = self.limits[joint]

@@ -8,9 +8,9 @@ from std_msgs.msg import Header
 
 from nodes.planning.conversion.allowed import AllowedCollisions
 from nodes.planning.conversion.frames import Frames, link_point
-from nodes.planning.conversion.poses import pose_message, pose_of
+from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
 from nodes.planning.conversion.semantic import robot_name
-from nodes.planning.conversion.shapes import centered, copied, has_shapes, shapes_of
+from nodes.planning.conversion.shapes import centered, copied, has_shapes, joined, shapes_of, with_shape_poses
 from nodes.planning.errors import RequestError
 from nodes.planning.world import World
 from planning.motion import State
@@ -129,28 +129,27 @@ class WorldEdit:
         self.world = replace(self.world, scene=scene, items=items)
 
     def _move(self, message: CollisionObject) -> None:
-        if has_shapes(message):
-            raise RequestError(
-                "INVALID_OBJECT_NAME", f'MOVE of object "{message.id}" has shapes: use ADD to replace them'
-            )
+        """Move an object and, if the message has poses of its shapes, the shapes within the object. As in MoveIt,
+        shapes in the message are ignored."""
         if message.id not in self.world.scene.objects:
             raise RequestError(
                 "INVALID_OBJECT_NAME",
                 f'there is no object "{message.id}" to move: {_known(self.world.scene.objects)}',
             )
         pose = self._frames().in_scene(message.header.frame_id) @ pose_of(message.pose)
-        self._put(self.world.items[message.id], pose)
+        self._put(with_shape_poses(self.world.items[message.id], message), pose)
 
     def _append(self, message: CollisionObject) -> None:
         """Add shapes to an object. The object moves to the pose of the message, as in MoveIt."""
-        own, old = centered(message), copied(self.world.items[message.id])
-        for field in ("primitives", "primitive_poses", "meshes", "mesh_poses", "planes", "plane_poses"):
-            getattr(old, field).extend(getattr(own, field))
-        self._put(old, self._frames().in_scene(own.header.frame_id) @ pose_of(own.pose))
+        own = centered(message)
+        pose = self._frames().in_scene(own.header.frame_id) @ pose_of(own.pose)
+        self._put(joined(self.world.items[message.id], own), pose)
 
     def _change_attached(self, message: AttachedCollisionObject) -> None:
         if message.object.operation == CollisionObject.REMOVE:
             self._detach(message)
+        elif message.object.operation == CollisionObject.APPEND and message.object.id in self.world.scene.attached:
+            self._append_attached(message)
         elif message.object.operation in (CollisionObject.ADD, CollisionObject.APPEND):
             self._attach(message)
         else:
@@ -180,17 +179,37 @@ class WorldEdit:
                 "INVALID_OBJECT_NAME",
                 f'there is no object "{item.id}" to attach: send its shapes; {_known(self.world.items)}',
             )
-        own = frames.in_scene(link).inverse() @ pose
+        self._hold(item, link, frames.in_scene(link).inverse() @ pose, message.touch_links)
+
+    def _append_attached(self, message: AttachedCollisionObject) -> None:
+        """Add shapes and touch links to an attached object. As in MoveIt, the object keeps its pose if the message has
+        no pose."""
+        item, frames, held = message.object, self._frames(), self.world.scene.attached[message.object.id]
+        pose = held.item.pose
+        if not is_identity(item.pose):
+            pose = frames.in_scene(held.link).inverse() @ frames.in_scene(item.header.frame_id) @ pose_of(item.pose)
+        self._hold(joined(self.world.items[item.id], item), held.link, pose, held.touch_links | {*message.touch_links})
+
+    def _hold(self, item: CollisionObject, link: str, pose: Pose, touch_links: Iterable[str]) -> None:
+        """Attach an object at a pose relative to a link."""
         shapes = shapes_of(item)
         self._check_subframes(item)
-        scene = self.world.scene.attach(SceneObject(item.id, shapes, own), link, message.touch_links)
-        self.world = replace(self.world, scene=scene, items={**self.world.items, item.id: self._kept(item, link, own)})
+        scene = self.world.scene.attach(SceneObject(item.id, shapes, pose), link, touch_links)
+        self.world = replace(self.world, scene=scene, items={**self.world.items, item.id: self._kept(item, link, pose)})
 
     def _detach(self, message: AttachedCollisionObject) -> None:
         attached, name = self.world.scene.attached, message.object.id
-        own = [name] if name else [key for key, held in attached.items() if message.link_name in ("", held.link)]
+        point = link_point(self._robot, message.link_name)
+        link = point.link if point else message.link_name
+        own = [name] if name else [key for key, held in attached.items() if link in ("", held.link)]
         if name and name not in attached:
-            raise RequestError("INVALID_OBJECT_NAME", f'"{name}" is not attached; attached objects: {_known(attached)}')
+            known = ", ".join(attached) or "none"
+            raise RequestError("INVALID_OBJECT_NAME", f'"{name}" is not attached; attached objects: {known}')
+        if name and link not in ("", attached[name].link):
+            raise RequestError(
+                "INVALID_LINK_NAME",
+                f'"{name}" is attached to {attached[name].link}, not to {message.link_name}: leave out the link',
+            )
         for one in own:
             self._put(self.world.items[one], self._frames().in_scene(one))
 

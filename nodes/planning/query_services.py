@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
-from moveit_msgs.msg import ConstraintEvalResult, Constraints, PlannerInterfaceDescription, PlannerParams
+from moveit_msgs.msg import ConstraintEvalResult, PlannerInterfaceDescription, PlannerParams
 from moveit_msgs.srv import (
     ApplyPlanningScene,
     GetCartesianPath,
@@ -128,17 +128,18 @@ class QueryServices:
     async def _validity(self, request: Any, response: Any) -> Any:
         try:
             now = await self._now(request.robot_state.joint_state.name)
-            found, broken, world = await self._workers.compute(partial(self._requests.validity, request, now))
+            found, results, world = await self._workers.compute(partial(self._requests.validity, request, now))
         except REFUSALS as error:
             self._refused("check_state_validity", error)
             return response
         except Exception as error:  # After an error, the server must remain available to the other clients.
             crash(self._log, error)
             return response
-        response.valid = found.is_valid and not broken
+        response.valid = found.is_valid and not any(one.text for one in results)
         response.contacts = self._requests.contacts(found, world)
-        if request.constraints != Constraints():
-            response.constraint_result = [ConstraintEvalResult(result=not broken)]
+        response.constraint_result = [
+            ConstraintEvalResult(result=not one.text, distance=one.distance) for one in results
+        ]
         return response
 
     def _scene(self, request: Any, response: Any) -> Any:

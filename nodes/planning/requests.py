@@ -4,6 +4,7 @@ communicates over ROS."""
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Final
 
 from geometry_msgs.msg import PoseStamped
@@ -12,6 +13,7 @@ from moveit_msgs.srv import GetCartesianPath, GetPositionFK, GetStateValidity
 from std_msgs.msg import Header
 
 from nodes.planning.conversion.constraints import ConstraintReader
+from nodes.planning.conversion.evaluation import ConstraintChecks, Evaluation
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_message, tool_pose
 from nodes.planning.errors import RequestError
@@ -19,10 +21,13 @@ from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
 from nodes.planning.world import World
 from planning.collision import Margins
+from planning.constraints import PathConstraints
 from planning.group_planner import GroupPlanner
 from planning.kinematics.cartesian import Steps
+from planning.kinematics.goals import CollidingError
 from planning.motion import LineMotion, LineRequest, Motion, MotionRequest, Scaling, State, Validity
 from planning.robot import PlanningRobot
+from planning.scene import Pose
 
 PIPELINE: Final = "ompl"
 """Name of the only planning pipeline."""
@@ -113,15 +118,23 @@ class Requests:
         reader = self._reader(group, seed, world)
         goal = reader.pose_goal(stamped, link, IK_POSITION_M, IK_TURN_RAD)
         scene = world.scene if request.avoid_collisions else None
-        found = group.inverse(goal, seed, scene, _margins(world))
-        if text := group.broken_constraint(reader.path(request.constraints), found):
-            raise RequestError("NO_IK_SOLUTION", f"{text}: widen the constraint or move the pose")
-        return found
+        checks, broken = ConstraintChecks(self.robot, reader, request.constraints), list[str]()
+
+        def accepts(state: State) -> bool:
+            broken.append(checks.broken(state, self._frames(state, world)))
+            return not broken[-1]
+
+        try:
+            group = group.narrowed(PathConstraints(reader.path(request.constraints).joints))
+            return group.inverse(goal, seed, scene, _margins(world), accepts)
+        except CollidingError as error:
+            text = next((f"{text}: widen the constraint or move the pose" for text in broken if text), str(error))
+            raise RequestError("NO_IK_SOLUTION", text) from None
 
     def forward(self, request: GetPositionFK.Request, now: Snapshot) -> list[PoseStamped]:
         """Return the poses of links in the frame given in the header. Raises RequestError or PlanningError."""
         state, world = self._placed(request.robot_state, now)
-        frames = Frames(self.robot, state, world.scene, world.items)
+        frames = self._frames(state, world)
         base = frames.in_base(request.header.frame_id).inverse()
         if not request.fk_link_names:
             raise RequestError("INVALID_LINK_NAME", f"the request names no link: choose from {self._links()}")
@@ -140,17 +153,16 @@ class Requests:
         group = self.robot.group(request.group_name)
         start, world = self._placed(request.start_state, now)
         reader = self._reader(group, start, world)
-        frame = Frames(self.robot, start, world.scene, world.items).in_base(request.header.frame_id)
         if not request.waypoints:
             raise RequestError("INVALID_GOAL_CONSTRAINTS", "the path has no waypoints: send at least one pose")
-        poses = [frame @ reader.goal_pose(pose) for pose in request.waypoints]
-        link, poses = reader.planned_link(request.link_name or None, poses)
+        link, offset = reader.planned_frame(request.link_name or None)
         found = group.straight(
             LineRequest(
                 start=start,
-                waypoints=[tool_pose(pose) for pose in poses],
+                waypoints=[tool_pose(pose) for pose in self._waypoints(request, group, start, world)],
                 scene=world.scene,
                 link=link,
+                offset=offset,
                 steps=_steps(request),
                 scaling=_scaling(request.max_velocity_scaling_factor, request.max_acceleration_scaling_factor),
                 margins=_margins(world),
@@ -163,13 +175,26 @@ class Requests:
         limited = request.cartesian_speed_limited_link
         return start, replace(found, motion=slowed(group, found.motion, limited, request.max_cartesian_speed))
 
-    def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, str, World]:
-        """Return the result of a state check, the first violated constraint and the scene. Raises RequestError."""
+    def _waypoints(
+        self, request: GetCartesianPath.Request, group: GroupPlanner, start: State, world: World
+    ) -> list[Pose]:
+        """Return the poses of a straight path in the planning frame. As in MoveIt, each waypoint in the frame of the
+        link that moves is relative to the waypoint before it. Raises RequestError or PlanningError."""
+        frames, reader = self._frames(start, world), self._reader(group, start, world)
+        name = request.header.frame_id.removeprefix("/")
+        frame = frames.in_base(name)
+        poses = [reader.goal_pose(pose) for pose in request.waypoints]
+        if name and name == (request.link_name or group.group.tip):
+            return list(accumulate(poses, Pose.__matmul__, initial=frame))[1:]
+        return [frame @ pose for pose in poses]
+
+    def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, list[Evaluation], World]:
+        """Return the result of a state check, the result for each constraint, and the scene. Raises RequestError."""
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
         group = self.robot.group(request.group_name or next(iter(self.robot.groups.groups)))
-        path = self._reader(group, state, world).path(request.constraints)
-        return found, group.broken_constraint(path, state), world
+        checks = ConstraintChecks(self.robot, self._reader(group, state, world), request.constraints)
+        return found, checks.results(state, self._frames(state, world)), world
 
     def contacts(self, found: Validity, world: World) -> list[ContactInformation]:
         """Return the messages of the pairs in contact."""
@@ -196,7 +221,10 @@ class Requests:
         return state, world_of(self.robot, message, now.world, state)
 
     def _reader(self, group: GroupPlanner, state: State, world: World) -> ConstraintReader:
-        return ConstraintReader(self.robot, Frames(self.robot, state, world.scene, world.items), group.group.tip)
+        return ConstraintReader(self.robot, self._frames(state, world), group.group.tip)
+
+    def _frames(self, state: State, world: World) -> Frames:
+        return Frames(self.robot, state, world.scene, world.items)
 
     def _links(self) -> str:
         return ", ".join(self.robot.description.links)
@@ -204,7 +232,7 @@ class Requests:
 
 def _steps(request: GetCartesianPath.Request) -> Steps:
     if not 0.0 < request.max_step < math.inf:
-        raise RequestError("INVALID_GOAL_CONSTRAINTS", f"max_step is {request.max_step} m: send a number above 0")
+        raise RequestError("FAILURE", f"max_step is {request.max_step} m: send a number above 0")
     given = (request.jump_threshold, request.prismatic_jump_threshold, request.revolute_jump_threshold)
     if any(math.isnan(value) for value in given):
         raise RequestError("INVALID_GOAL_CONSTRAINTS", "a jump threshold is nan: send 0 for no limit")

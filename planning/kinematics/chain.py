@@ -87,10 +87,15 @@ class Chain:
         self._along = (self._generators[0] + self._generators[2])[:, :3, 3]
         self._axes = axes * self.turns[self._order, None]
 
-    def at_point(self, offset_m: Sequence[float]) -> "Chain":
-        """Return a chain whose tool frame is moved by an offset (3,) along the axes of the tool, in m."""
+    def at_frame(self, matrix: FloatArray, position_m: FloatArray) -> "Chain":
+        """Return a chain to a frame that is fixed to the tool.
+
+        Args:
+            matrix: Orientation of the frame relative to the tool (3, 3).
+            position_m: Position of the frame relative to the tool (3,), in m.
+        """
         moved = copy(self)
-        moved._rest = self._rest @ _transform(np.eye(3), np.array(offset_m, dtype=float))
+        moved._rest = self._rest @ _transform(matrix, position_m)
         return moved
 
     def checked(self, positions: FloatArray) -> FloatArray:

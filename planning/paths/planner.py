@@ -20,6 +20,8 @@ SEARCHES: Final = 2
 """Maximum number of searches. A single search may pass an obstacle on the wrong side."""
 POSES: Final = 500
 """Number of checked poses after which no further search begins, so that a hard problem is searched only once."""
+LEAST_M: Final = 2e-4
+"""Padding of the path of a single joint below which it is not reduced further, in m."""
 
 
 class Plan(NamedTuple):
@@ -52,6 +54,8 @@ def plan_path(
         PlanningError: The start or the goals are invalid, or no path was found in time.
     """
     request = checked(arm, collisions, request)
+    if len(request.start) == 1 and np.isfinite([arm.lower, arm.upper]).all():
+        return _single(collisions, request)
     ends = _released(arm, collisions, request)
     if ends is None:
         request = reduced(collisions, request)
@@ -63,6 +67,27 @@ def plan_path(
     return Plan(
         distinct(np.array([start.end, *points, goal.end])), PathMargins(request.margins, start.near + goal.near)
     )
+
+
+def _single(collisions: Collisions, request: PathRequest) -> Plan:
+    """Return the only path of a single joint, with margins as large as possible.
+
+    Jaws often pass a link of their own hand more closely than the padding.
+    """
+    margins = request.margins
+    while True:
+        contacts = [collisions.edge_contact(request.start, goal, margins) for goal in request.goals]
+        for goal, contact in zip(request.goals, contacts, strict=True):
+            if contact is None:
+                return Plan(np.array([request.start, goal]), PathMargins(margins))
+        if margins.padding_m < LEAST_M and contacts[0] is not None:
+            one, other = contacts[0].pair
+            raise PlanningError(
+                "PLANNING_FAILED",
+                f"on the only path to the goal, {one} comes too near to {other}: move them apart, or allow them to "
+                "touch",
+            )
+        margins = margins.within(margins.padding_m / 2.0)
 
 
 def _released(arm: ArmModel, collisions: Collisions, request: PathRequest) -> tuple[Release, list[Release]] | None:

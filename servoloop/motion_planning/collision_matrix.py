@@ -19,6 +19,8 @@ SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
 """Share of poses with contact above which a pair of links touches by design, as in MoveIt's setup assistant."""
+OFTEN: Final = 0.05
+"""Share of poses above which a pair of links that never touches is near by design."""
 
 Pair = tuple[str, str]
 
@@ -82,13 +84,18 @@ class LinkModel:
 
     def touching(self, pose: FloatArray) -> set[Pair]:
         """Return the pairs of links that overlap in a pose, without adjacent links."""
+        return self.nearer(pose, 0.0)
+
+    def nearer(self, pose: FloatArray, below_m: float) -> set[Pair]:
+        """Return the pairs of links that are closer than a distance in m, without adjacent links."""
         self.place(pose)
+        self.model.geom_margin[:] = below_m
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
         pairs = set()
-        for one, other in self.data.contact.geom:
-            bodies = (self.model.body(self.model.geom_bodyid[geom]).name for geom in (one, other))
-            pairs.add(pair(*bodies))
+        for geoms in self.data.contact.geom[self.data.contact.dist <= below_m]:
+            one, other = (self.model.body(self.model.geom_bodyid[geom]).name for geom in geoms)
+            pairs.add(pair(one, other))
         return pairs - self.adjacent
 
     def meeting(self) -> set[Pair]:
@@ -133,6 +140,18 @@ def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair,
 
     found = {links: reason(links) for links in itertools.combinations(arm.links, 2)}
     return {links: why for links, why in found.items() if why is not None}
+
+
+def near_by_design(scene: Path, below_m: float, samples: int, seed: int) -> set[Pair]:
+    """Return the pairs of links that are often closer than a distance in m, but touch in no random pose.
+
+    Such a pair has a narrow gap by design, such as a jaw and the wrist that it passes.
+    """
+    arm, random = LinkModel(scene), np.random.default_rng(seed)
+    poses = [arm.random_pose(random) for _ in range(samples)]
+    near = Counter(itertools.chain.from_iterable(arm.nearer(pose, below_m) for pose in poses))
+    often = {links for links, number in near.items() if number > OFTEN * samples}
+    return often.difference(*(arm.touching(pose) for pose in poses)) if often else set()
 
 
 def lines(found: dict[Pair, str]) -> list[str]:

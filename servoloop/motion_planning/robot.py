@@ -7,12 +7,13 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.parameters import TrajectoryParameters
 from hal.errors import ArmFileError
 from planning.arm_model import ArmModel
+from planning.collision import PADDING_M
 from planning.errors import PlanningError
 from planning.groups import Group, Groups, States, derive_groups
 from planning.robot import PlanningRobot
 from planning.srdf_file import read_pairs, read_srdf
 from servoloop.manual.poses import Poses
-from servoloop.motion_planning.collision_matrix import reasons
+from servoloop.motion_planning.collision_matrix import near_by_design, reasons
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import CONFIG, Files
@@ -21,7 +22,7 @@ from sim_backend.scene.scene_file import scene_spec
 NEVER: Final = "Never"
 """Reason for pairs that touched in no random pose.
 
-Such pairs are still checked, because they may touch in other poses.
+Such pairs are still checked, because they may touch in other poses, unless they are near by design.
 """
 POSES: Final = 500
 """Number of random poses with which to find the links that always touch."""
@@ -47,7 +48,8 @@ def planning_robot(files: Files) -> PlanningRobot:
         groups, pairs = read_srdf(srdf, files.description), read_pairs(srdf)
     else:
         groups, pairs = _derived(files, model), reasons(files.scene, POSES, SEED)
-    touching = [links for links, why in pairs.items() if why != NEVER]
+    near = near_by_design(files.scene, PADDING_M, POSES, SEED)
+    touching = [links for links, why in pairs.items() if why != NEVER or links in near]
     return PlanningRobot(model, files.description, files.limits, groups, touching)
 
 

@@ -12,7 +12,7 @@ from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
 from planning.paths.smoothing import path_length
 from planning.paths.timing import TimedPath, timed
-from planning.scene import Box, Pose, Scene, SceneObject
+from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar, robot_arm, so101
 
 
@@ -79,3 +79,29 @@ def test_a_start_near_an_obstacle_reduces_the_margins_only_near_the_start():
     rest = [pose for pose in motion.positions if np.linalg.norm(pose) > near.radius]
     assert min(collisions.clearance(pose).distance_m for pose in rest) >= 0.02 - 1.5 * 0.002 - 1e-5
     assert min(collisions.clearance(pose).distance_m for pose in motion.positions) > 0.0
+
+
+def narrow(gap_m: float) -> Scene:
+    """Return a scene with a ball above the path of the upper link, at a distance."""
+    ball = SceneObject("ball", ((Sphere(0.05), Pose()),), Pose(np.array([0.25, 0.0, 0.15 + 0.03 + 0.05 + gap_m])))
+    return Scene(objects={"ball": ball})
+
+
+def test_a_single_joint_passes_an_object_with_the_clearance_that_is_there():
+    arm = planar("one")
+    request = PathRequest(np.array([-0.6]), (np.array([0.6]),))
+    collisions = Collisions(arm, narrow(1e-3))
+    plan = plan_path(arm, collisions, request, lambda: 1.0)
+    path = timed(plan.points, arm.limits, collisions, plan.margins)
+    assert (path.positions[0].tolist(), path.positions[-1].tolist()) == ([-0.6], [0.6])
+    assert min(collisions.clearance(one).distance_m for one in path.positions) > 0.4e-3
+
+
+def test_a_single_joint_that_cannot_pass_an_object_names_it_at_once():
+    arm = planar("one")
+    request = PathRequest(np.array([-0.6]), (np.array([0.6]),))
+    with pytest.raises(
+        PlanningError, match="on the only path to the goal, upper comes too near to ball: move them apart"
+    ) as caught:
+        plan_path(arm, Collisions(arm, narrow(-1e-3)), request, lambda: 60.0)
+    assert caught.value.code == "PLANNING_FAILED"

@@ -59,7 +59,7 @@ def test_a_point_of_a_link_is_brought_to_a_position() -> None:
     pose = ROBOT.link_poses(["gripper_base_link"], READY)["gripper_base_link"]
     target = pose @ Pose(np.array([0.0, 0.03, 0.04]))
     goal = PoseGoal(ToolPose(target.position_m, np.array([0.0, 0, 0, 1])), PositionSphere(0.002), (4.0, 4.0, 4.0))
-    end = ROBOT.group("arm").inverse(ToolGoal(goal, None, offset_m), READY, SCENE)
+    end = ROBOT.group("arm").inverse(ToolGoal(goal, None, Pose(np.array(offset_m))), READY, SCENE)
     reached = ROBOT.link_poses(["gripper_base_link"], end)["gripper_base_link"] @ Pose(np.array(offset_m))
     assert np.linalg.norm(reached.position_m - target.position_m) <= 0.002
 

@@ -53,11 +53,9 @@ class AllowedCollisions:
 
     def touching(self, names: Iterable[str]) -> frozenset[Pair]:
         """Return all pairs of these names that may touch."""
-        return frozenset(pair(*one) for one in combinations(sorted(set(names)), 2) if self._may_touch(*one))
-
-    def _may_touch(self, one: str, other: str) -> bool:
-        own = self.pairs.get(pair(one, other))
-        if own is not None:
-            return own
-        found = [self.defaults[name] for name in (one, other) if name in self.defaults]
-        return bool(found) and all(found)
+        known = set(names)
+        loose = [name for name, may_touch in self.defaults.items() if may_touch and name in known]
+        strict = {name for name, may_touch in self.defaults.items() if not may_touch}
+        by_default = {pair(one, other) for one in loose for other in known - strict - {one}}
+        own = {one for one, may_touch in self.pairs.items() if may_touch and known.issuperset(one)}
+        return frozenset(own | (by_default - self.pairs.keys()))

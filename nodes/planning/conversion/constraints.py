@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from moveit_msgs.msg import BoundingVolume, Constraints, JointConstraint, OrientationConstraint, PositionConstraint
 from shape_msgs.msg import SolidPrimitive
 
-from nodes.planning.conversion.frames import Frames, link_point
+from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_of, quaternion_of, tool_pose, vector_of
 from nodes.planning.errors import RequestError
 from planning.constraints import LinkRegion, PathConstraints
@@ -40,7 +40,8 @@ class ConstraintReader:
     def __init__(self, robot: PlanningRobot, frames: Frames, tip: str | None) -> None:
         self._robot = robot
         self._frames = frames
-        self._tip = tip
+        self.tip = tip
+        """Tip of the group, for which constraints without a link are meant."""
 
     def goals(self, message: Constraints) -> list[Goal]:
         """Return goals, each of which satisfies the constraints.
@@ -65,36 +66,40 @@ class ConstraintReader:
             goals = [self._tool_goal(region, position, None) for region in self._position_regions(position)]
             if len(goals) > 1:
                 raise _invalid("a path constraint has a region with several shapes: send only one shape")
-            regions += [LinkRegion(goal.goal, goal.link, goal.offset_m) for goal in goals]
+            regions += [LinkRegion(goal.goal, goal.link, goal.offset) for goal in goals]
         for orientation in message.orientation_constraints:
             goal = self._tool_goal(_anywhere(), None, orientation)
-            regions.append(LinkRegion(goal.goal, goal.link, goal.offset_m))
+            regions.append(LinkRegion(goal.goal, goal.link, goal.offset))
         return PathConstraints(ranges, regions)
 
     def pose_goal(self, message: PoseStamped, link: str, position_m: float, turn_rad: float) -> ToolGoal:
         """Return the goal that moves a link to a pose within tolerances. Raises RequestError or PlanningError."""
         pose = self._frames.in_base(message.header.frame_id) @ self.goal_pose(message.pose)
-        name, (placed,) = self.planned_link(link or None, [pose])
-        return ToolGoal(PoseGoal(tool_pose(placed), PositionSphere(position_m), (turn_rad,) * 3), name)
+        return ToolGoal(
+            PoseGoal(tool_pose(pose), PositionSphere(position_m), (turn_rad,) * 3), *self.planned_frame(link or None)
+        )
 
     def goal_pose(self, message: PoseMessage) -> Pose:
         """Return the pose of a goal. Raises RequestError if the pose is not finite or its quaternion is not of length
         1."""
         return _goal_pose(message)
 
-    def planned_link(self, name: str | None, poses: Sequence[Pose]) -> tuple[str | None, list[Pose]]:
-        """Return the link to plan for, and the poses of this link that bring a link of the URDF to given poses.
+    def planned_frame(self, name: str | None) -> tuple[str | None, Pose]:
+        """Return the link to plan for, and the pose of a frame relative to this link.
+
+        Args:
+            name: A link, an attached object or a subframe of an attached object; None means the tip of the group.
 
         Raises:
-            RequestError: The link does not exist.
+            RequestError: The frame does not exist.
         """
-        point = link_point(self._robot, name) if name is not None else None
-        if point is not None:  # A frame that is fixed to the link for which the planner plans.
-            return point.link, [pose @ point.pose.inverse() for pose in poses]
-        if name is not None and name not in self._robot.links:
-            known = ", ".join(self._robot.links)
+        if name is None or name in self._robot.links:
+            return name, Pose()
+        point = self._frames.point(name)
+        if point is None:
+            known = ", ".join((*self._robot.links, *self._frames.held))
             raise RequestError("INVALID_LINK_NAME", f'there is no link "{name}": choose one of {known}')
-        return name, list(poses)
+        return point.link, point.pose
 
     def _joints(
         self, constraints: Sequence[JointConstraint]
@@ -134,19 +139,15 @@ class ConstraintReader:
         names = {one.link_name for one in (position, orientation) if one is not None and one.link_name}
         if len(names) > 1:
             raise _invalid(f"a goal has poses of {' and '.join(sorted(names))}: send the pose of one link")
-        name = next(iter(names), self._tip)
+        name = next(iter(names), self.tip)
         offset_m = vector_of(position.target_point_offset) if position is not None else (0.0, 0.0, 0.0)
         if not all(map(math.isfinite, offset_m)):
             raise _invalid(f"the offset {offset_m} of a position is not finite: send numbers")
         turned, tolerance_rad, angles = self._orientation(orientation)
         center, volume = region
-        point = link_point(self._robot, name) if name is not None else None
-        if point is not None:
-            x, y, z = (point.pose @ Pose(np.array(offset_m))).position_m.tolist()
-            offset_m = (x, y, z)
-        name, (turned,) = self.planned_link(name, [turned])
+        link, frame = self.planned_frame(name)
         target = tool_pose(Pose(center.position_m, turned.matrix))
-        return ToolGoal(PoseGoal(target, volume, tolerance_rad, angles), name, offset_m)
+        return ToolGoal(PoseGoal(target, volume, tolerance_rad, angles), link, frame @ Pose(np.array(offset_m)))
 
     def _orientation(self, message: OrientationConstraint | None) -> tuple[Pose, tuple[float, float, float], Angles]:
         """Return the orientation in the planning frame, its tolerances in rad and the meaning of their angles."""

@@ -17,7 +17,7 @@ from planning.scene import Pose, Scene
 
 @dataclass(frozen=True, slots=True)
 class LinkPoint:
-    """A link of the URDF, as a frame that is fixed to a link of the planning model."""
+    """A frame that is fixed to a link of the planning model."""
 
     link: str
     pose: Pose
@@ -40,6 +40,11 @@ class Frames:
         self._scene = scene
         self._items = items or {}
 
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the attached objects."""
+        return tuple(self._scene.attached)
+
     def in_scene(self, name: str) -> Pose:
         """Return the pose of a frame in the world of the scene. An empty name means the planning frame.
 
@@ -47,15 +52,34 @@ class Frames:
             RequestError: The frame does not exist. The message lists the existing frames.
         """
         name = name.removeprefix("/")
-        owner, slash, subframe = name.partition("/")
-        if slash and subframe in (names := list(getattr(self._items.get(owner), "subframe_names", ()))):
-            return self._known(owner) @ pose_of(self._items[owner].subframe_poses[names.index(subframe)])
-        point = link_point(self._robot, name)
-        return self._known(name) if point is None else self._known(point.link) @ point.pose
+        point = self.point(name)
+        if point is not None:
+            return self._known(point.link) @ point.pose
+        owner, subframe = self._subframe(name)
+        return self._known(owner) @ subframe
 
     def in_base(self, name: str) -> Pose:
         """Return the pose of a frame in the planning frame. Raises RequestError."""
         return self._robot.origin.inverse() @ self.in_scene(name)
+
+    def point(self, name: str) -> LinkPoint | None:
+        """Return a frame as a frame of the link with which it moves; None for links and for frames of the world.
+
+        The frame is a link that exists only in the URDF, an attached object or a subframe of such an object.
+        """
+        if (point := link_point(self._robot, name)) is not None:
+            return point
+        owner, subframe = self._subframe(name)
+        held = self._scene.attached.get(owner)
+        return LinkPoint(held.link, held.item.pose @ subframe) if held is not None else None
+
+    def _subframe(self, name: str) -> tuple[str, Pose]:
+        """Return the object of a subframe, and the pose of the subframe in this object. Other names do not change."""
+        owner, slash, subframe = name.partition("/")
+        names = list(getattr(self._items.get(owner), "subframe_names", ()))
+        if not slash or subframe not in names:
+            return name, Pose()
+        return owner, pose_of(self._items[owner].subframe_poses[names.index(subframe)])
 
     def _known(self, name: str) -> Pose:
         if (

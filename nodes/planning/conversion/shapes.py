@@ -20,6 +20,9 @@ PLANE_M: Final = 20.0
 PLANE_DEPTH_M: Final = 0.1
 """Depth of this box below the plane, in m."""
 
+_LISTS: Final = (("primitives", "primitive_poses"), ("meshes", "mesh_poses"), ("planes", "plane_poses"))
+"""Fields of a collision object with its shapes, and with their poses."""
+
 Shapes = tuple[tuple[Shape, Pose], ...]
 """Shapes with their poses in the frame of the object."""
 
@@ -74,6 +77,42 @@ def copied(item: CollisionObject) -> CollisionObject:
     )
 
 
+def joined(item: CollisionObject, added: CollisionObject) -> CollisionObject:
+    """Return a copy of an object that also has the shapes and subframes of another one."""
+    changed = copied(item)
+    for shapes, poses in _LISTS:
+        missing = len(getattr(item, shapes)) - len(getattr(item, poses))
+        getattr(changed, poses).extend([*(PoseMessage() for _ in range(missing)), *getattr(added, poses)])
+        getattr(changed, shapes).extend(getattr(added, shapes))
+    subframes = dict(zip(item.subframe_names, item.subframe_poses, strict=False))
+    subframes |= dict(zip(added.subframe_names, added.subframe_poses, strict=False))
+    changed.subframe_names, changed.subframe_poses = list(subframes), list(subframes.values())
+    return changed
+
+
+def with_shape_poses(item: CollisionObject, message: CollisionObject) -> CollisionObject:
+    """Return an object with the poses of shapes in a message. A message without such poses does not change them.
+
+    Raises:
+        RequestError: The number of poses differs from the number of shapes.
+    """
+    poses = [pose for _, field in _LISTS for pose in getattr(message, field)]
+    if not poses:
+        return item
+    changed = copied(item)
+    count = sum(len(getattr(item, shapes)) for shapes, _ in _LISTS)
+    if len(poses) != count:
+        raise _invalid(
+            f'MOVE of object "{item.id}" has {len(poses)} poses of shapes, but the object has {count} shapes: '
+            "give as many, or none"
+        )
+    for shapes, field in _LISTS:
+        own = len(getattr(item, shapes))
+        setattr(changed, field, poses[:own])
+        poses = poses[own:]
+    return changed
+
+
 def solid(owner: str, message: SolidPrimitive) -> tuple[Shape, Pose]:
     """Return the shape of a solid. Raises RequestError if its type or its number of dimensions is unknown."""
     if message.type not in _SOLIDS:
@@ -104,7 +143,7 @@ def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
     *normal, offset = map(float, message.coef)
     length = math.hypot(*normal)
     if not math.isfinite(length + offset) or length == 0.0:
-        raise _invalid(f'plane of object "{owner}" has the coefficients {list(message.coef)}: give it a normal')
+        raise _invalid(f'plane of object "{owner}" has the coefficients {[*normal, offset]}: give it a normal')
     z = np.array(normal) / length
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x /= np.linalg.norm(x)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Quaternion, Vector3
+from geometry_msgs.msg import PoseStamped, Quaternion, Vector3
 from moveit_msgs.msg import (
     AttachedCollisionObject,
     Constraints,
@@ -13,6 +13,7 @@ from moveit_msgs.msg import (
     MoveItErrorCodes,
     OrientationConstraint,
     PositionConstraint,
+    PositionIKRequest,
     RobotState,
     VisibilityConstraint,
 )
@@ -24,8 +25,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from nodes.planning.conversion.constraints import ConstraintReader
 from nodes.planning.conversion.frames import Frames
+from nodes.planning.conversion.poses import pose_message
 from nodes.planning.conversion.semantic import srdf_text
 from nodes.planning.conversion.trajectories import checked_points, duration, part, timed_path
+from nodes.planning.edits import WorldEdit
 from nodes.planning.errors import REFUSALS, error_code
 from nodes.planning.requests import Requests, Snapshot
 from nodes.planning.states import state_message, state_of, world_of
@@ -108,7 +111,7 @@ def test_each_shape_of_a_region_is_a_goal() -> None:
     goals = reader().goals(Constraints(position_constraints=[message]))
     assert [type(goal.goal.region) for goal in goals] == [PositionSphere, PositionBox]
     assert goals[1].goal.region.size_m == (0.1, 0.2, 0.3)
-    assert goals[1].offset_m == (0.0, 0.0, 0.1)
+    assert goals[1].offset.position_m.tolist() == [0.0, 0.0, 0.1]
 
 
 def test_constraints_of_a_path() -> None:
@@ -244,10 +247,64 @@ def test_the_semantic_description_has_the_groups_of_the_robot(tmp_path) -> None:
 )
 def test_a_state_is_checked_against_constraints(constraints: Constraints, text: str) -> None:
     now = Snapshot(first_world(robot_arm()), READY)
-    found, broken, _ = Requests(robot_arm()).validity(GetStateValidity.Request(constraints=constraints), now)
+    found, results, _ = Requests(robot_arm()).validity(GetStateValidity.Request(constraints=constraints), now)
     assert found.is_valid
+    broken = next((one.text for one in results if one.text), "")
     assert broken.startswith(text)
     assert bool(broken) == bool(text)
+
+
+def test_each_constraint_of_a_state_has_a_result() -> None:
+    constraints = joint("joint2", -0.36, 0.01)
+    constraints.joint_constraints += [*joint("joint1", 0.015, 0.01).joint_constraints]
+    constraints.position_constraints = [position(0.25, 0.2, 0.23, radius=0.1)]
+    constraints.orientation_constraints = [orientation(tolerance=3.2, link_name="hand_left_link")]
+    now = Snapshot(first_world(robot_arm()), READY)
+    request = GetStateValidity.Request(constraints=constraints, group_name="arm")
+    _, results, _ = Requests(robot_arm()).validity(request, now)
+    assert [not one.text for one in results] == [True, False, False, True]
+    assert [one.distance for one in results[:3]] == pytest.approx([0.0043, 0.015, 0.2], abs=2e-3)
+
+
+def test_a_state_of_a_group_is_checked_only_for_contacts_of_the_group() -> None:
+    change = WorldEdit(robot_arm(), first_world(robot_arm()), lambda: READY)
+    place = Frames(robot_arm(), READY, robot_arm().scene).in_base("link3").position_m
+    change.apply_object(box("crate", at(*place)))
+    now = Snapshot(change.world, READY)
+    valid = {
+        group: Requests(robot_arm()).validity(GetStateValidity.Request(group_name=group), now)[0].is_valid
+        for group in ("", "arm", "hand")
+    }
+    assert valid == {"": False, "arm": False, "hand": True}
+
+
+def test_inverse_kinematics_looks_for_a_solution_within_the_constraints() -> None:
+    robot, now = robot_arm(), Snapshot(first_world(robot_arm()), READY)
+    pose = pose_message(Frames(robot, READY, robot.scene).in_base("gripper_base_link"))
+    request = PositionIKRequest(group_name="arm", pose_stamped=PoseStamped(pose=pose))
+    request.constraints = joint("joint2", -1.4, 0.01)
+    assert Requests(robot).inverse(request, now)["joint2"] == pytest.approx(-1.4, abs=0.011)
+    turned = orientation(link_name="link3", tolerance=0.2)
+    bent = Frames(robot, {**READY, "joint2": -0.04, "joint3": -1.37}, robot.scene).in_base("link3")
+    turned.orientation = pose_message(bent).orientation
+    request.constraints = Constraints(orientation_constraints=[turned])
+    assert Requests(robot).inverse(request, now)["joint3"] < -1.0
+    request.constraints.orientation_constraints[0].link_name = "link1"
+    with pytest.raises(REFUSALS, match="link1 is outside its path constraint") as caught:
+        Requests(robot).inverse(request, now)
+    assert error_code(caught.value).val == MoveItErrorCodes.NO_IK_SOLUTION
+
+
+def test_a_pose_in_contact_has_no_inverse_kinematics() -> None:
+    change = WorldEdit(robot_arm(), first_world(robot_arm()), lambda: READY)
+    pose = pose_message(Frames(robot_arm(), READY, robot_arm().scene).in_base("gripper_base_link"))
+    change.apply_object(box("crate", pose))
+    request = PositionIKRequest(group_name="arm", pose_stamped=PoseStamped(pose=pose))
+    Requests(robot_arm()).inverse(request, Snapshot(change.world, READY))
+    request.avoid_collisions = True
+    with pytest.raises(REFUSALS, match="touches crate") as caught:
+        Requests(robot_arm()).inverse(request, Snapshot(change.world, READY))
+    assert error_code(caught.value).val == MoveItErrorCodes.NO_IK_SOLUTION
 
 
 def test_a_slower_tool_takes_longer_along_the_same_path() -> None:

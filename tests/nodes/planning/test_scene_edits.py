@@ -51,6 +51,46 @@ def test_an_object_keeps_its_shape_and_pose_and_can_be_moved_and_removed() -> No
     assert "crate" not in change.world.items
 
 
+def test_a_move_keeps_the_shapes_and_moves_them_within_the_object() -> None:
+    change = edit()
+    change.apply_object(box("crate", at(0.3, 0.1, 0.2)))
+    move = box("crate", at(0.3, 0.1, 0.3), side_m=0.5)
+    move.operation, move.primitive_poses = CollisionObject.MOVE, [at(0.0, 0.0, 0.1)]
+    change.apply_object(move)
+    crate = change.world.scene.objects["crate"]
+    ((shape, own),) = crate.shapes
+    assert shape == Box(0.05, 0.05, 0.05)
+    assert (crate.pose @ own).position_m.tolist() == pytest.approx([0.3, 0.1, 0.4])
+    move.primitive_poses = [Pose(), Pose()]
+    with pytest.raises(REFUSALS, match='MOVE of object "crate" has 2 poses of shapes, but the object has 1 shapes'):
+        change.apply_object(move)
+
+
+def test_shapes_are_appended_to_an_attached_object() -> None:
+    change = edit()
+    held = AttachedCollisionObject(link_name="link5", object=box("crate", at(0.0, 0.0, 0.1), frame="link5"))
+    held.touch_links = ["link4"]
+    change.apply_attached(held)
+    more = AttachedCollisionObject(link_name="link5", object=box("crate", Pose(), 0.02, frame="link5"))
+    more.object.operation, more.object.primitive_poses = CollisionObject.APPEND, [at(0.0, 0.0, 0.05)]
+    more.touch_links = ["gripper_base_link"]
+    change.apply_attached(more)
+    crate = change.world.scene.attached["crate"]
+    assert [shape for shape, _ in crate.item.shapes] == [Box(0.05, 0.05, 0.05), Box(0.02, 0.02, 0.02)]
+    assert crate.item.pose.position_m.tolist() == pytest.approx([0.0, 0.0, 0.1])
+    assert set(crate.touch_links) == {"link4", "gripper_base_link"}
+
+
+def test_an_object_is_detached_only_from_its_link() -> None:
+    change = edit()
+    change.apply_attached(AttachedCollisionObject(link_name="link5", object=box("crate", Pose(), frame="link5")))
+    gone = CollisionObject(id="crate", operation=CollisionObject.REMOVE)
+    with pytest.raises(REFUSALS, match='"crate" is attached to link5, not to link2: leave out the link'):
+        change.apply_attached(AttachedCollisionObject(link_name="link2", object=gone))
+    change.apply_attached(AttachedCollisionObject(object=gone))
+    assert not change.world.scene.attached
+
+
 def test_the_only_shape_of_an_object_without_a_pose_gives_its_pose() -> None:
     item = box("crate", Pose())
     item.primitive_poses = [at(0.3, 0.1, 0.2)]

@@ -1,0 +1,37 @@
+"""Every arm can be planned between its named states, with its hand in each named state."""
+
+from itertools import permutations
+
+import pytest
+
+from planning.motion import JointGoal, MotionRequest
+from planning.robot import PlanningRobot
+from servoloop.api.options import ArmOptions
+from servoloop.motion_planning.robot import planning_robot
+
+
+def robot(arm: str) -> PlanningRobot:
+    return planning_robot(ArmOptions(arm).files())
+
+
+@pytest.mark.parametrize("arm", ["robot_arm", "so100", "so101", "koch"])
+def test_the_arm_moves_between_its_states_with_every_state_of_the_hand(arm: str) -> None:
+    arms = robot(arm)
+    moved, hand = arms.group("arm"), arms.groups.group("hand")
+    for held in hand.states.values():
+        for one, other in permutations(moved.group.states.values(), 2):
+            start = {**arms.rest, **held, **one}
+            goals = (JointGoal(other),)
+            scene = arms.scene.without("cube")
+            end = moved.plan(MotionRequest(start=start, goals=goals, scene=scene, remaining_s=lambda: 5.0)).end
+            assert {joint: end[joint] for joint in other} == pytest.approx(other, abs=1e-6)
+            turned = arms.group("hand")
+            for jaw in hand.states.values():
+                request = MotionRequest(start=start, goals=(JointGoal(jaw),), scene=scene, remaining_s=lambda: 5.0)
+                assert turned.plan(request).end[hand.joints[0]] == pytest.approx(jaw[hand.joints[0]], abs=1e-6)
+
+
+def test_only_pairs_of_links_that_are_near_by_design_are_not_checked() -> None:
+    koch = robot("koch").scene.allowed
+    assert ("moving_side_link", "wrist_link") in koch
+    assert ("base_link", "gripper_link") not in koch
