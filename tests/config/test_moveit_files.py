@@ -212,11 +212,5 @@ def test_a_robot_with_several_arms_has_settings_for_each_group(tmp_path: Path) -
 
 def test_a_robot_with_several_arms_needs_an_srdf(tmp_path: Path) -> None:
     folder = shutil.copytree(ARMS / "bimanual_so101", tmp_path / "two", ignore=shutil.ignore_patterns("*.srdf"))
-<<<<<<< HEAD
     with pytest.raises(ArmFileError, match=r"two has several trajectory controllers, but no SRDF .*: put two\.srdf"):
-=======
-    with pytest.raises(
-        ArmFileError, match=r"two has several trajectory controllers, but no SRDF .*: put two\.srdf"
-    ):
->>>>>>> a6afe655159b3493fb86f66907748e210054fb27
         moveit_files(read_arm(folder))
