@@ -7,8 +7,11 @@ from types import TracebackType
 from typing import Any, Final
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
+from controller.diagnostics import Level, Status
 from nodes.discovery import stay_on_this_machine
 from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
@@ -27,6 +30,9 @@ NEW_CHECKS: Final = 5
 """Checks after the start during which a node counts as new."""
 PATIENT_CHECKS: Final = 6
 """Checks in a row that must discover another node before a node that has run for longer reports it."""
+
+STATUS: Final = "servoloop: other stacks"
+"""Name of the diagnostic status that reports another node with the same name."""
 
 
 class Finding(Enum):
@@ -68,6 +74,41 @@ def nodes_in_graph(node: Node, name: str) -> int:
     """Return the number of nodes with a name in the namespace of ``node``."""
     wanted = (name, node.get_namespace())
     return sum(found == wanted for found in node.get_node_names_and_namespaces())
+
+
+class OtherNodes:
+    """Check once per second whether there is another node with the name of an own one.
+
+    A new stack ends when it discovers another one. An old stack, whose arm may be in motion, only reports it.
+    """
+
+    def __init__(self, node: Node, message: str) -> None:
+        """Begin to check. The braces in ``message`` stand for the full name of the node."""
+        self.must_end = False
+        """Whether this stack must end, because it is the newer one."""
+        self.message = message.format(node.get_fully_qualified_name())
+        self._node = node
+        self._seniority = Seniority()
+        self._reported = False
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # The clock of the node may be simulated.
+        node.create_timer(CHECK_S, self._check, clock=steady)
+
+    def status(self, hardware_id: str) -> Status:
+        """Return the diagnostic status."""
+        level, message = (Level.WARN, self.message) if self._reported else (Level.OK, "none")
+        return Status(level, STATUS, message, hardware_id)
+
+    def require_none(self) -> None:
+        """Raise RosError if this stack must end."""
+        if self.must_end:
+            raise RosError(self.message)
+
+    def _check(self) -> None:
+        finding = self._seniority.check(nodes_in_graph(self._node, self._node.get_name()))
+        self.must_end = self.must_end or finding is Finding.NEWCOMER
+        if finding is Finding.RIVAL and not self._reported:
+            self._node.get_logger().warning(self.message)
+        self._reported = finding is Finding.RIVAL
 
 
 class Search:
