@@ -257,6 +257,17 @@ def sign_left_out_of_velocities(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ServoStates, "update", wrong)
 
 
+@detected_by("motion is true")
+def efforts_are_zero(patch: pytest.MonkeyPatch) -> None:
+    update = ServoStates.update
+
+    def wrong(states: ServoStates, *more: Any) -> JointState:
+        state = update(states, *more)
+        return replace(state, effort=np.zeros_like(state.effort))
+
+    patch.setattr(ServoStates, "update", wrong)
+
+
 @detected_by("health is true")
 def alarms_are_dropped(patch: pytest.MonkeyPatch) -> None:
     receive = Bus.receive
