@@ -20,8 +20,10 @@ from nodes.perception.parameters import Setup, camera_of_parameters, given_camer
 from nodes.pick_place.signals import on_stop_signal
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
 from perception.camera_view import CameraView
+from perception.errors import PerceptionError
 from perception.frames import CameraSource
 from perception.grading.settings import GradingSettings
+from perception.sources.native_log import silence_native_log
 
 NODE_NAME: Final = "apple_camera"
 
@@ -54,6 +56,7 @@ def _run(args: Sequence[str], setup: Setup) -> int:
     with rcl_errors():
         if parser.parse_known_args(remove_ros_args(args)[1:])[0].network:
             open_to_network(os.environ)
+    silence_native_log()
     cv2.setNumThreads(1)  # The other processors are left to the control loop.
     init_rclpy(args)
     executor, stopped = SingleThreadedExecutor(), Future()
@@ -69,7 +72,7 @@ def _run(args: Sequence[str], setup: Setup) -> int:
     try:
         camera = CameraNode(node, setup, MonotonicClock())
         spin_until_done(executor, stopped)
-    except (ValueError, ParameterException, NameValidationException) as error:
+    except (ValueError, ParameterException, NameValidationException, PerceptionError) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
     finally:
