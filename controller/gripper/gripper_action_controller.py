@@ -21,7 +21,7 @@ from controller.gripper.goal import (
     velocity_of,
 )
 from controller.interface import ControllerContext
-from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop, within_reach
+from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to, plan_stop, within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
 from controller.unmeasured import Unmeasured
@@ -64,7 +64,7 @@ class GripperActionController:
         self._active: GripperHandle | None = None
         self.newest_goal: GripperHandle | None = None
         """The latest goal: queued, active or finished."""
-        self._motion: Motion | None = None
+        self._motion: RuckigMotion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
         self._unmeasured = Unmeasured((self.joint,))
@@ -158,7 +158,7 @@ class GripperActionController:
         assert self._motion is not None, "activated before the first update"
         return self._motion.sample(self._elapsed_s + ahead_s)
 
-    def _follow(self, motion: Motion) -> None:
+    def _follow(self, motion: RuckigMotion) -> None:
         self._motion, self._elapsed_s = motion, 0.0
 
     def _stop(self, reference: Kinematics) -> None:

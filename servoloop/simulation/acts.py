@@ -26,7 +26,7 @@ class Move(_Act):
     seconds: Duration = 2.0
 
 
-class Plan(_Act):
+class FollowPlan(_Act):
     """Send a planned trajectory with positions, velocities and accelerations, starting at the current command."""
 
     kind: Literal["plan"] = "plan"
@@ -35,7 +35,7 @@ class Plan(_Act):
     """Share of the velocity limits that the planner uses."""
 
 
-class Waypoints(_Act):
+class FollowWaypoints(_Act):
     """Send a goal with several points without velocities, with the joints in the order of the first point."""
 
     kind: Literal["waypoints"] = "waypoints"
@@ -211,8 +211,8 @@ class SocketDeath(SocketAct):
 
 Act = Annotated[
     Move
-    | Plan
-    | Waypoints
+    | FollowPlan
+    | FollowWaypoints
     | Stream
     | Cancel
     | MoveHand

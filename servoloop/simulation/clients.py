@@ -18,17 +18,17 @@ from hal.types import FloatArray, JointLimits, JointState
 from servoloop.simulation.acts import (
     Act,
     Cancel,
+    FollowPlan,
+    FollowWaypoints,
     Grip,
     GuideArm,
     Jog,
     Move,
     MoveHand,
-    Plan,
     Reactivate,
     SocketAct,
     Stream,
     Switch,
-    Waypoints,
 )
 from servoloop.simulation.grips import GripperClient
 from servoloop.simulation.stack import SimulatedStack
@@ -155,7 +155,7 @@ class SimulatedClients:
     def _move(self, act: Move) -> None:
         self._send(TrajectoryGoal(self._arm.joints, (GoalPoint(self._all(act.positions), act.seconds),)))
 
-    def _plan(self, act: Plan) -> None:
+    def _plan(self, act: FollowPlan) -> None:
         limits = [_scaled(limit, act.scale) for limit in self._limits()]
         here = np.clip(self._here(), [one.lower for one in limits], [one.upper for one in limits])
         motion = motion_to(
@@ -164,7 +164,7 @@ class SimulatedClients:
         times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
         self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
 
-    def _waypoints(self, act: Waypoints) -> None:
+    def _waypoints(self, act: FollowWaypoints) -> None:
         names = tuple(dict.fromkeys((*act.points[0], *self._arm.joints)))
         here, points = dict(zip(self._arm.joints, self._here().tolist(), strict=True)), []
         for number, positions in enumerate(act.points, 1):

@@ -7,9 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
@@ -18,7 +15,7 @@ from nodes.only_one import CHECK_S, NEW_CHECKS, STATUS
 from tests.ros.manager_client import manager_client
 from tests.ros.stack_process import StackProcess, running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 MOCK = ("--hardware", "mock")
 REMEDY = "end the other stack, or choose another --namespace or another ROS_DOMAIN_ID"

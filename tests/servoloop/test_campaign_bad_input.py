@@ -6,7 +6,8 @@ import pytest
 
 from hal.errors import ArmFileError
 from servoloop.campaign import shrink as minimizing
-from servoloop.campaign.campaign import Scenario, ScenarioError, read_scenario, schedule_of
+from servoloop.campaign.campaign import read_scenario, schedule_of
+from servoloop.campaign.scenario import Scenario, ScenarioError
 from servoloop.campaign.shrink import shrink, violated
 from servoloop.simulation.acts import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
