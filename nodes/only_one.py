@@ -6,8 +6,11 @@ from enum import Enum, auto
 from typing import Any, Final
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
+from controller.diagnostics import Level, Status
 from nodes.discovery import stay_on_this_machine
 from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
@@ -19,6 +22,9 @@ DISCOVERY_S: Final = 0.8
 On an idle machine, discovery took 0.1 to 0.7 s, because a program often misses the first answer and waits for the next
 announcement.
 """
+SERVER_DISCOVERY_S: Final = 2.0
+"""This time with a discovery server of Fast DDS, in seconds. With a server on the same machine, discovery took 0.9 to
+1.2 s."""
 POLL_S: Final = 0.02
 CHECK_S: Final = 1.0
 """Period of the search for other nodes while a node runs, in seconds."""
@@ -26,6 +32,9 @@ NEW_CHECKS: Final = 5
 """Checks after the start during which a node counts as new."""
 PATIENT_CHECKS: Final = 6
 """Checks in a row that must discover another node before a node that has run for longer reports it."""
+
+STATUS: Final = "servoloop: other stacks"
+"""Name of the diagnostic status that reports another node with the same name."""
 
 
 class Discovery(Enum):
@@ -69,6 +78,41 @@ def nodes_in_graph(node: Node, name: str) -> int:
     return sum(found == wanted for found in node.get_node_names_and_namespaces())
 
 
+class OtherNodes:
+    """Check once per second whether there is another node with the name of an own one.
+
+    A new stack ends when it discovers another one. An old stack, whose arm may be in motion, only reports it.
+    """
+
+    def __init__(self, node: Node, message: str) -> None:
+        """Begin to check. The braces in ``message`` stand for the full name of the node."""
+        self.must_end = False
+        """Whether this stack must end, because it is the newer one."""
+        self.message = message.format(node.get_fully_qualified_name())
+        self._node = node
+        self._seniority = Seniority()
+        self._reported = False
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # The clock of the node may be simulated.
+        node.create_timer(CHECK_S, self._check, clock=steady)
+
+    def status(self, hardware_id: str) -> Status:
+        """Return the diagnostic status."""
+        level, message = (Level.WARN, self.message) if self._reported else (Level.OK, "none")
+        return Status(level, STATUS, message, hardware_id)
+
+    def require_none(self) -> None:
+        """Raise RosError if this stack must end."""
+        if self.must_end:
+            raise RosError(self.message)
+
+    def _check(self) -> None:
+        finding = self._seniority.check(nodes_in_graph(self._node, self._node.get_name()))
+        self.must_end = self.must_end or finding is Discovery.NEWCOMER
+        if finding is Discovery.RIVAL and not self._reported:
+            self._node.get_logger().warning(self.message)
+        self._reported = finding is Discovery.RIVAL
+
+
 class Search:
     """Search for a node before an own node with the same name is created.
 
@@ -96,10 +140,11 @@ class Search:
                 enable_rosout=False,
                 start_parameter_services=False,
             )
-        self._end_s = time.monotonic() + DISCOVERY_S
+        server = os.environ.get("ROS_DISCOVERY_SERVER")
+        self._end_s = time.monotonic() + (SERVER_DISCOVERY_S if server else DISCOVERY_S)
 
     def finish(self) -> None:
-        """Wait until ``DISCOVERY_S`` has passed since the beginning, and leave the ROS graph.
+        """Wait until the time for discovery has passed since the beginning, and leave the ROS graph.
 
         Raises:
             RosError: There is such a node.

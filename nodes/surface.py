@@ -21,7 +21,6 @@ from nodes.manager.hardware_nodes import HardwareNodes
 from nodes.manager.hardware_services import HardwareServices
 from nodes.manager.pending_requests import PendingRequests
 from nodes.robot_state_publisher import RobotStatePublisher
-from nodes.ros_environment import RosError
 from nodes.ros_process import exit_watchdog, rcl_errors
 from nodes.ros_time import RosTime
 from nodes.simulation_node import SimulationNode
@@ -88,8 +87,7 @@ class Surface:
         """
         others = self._manager.others
         self._serve(lambda: stop() or others.must_end)
-        if others.must_end:
-            raise RosError(others.message)
+        others.require_none()
 
     def finish(self) -> None:
         """Send results and responses to clients after the control loop has ended."""

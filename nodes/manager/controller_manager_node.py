@@ -32,8 +32,9 @@ from hal.lifecycle import LifecycleState
 from hal.plausible import RANGES, range_mistake
 from hal.types import JointState
 from nodes.lifecycle_messages import state_message
-from nodes.manager.other_managers import MANAGER, OtherManagers
+from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.manager.pending_requests import PendingRequests
+from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS, PARAMETER
@@ -59,7 +60,7 @@ class ManagerNode:
         self._manager_client = manager_client
         self._pending = pending
         self._published: object = None
-        self.others = OtherManagers(self.node)
+        self.others = OtherNodes(self.node, OTHER)
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         parameters = stack.factory.file.manager

@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 
 from controller.diagnostics import Status, statuses
 from hal.types import JointState
-from nodes.manager.other_managers import OtherManagers
+from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
@@ -21,7 +21,7 @@ class HardwareNodes:
     """Nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` must be called after each
     cycle."""
 
-    def __init__(self, stack: Stack, ros_time: RosTime, others: OtherManagers) -> None:
+    def __init__(self, stack: Stack, ros_time: RosTime, others: OtherNodes) -> None:
         components = stack.description.components
         self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
         self._stack, self._others = stack, others

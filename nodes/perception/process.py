@@ -16,8 +16,10 @@ from nodes.perception.parameters import Setup, camera_of_parameters, given_camer
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
 from nodes.stop_signals import on_stop_signal
 from perception.camera_view import CameraView
+from perception.errors import PerceptionError
 from perception.frames import CameraSource
 from perception.grading.settings import GradingSettings
+from perception.sources.native_log import silence_native_log
 
 NODE_NAME: Final = "apple_camera"
 
@@ -45,6 +47,7 @@ def run_source(source: CameraSource, view: CameraView, settings: GradingSettings
 def _run(args: Sequence[str], setup: Setup) -> int:
     network = "let programs on other machines receive the pictures"
     read_network_option(args, NODE_NAME, "Grade apples with a camera.", network)
+    silence_native_log()
     cv2.setNumThreads(1)  # The other processors are left to the control loop.
     init_rclpy(args)
     executor, stopped = SingleThreadedExecutor(), Future()
@@ -60,7 +63,7 @@ def _run(args: Sequence[str], setup: Setup) -> int:
     try:
         camera = CameraNode(node, setup, MonotonicClock())
         spin_until_done(executor, stopped)
-    except (ValueError, ParameterException, NameValidationException) as error:
+    except (ValueError, ParameterException, NameValidationException, PerceptionError) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
     finally:

@@ -24,8 +24,10 @@ from nodes.planning.execution import INVALIDATED, Execution
 from nodes.planning.requests import Planned, Requests, Snapshot
 from nodes.planning.states import state_message
 from nodes.planning.workers import Workers
+from nodes.planning.world import PlanningWorld
 from nodes.planning.world_store import WorldStore
 from nodes.publishing import EVERY_CALL, LATCHED
+from planning.motion import Motion, State
 
 REPLANS: Final = 5
 """Default number of new plans after changes of the scene."""
@@ -63,14 +65,19 @@ class Planning:
         planned = await self._workers.search(partial(self._plan, request, now, limit_s, stop))
         if stop.requested:
             raise RequestError(stop.code, stop.message)
+        self.show(planned.motion, planned.start, now.world)
+        return planned
+
+    def show(self, motion: Motion, start: State, world: PlanningWorld) -> None:
+        """Publish a motion for display."""
+        robot = self.requests.robot
         self._plans.publish(
             DisplayTrajectory(
                 model_id=robot_name(robot),
-                trajectory=[trajectory_message(planned.motion, robot.frame)],
-                trajectory_start=state_message(robot, planned.start, now.world),
+                trajectory=[trajectory_message(motion, robot.frame)],
+                trajectory_start=state_message(robot, start, world),
             )
         )
-        return planned
 
     def _plan(self, request: MotionPlanRequest, now: Snapshot, limit_s: float, stop: StopRequest) -> Planned:
         end_s = monotonic() + limit_s

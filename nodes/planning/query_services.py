@@ -117,6 +117,7 @@ class QueryServices:
             response.start_state, response.fraction = state_message(self._robot, start), found.fraction
             if found.motion is not None:
                 response.solution = trajectory_message(found.motion, self._robot.frame)
+                self._planning.show(found.motion, start, now.world)
             reasons.append(found.reason)
 
         reasons: list[str] = []

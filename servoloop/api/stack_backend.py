@@ -146,6 +146,8 @@ class StackBackend:
 
     def set_torque(self, on: bool, park: bool = True) -> None:
         """Release or enable the torque, as ``ArmBackend.set_torque`` describes."""
+        if error := self._ended():
+            raise error
         if on:
             self._torque.enable()
             return

@@ -55,7 +55,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
                 break
         if (joint := getattr(act, "joint", None)) is not None and joint not in joints:
             yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: choose one of {known}"
-        if act.kind == "hand" and not hand:
+        if act.kind in ("hand", "grip") and not hand:
             yield ("clients", n), "the arm has no hand: remove this act"
 
 

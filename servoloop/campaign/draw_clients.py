@@ -11,6 +11,7 @@ from servoloop.simulation.acts import (
     Cancel,
     FollowPlan,
     FollowWaypoints,
+    Grip,
     GuideArm,
     Jog,
     Move,
@@ -156,6 +157,14 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
+def _grip(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.2 or not hand:
+        return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+    share = random.choice([0.0, 1.0, round(random.random(), 3)])
+    cancel_after_s = round(random.uniform(0.05, 1.0), 2) if random.random() < 0.25 else 0.0
+    return Grip(at_s=at_s, share=share, cancel_after_s=cancel_after_s)
+
+
 def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
     return draw_socket_act(random, _positions(random, joints), at_s)
 
@@ -167,5 +176,6 @@ DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, flo
     "switches": _switch,
     "jogs": _jog,
     "guides": _guide,
+    "grips": _grip,
     "sockets": _socket,
 }

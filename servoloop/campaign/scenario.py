@@ -30,7 +30,7 @@ def _not_empty(items: tuple[Item, ...]) -> tuple[Item, ...]:
 
 
 OneOrMore = Annotated[tuple[Item, ...], AfterValidator(_not_empty), BeforeValidator(_as_list)]
-ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides", "sockets"]
+ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides", "grips", "sockets"]
 
 
 class Scenario(BaseModel):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
@@ -21,7 +22,7 @@ from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
-from servoloop.stack.ros_interface import search_for_managers
+from servoloop.stack.ros_interface import search_for_others
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 
@@ -74,7 +75,7 @@ def up(
 
     files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
-    with search_for_managers(arm.namespace, options.ros) as search:
+    with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search:
         from servoloop.up import OwnControllers  # This import takes time, in which the search continues.
         from servoloop.up import up as run
 

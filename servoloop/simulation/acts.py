@@ -4,9 +4,10 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.plausible import Chance, Duration, NoTruth, Position, Time, VelocityScale
+from hal.plausible import Duration, NoTruth, Position, Time, VelocityScale
 
 Share = Annotated[float, Field(ge=-1.0, le=1.0), NoTruth]
+HandShare = Annotated[float, Field(ge=0.0, le=1.0), NoTruth]
 
 
 class _Act(BaseModel):
@@ -64,7 +65,19 @@ class MoveHand(_Act):
     """Move the hand. A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit."""
 
     kind: Literal["hand"] = "hand"
-    share: Chance = 0.5
+    share: HandShare = 0.5
+
+
+class Grip(_Act):
+    """Send a goal to a gripper action controller, which replaces the controller of the hand.
+
+    A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit.
+    """
+
+    kind: Literal["grip"] = "grip"
+    share: HandShare = 0.5
+    cancel_after_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """Time after which the goal is canceled, in seconds; 0 does not cancel the goal."""
 
 
 class Switch(_Act):
@@ -203,6 +216,7 @@ Act = Annotated[
     | Stream
     | Cancel
     | MoveHand
+    | Grip
     | Switch
     | Reactivate
     | Jog

@@ -20,6 +20,7 @@ from servoloop.simulation.acts import (
     Cancel,
     FollowPlan,
     FollowWaypoints,
+    Grip,
     GuideArm,
     Jog,
     Move,
@@ -29,6 +30,7 @@ from servoloop.simulation.acts import (
     Stream,
     Switch,
 )
+from servoloop.simulation.grips import GripperClient
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -97,6 +99,8 @@ class SimulatedClients:
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
         if any(isinstance(act, GuideArm) for act in acts):
             self._add_freedrive()
+        self.gripper = GripperClient(stack) if any(isinstance(act, Grip) for act in acts) else None
+        """Client of a gripper action controller, if there are such actions."""
 
     def cycle(self, state: JointState) -> None:
         """Carry out all actions that are due."""
@@ -124,6 +128,7 @@ class SimulatedClients:
             "stream": self._stream,
             "cancel": self._cancel,
             "hand": self._hand,
+            "grip": self._grip,
             "switch": self._switch,
             "reactivate": self._reactivate,
             "jog": self._jog,
@@ -226,6 +231,12 @@ class SimulatedClients:
     def _hand(self, act: MoveHand) -> None:
         limit = self._limit_of(self._stack.hand.joints[0])
         self._stack.hand.submit([limit.lower + act.share * (limit.upper - limit.lower)])
+
+    def _grip(self, act: Grip) -> None:
+        assert self.gripper is not None, "no controller was added for this action"
+        goal, gripper = self.gripper.grip(act), self.gripper
+        if goal is not None and act.cancel_after_s > 0.0:
+            self._later(act.cancel_after_s, lambda: gripper.cancel(goal))
 
     def _switch(self, act: Switch) -> None:
         name, loop = self._arm.name, self._stack.loop

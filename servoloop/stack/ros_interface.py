@@ -67,10 +67,16 @@ class WithoutRos:
 
 
 @contextmanager
-def search_for_managers(namespace: str, ros: bool) -> Iterator["Search | None"]:
-    """Begin to search for another controller manager in a namespace.
+def search_for_others(name: str, message: str, namespace: str, ros: bool = True) -> Iterator["Search | None"]:
+    """Begin to search for another node with the name of a node of the stack.
 
     Begin the search before the hardware is opened, because it takes time. The result is None without ROS.
+
+    Args:
+        name: Name of the node.
+        message: Error message if there is such a node. The braces stand for its full name.
+        namespace: Namespace of the node; empty for the root namespace.
+        ros: Whether the stack uses ROS.
 
     Raises:
         RosError: ROS is installed, but cannot be used.
@@ -83,8 +89,7 @@ def search_for_managers(namespace: str, ros: bool) -> Iterator["Search | None"]:
     if not ros:
         yield None
         return
-    from nodes.manager.other_managers import MANAGER, OTHER
     from nodes.only_one import Search
 
-    with Search(MANAGER, namespace, OTHER) as search:
+    with Search(name, namespace, message) as search:
         yield search

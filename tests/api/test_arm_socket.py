@@ -49,6 +49,15 @@ def test_two_programs_do_not_move_the_arm_at_once(stack: None) -> None:
         second.move_to({PAN: 0.1}, speed=0.5)
 
 
+def test_a_closed_connection_explains_itself(stack: None) -> None:
+    arm = Arm.connect()
+    arm.close()
+    arm.close()
+    for call in (lambda: arm.state, lambda: arm.move_to({PAN: 0.0}), lambda: arm.torque(True), arm.stop, arm.step):
+        with pytest.raises(ArmEndedError):
+            call()
+
+
 def test_the_end_of_the_stack_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with runtime_folder(monkeypatch):
         with pytest.raises(ArmSetupError, match="no stack is running"):

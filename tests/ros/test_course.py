@@ -120,5 +120,6 @@ def test_program_plans_around_the_box(stack: None, tmp_path: Path, environment: 
 
 @pytest.mark.runs(UP_WITH_FILES)
 def test_stack_starts_with_the_files_of_a_user(ros_domain: int, tmp_path: Path, environment: dict[str, str]) -> None:
-    with running(UP_WITH_FILES, tmp_path / "up", "ready: robot_arm", environment):
+    other_domain = {**environment, "ROS_DOMAIN_ID": str(ros_domain + 1)}  # The stack of the other tests is running.
+    with running(UP_WITH_FILES, tmp_path / "up", "ready: robot_arm", other_domain):
         pass

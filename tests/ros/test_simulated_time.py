@@ -169,7 +169,7 @@ def test_three_cubes_are_sorted_at_maximum_speed(client: ManagerClient, picker: 
 
 
 def test_ctrl_c_ends_a_paused_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
-    with running(tmp_path, "--hardware", "mock", "--step") as stack:
+    with running(tmp_path, "--hardware", "mock", "--step", "--namespace", "other") as stack:
         assert stack.end() == 0
     assert "0.0 s simulated in 0.0 s" in stack.words
 

@@ -145,6 +145,7 @@ def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: P
 
 @pytest.mark.parametrize("topic", ["robot states", COMMANDS])
 def test_a_wrong_topic_is_refused_in_one_sentence(topic: str, ros_domain: int, tmp_path: Path) -> None:
-    host = StackProcess(tmp_path / "log", "topic-host", "--hardware", "mock", "--states-topic", topic)
+    options = ("--hardware", "mock", "--namespace", "other")  # The host of the other tests is running.
+    host = StackProcess(tmp_path / "log", "topic-host", *options, "--states-topic", topic)
     assert host.process.wait(PATIENCE_S) == 1
     assert topic in host.words and "Traceback" not in host.words

@@ -10,10 +10,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from nodes.manager.other_managers import MANAGER, STATUS
-from nodes.only_one import CHECK_S, NEW_CHECKS
+from nodes.manager.only_manager import MANAGER
+from nodes.only_one import CHECK_S, NEW_CHECKS, STATUS
 from tests.ros.manager_client import manager_client
-from tests.ros.stack_process import StackProcess, running
+from tests.ros.stack_process import StackProcess, running, until
 
 pytestmark = pytest.mark.slow
 
@@ -83,3 +83,16 @@ def test_old_stack_reports_another_one_and_goes_on(ros_domain: int, tmp_path: Pa
         assert stack.process.poll() is None
         assert stack.words.count("another node is named /controller_manager") == 1
     assert stack.process.returncode == 0
+
+
+def test_second_topic_host_is_refused(ros_domain: int, tmp_path: Path) -> None:
+    logs = [tmp_path / "first.log", tmp_path / "second.log"]
+    first = StackProcess(logs[0], "topic-host", *MOCK)
+    try:
+        until(lambda: "ready:" in first.words, lambda: first.process.poll() is not None and first.words)
+        second = StackProcess(logs[1], "topic-host", *MOCK)
+        assert second.process.wait(60.0) == 1
+        assert "servoloop: another node is named /servoloop_topic_host" in second.words
+        assert "Traceback" not in second.words
+    finally:
+        assert first.end() == 0, first.words

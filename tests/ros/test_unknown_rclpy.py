@@ -98,6 +98,7 @@ def test_diagnostics_are_published_once_per_second(stack: StackProcess) -> None:
 
 @pytest.mark.slow
 def test_signal_ends_the_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
-    with running(tmp_path, "--hardware", "mock", module="tests.ros.unknown_rclpy") as stack:
+    arguments = ("--hardware", "mock", "--namespace", "other")  # The stack of the other tests is running.
+    with running(tmp_path, *arguments, module="tests.ros.unknown_rclpy") as stack:
         assert stack.end(signal.SIGTERM) == 0
         assert "Traceback" not in stack.words

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from controller import shutdown
+from controller.action_goals import GoalStatus
 from controller.forward.forward_command_controller import ForwardCommandController
+from controller.gripper.goal import GripperHandle
+from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, motion_to
 from controller.trajectory import active_goal, execution, goal_planner
@@ -336,3 +339,21 @@ def silent_streams_continue(patch: pytest.MonkeyPatch) -> None:
 @detected_by("cancels are followed")
 def motions_of_dead_programs_continue(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(StackRequests, "disconnect", lambda requests, client: None)
+
+
+@detected_by("gripper goals are followed")
+def gripper_goals_succeed_at_once(patch: pytest.MonkeyPatch) -> None:
+    def wrong(controller: GripperActionController, handle: GripperHandle, *_: Any) -> None:
+        controller._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
+
+    patch.setattr(GripperActionController, "_check_goal", wrong)
+
+
+@detected_by("gripper goals are followed")
+def stalled_grippers_are_not_detected(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GripperActionController, "_stalls", lambda *_: False)
+
+
+@detected_by("gripper goals are followed")
+def cancels_of_gripper_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GripperActionController, "cancel", lambda controller, handle: None)

@@ -91,7 +91,8 @@ CHANGE = ": change the scenario or remove the promise"
         ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: add at least one item, or remove the key"),
         (
             "clients: [jobs]\n",
-            "1: clients.0: must be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs', 'guides' or 'sockets'",
+            "1: clients.0: must be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs', 'guides', 'grips' or "
+            "'sockets'",
         ),
         ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
         (
