@@ -28,7 +28,7 @@ class Pushable(Protocol):
 
 
 @dataclass(slots=True)
-class Grip:
+class GrippingJoint:
     """One joint in the hand. ``reach`` is the joint displacement per radian of its servo."""
 
     target: float
@@ -44,13 +44,13 @@ class SceneHand:
         for revolute joints."""
         self._world = world
         self._reach = dict(reach)
-        self._grips: dict[str, Grip] = {}
+        self._grips: dict[str, GrippingJoint] = {}
 
     def hold(self, *joints: str) -> None:
         """Hold joints (by default, all joints) at their current positions."""
         for joint in joints or self._reach:
             here = self.position(joint)
-            self._grips[joint] = Grip(here, here, self._reach[joint])
+            self._grips[joint] = GrippingJoint(here, here, self._reach[joint])
 
     def move(self, joint: str, position: float) -> None:
         """Move a joint to a position at the hand's speed, and then hold it there."""
@@ -89,7 +89,7 @@ class SceneHand:
             grip.reference = grip.target if abs(way) <= step else grip.reference + (step if way > 0.0 else -step)
             self._push(joint, grip)
 
-    def _push(self, joint: str, grip: Grip) -> None:
+    def _push(self, joint: str, grip: GrippingJoint) -> None:
         data = self._world.data.joint(joint)
         behind = (grip.reference - float(data.qpos[0])) / grip.reach
         torque_nm = STIFFNESS_NM_RAD * behind - DAMPING_NM_S * float(data.qvel[0]) / grip.reach
