@@ -12,7 +12,8 @@ from tests.servoloop.served import eventually
 
 @contextmanager
 def running_up(folder: Path, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run ``servoloop up`` from its first goal to the end of the block. The log is ``up.log`` in the folder."""
+    """Run ``servoloop up`` until the end of the block, which begins when the stack is ready for goals. The log is
+    ``up.log`` in the folder."""
     ready, log = folder / f"ready{len(list(folder.iterdir()))}", folder / "up.log"
     with log.open("ab") as output:
         command = [sys.executable, "-m", "servoloop", "up", *arguments, "--ready-file", str(ready)]
