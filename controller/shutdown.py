@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.final_state import FinalState
 from controller.loop import ControlLoop
-from controller.motion import Kinematics, Motion, MotionError, motion_to
+from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
 from controller.stops import StopMotion
 from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
@@ -151,7 +151,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
     return loop.hardware.reachable and not hurry()
 
 
-def _plan(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:
+def _plan(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> RuckigMotion:
     try:
         return motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
     except MotionError as error:

@@ -106,5 +106,5 @@ def _not(value: object) -> str:
 
 
 def _mistake(file: YamlPlaces, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
-    names = [name] if name else []
-    return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {error_text(item)}"
+    names = [*([name] if name else []), *map(str, item["loc"])]
+    return ": ".join(filter(None, (file.place((*within, *item["loc"])), ".".join(names), error_text(item))))

@@ -3,7 +3,6 @@
 import os
 import time
 from enum import Enum, auto
-from types import TracebackType
 from typing import Any, Final
 
 import rclpy
@@ -40,7 +39,7 @@ STATUS: Final = "servoloop: other stacks"
 """Name of the diagnostic status that reports another node with the same name."""
 
 
-class Finding(Enum):
+class Discovery(Enum):
     """Result of one check."""
 
     ALONE = auto()
@@ -62,7 +61,7 @@ class Seniority:
         self._checks = 0
         self._in_a_row = 0
 
-    def check(self, nodes: int) -> Finding:
+    def check(self, nodes: int) -> Discovery:
         """Count one check and return its result.
 
         Args:
@@ -71,8 +70,8 @@ class Seniority:
         self._checks += 1
         self._in_a_row = self._in_a_row + 1 if nodes > 1 else 0
         if self._checks <= NEW_CHECKS:
-            return Finding.NEWCOMER if self._in_a_row else Finding.ALONE
-        return Finding.RIVAL if self._in_a_row >= PATIENT_CHECKS else Finding.ALONE
+            return Discovery.NEWCOMER if self._in_a_row else Discovery.ALONE
+        return Discovery.RIVAL if self._in_a_row >= PATIENT_CHECKS else Discovery.ALONE
 
 
 def nodes_in_graph(node: Node, name: str) -> int:
@@ -110,10 +109,10 @@ class OtherNodes:
 
     def _check(self) -> None:
         finding = self._seniority.check(nodes_in_graph(self._node, self._node.get_name()))
-        self.must_end = self.must_end or finding is Finding.NEWCOMER
-        if finding is Finding.RIVAL and not self._reported:
+        self.must_end = self.must_end or finding is Discovery.NEWCOMER
+        if finding is Discovery.RIVAL and not self._reported:
             self._node.get_logger().warning(self.message)
-        self._reported = finding is Finding.RIVAL
+        self._reported = finding is Discovery.RIVAL
 
 
 class Search:
@@ -173,12 +172,7 @@ class Search:
     def __enter__(self) -> "Search":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _found(self) -> bool:

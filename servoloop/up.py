@@ -18,7 +18,7 @@ from servoloop.stack import hardware
 from servoloop.stack.arm_options import BACKLASH_DEG
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.stack.device_choice import chosen_devices
+from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.plan_process import planning_server

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servos.activation import Activation
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_goals import ServoGoals
 from hal.servos.servo_outputs import ServoOutputs

@@ -164,9 +164,6 @@ class ManagerNode:
         settings = {key: value for key in SETTINGS if (value := self._setting(name, key)) is not None}
         return self._manager_client.load(name, ManagerSettings.of(settings))
 
-    def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
-        return self._manager_client.reload(request.force_kill)
-
     async def _switch(
         self, request: SwitchController.Request, response: SwitchController.Response
     ) -> SwitchController.Response:

@@ -36,6 +36,8 @@ OWN: Final[dict[str, tuple[Any, str]]] = {
     "classes_file": ("", "classes of the detector, and their grades"),
 }
 """Parameters of a camera that is connected to this machine."""
+KINDS: Final[dict[type, str]] = {str: "a text", float: "a number"}
+"""Descriptions of the types of parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +55,20 @@ camera cannot be opened."""
 
 
 def declare(node: Node, name: str, default: Any, description: str) -> Any:
-    """Declare a read-only parameter, and return its value."""
-    return node.declare_parameter(name, default, ParameterDescriptor(read_only=True, description=description)).value
+    """Declare a read-only parameter, and return its value, which has the type of the default.
+
+    A command line has only whole numbers for ``source:=0`` and ``rate_hz:=30``, so both numbers and texts are accepted
+    for either parameter. Raises PerceptionError if the value cannot be converted.
+    """
+    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True, description=description)
+    value = node.declare_parameter(name, default, descriptor).value
+    kind = type(default)
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise PerceptionError(f"parameter '{name}' is {value!r}: give {KINDS[kind]}")
+    try:
+        return kind(value)
+    except ValueError:
+        raise PerceptionError(f"parameter '{name}' is {value!r}: give {KINDS[kind]}") from None
 
 
 def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:

@@ -7,7 +7,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from nodes.only_one import CHECK_S, Finding, Seniority, nodes_in_graph
+from nodes.only_one import CHECK_S, Discovery, Seniority, nodes_in_graph
 from nodes.pick_place.waiter import Waiter
 from nodes.planning.controllers import controllers
 from nodes.planning.conversion.semantic import srdf_text
@@ -85,5 +85,5 @@ class MoveGroupNode:
             self._actions.stop_all("PREEMPTED", f"the motion was stopped by {topic}")
 
     def _look_for_others(self) -> None:
-        if self._seniority.check(nodes_in_graph(self._node, NAME)) is not Finding.ALONE:
+        if self._seniority.check(nodes_in_graph(self._node, NAME)) is not Discovery.ALONE:
             self._on_other()

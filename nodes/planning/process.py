@@ -11,10 +11,10 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from nodes.only_one import Search
-from nodes.pick_place.signals import on_stop_signal
 from nodes.planning.move_group import NAME, MoveGroupNode
 from nodes.planning.routes import Route
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
 
 OTHER: Final = (

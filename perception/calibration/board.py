@@ -17,6 +17,9 @@ MARKER_SHARE: Final = 0.74
 """Side length of a marker, as a share of the side length of a square."""
 LEAST_CORNERS: Final = 8
 """Minimum number of corners for a view to be used."""
+LEAST_WIDTH: Final = 0.45
+"""Smallest width of the corners of a view, as a share of a square. Two rows of corners have 0.5, and one row has 0. A
+row with a few more corners does not determine the pose of the board."""
 A4_M: Final = (0.297, 0.210)
 """Width and height of the page, in m."""
 POINT_M: Final = 0.0254 / 72.0
@@ -79,9 +82,20 @@ class BoardDetector:
             )
         points, pixels = self._board.matchImagePoints(corners, ids)
         flat = np.asarray(points, dtype=np.float64).reshape(-1, 3)[:, :2]
+        if _width_m(flat) < LEAST_WIDTH * self._board.getSquareLength():
+            raise CalibrationRefused(
+                f"the picture shows {count} corners of the board, but almost all on one line: bring the whole board "
+                "into the picture"
+            )
         return BoardView(
             flat, np.asarray(pixels, dtype=np.float64).reshape(-1, 2), (picture.shape[1], picture.shape[0])
         )
+
+
+def _width_m(corners_m: FloatArray) -> float:
+    """Return the standard deviation of corners (n, 2) across their longest direction, in m. It is 0 on a line."""
+    around = corners_m - corners_m.mean(axis=0)
+    return float(np.linalg.svd(around, compute_uv=False)[-1] / np.sqrt(len(around)))
 
 
 def board_picture(board: Board, square_px: int = 120) -> NDArray[np.uint8]:

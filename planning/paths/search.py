@@ -65,9 +65,11 @@ class Attempt(NamedTuple):
 def planner_stem(planner_id: str) -> str | None:
     """Return ``PRM`` or the key of ``PLANNERS`` for a planner ID of MoveIt, or None if the planner does not exist.
 
-    For an unknown ID, ``find_path`` uses the default planner, as MoveIt does. OMPL's wheel does not contain EST.
+    An ID may follow the name of a group, as in ``arm[PRMkConfigDefault]``. For an unknown ID, ``find_path`` uses the
+    default planner, as MoveIt does. OMPL's wheel does not contain EST.
     """
-    stem = planner_id.rpartition("::")[2].removesuffix("kConfigDefault").lower()
+    own = planner_id.rpartition("[")[2].removesuffix("]")
+    stem = own.rpartition("::")[2].removesuffix("kConfigDefault").lower()
     stem = {"": DEFAULT, "kpiece1": "kpiece", "bkpiece1": "bkpiece", "lbkpiece1": "lbkpiece"}.get(stem, stem)
     return stem if stem == PRM or stem in PLANNERS else None
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
-from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
-from servoloop.api.checks import check_joints, checked_goal
+from servoloop.api.backend import ArmBackend, ArmState, MotionGoal, Observer
+from servoloop.api.checks import check_joints, checked_goal, checked_number, checked_timeout
 from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion
@@ -217,10 +217,10 @@ class Arm:
             return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
         assert target is not None
         positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
-        goal = checked_goal(JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
+        goal = checked_goal(MotionGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
         if asked_s is None:
             planned_s = approach_s(positions, self.state.command, self.limits, share)
-            goal = JointGoal(goal.joints, (planned_s,), goal.positions)
+            goal = MotionGoal(goal.joints, (planned_s,), goal.positions)
         return self._started(goal, wait, timeout)
 
     def plan(
@@ -333,9 +333,10 @@ class Arm:
             StreamEndedError: The targets came too slowly.
             ArmEndedError: The control loop has ended.
         """
-        if rate_hz is not None and not rate_hz > 0.0:
+        if rate_hz is not None and not checked_number("rate_hz", rate_hz) > 0.0:
             raise ArmInputError(f"rate_hz must be above 0, not {rate_hz}")
-        stream = TargetStream(self._backend, lambda positions: by_joint(positions, self._arm), max_age)
+        age_s = checked_number("max_age", max_age)
+        stream = TargetStream(self._backend, lambda positions: by_joint(positions, self._arm), age_s)
         if targets is None:
             return stream
         with stream:
@@ -484,7 +485,8 @@ class Arm:
     def _measured_after(self, time_s: float) -> Callable[[], bool]:
         return lambda: self.state.time_s > time_s
 
-    def _started(self, goal: JointGoal, wait: bool, timeout_s: float) -> ArmMotion:
+    def _started(self, goal: MotionGoal, wait: bool, timeout_s: float) -> ArmMotion:
+        timeout_s = checked_timeout(timeout_s)
         motion = ArmMotion(self._backend, self._backend.start(goal))
         if wait:
             motion.wait(timeout_s)

@@ -4,13 +4,14 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 from hal.types import AT_LIMIT, JointLimits, beyond_range
-from servoloop.api.backend import ArmDescription, JointGoal
+from servoloop.api.backend import ArmDescription, MotionGoal
 from servoloop.api.errors import ArmInputError
 
 
-def checked_goal(goal: JointGoal, arm: ArmDescription) -> JointGoal:
+def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
     """Check the names, sizes, times and positions of a goal, and return it within the limits. Raises ArmInputError.
 
     A joint that sags or is held at its limit is measured slightly beyond the limit. Such a position is moved to the
@@ -56,6 +57,32 @@ def check_joints(joints: Iterable[str], arm: ArmDescription) -> None:
             )
         if named.count(joint) > 1:
             raise ArmInputError(f"{joint} is named twice: name each joint once", joint)
+
+
+def checked_number(name: str, value: object) -> float:
+    """Return a number. Raises ArmInputError if the value is a text, a truth value or anything else."""
+    found = number_of(value)
+    if found is None:
+        raise ArmInputError(f"{name} must be a number, not {value!r}")
+    return found
+
+
+def checked_timeout(value: object) -> float:
+    """Return a maximum time to wait, in seconds, which may be infinite. Raises ArmInputError if it is not a number."""
+    found = checked_number("timeout", value)
+    if math.isnan(found):
+        raise ArmInputError(f"timeout must be a time in seconds, not {value!r}")
+    return found
+
+
+def number_of(value: Any) -> float | None:
+    """Return a value as a number; None for a text, a truth value (also of numpy), and anything that is not a number."""
+    if isinstance(value, str | bytes) or type(value).__name__.startswith("bool"):
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
 
 
 def _within(joint: str, position: float, limit: JointLimits, at: str = "") -> float:

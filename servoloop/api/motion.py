@@ -5,6 +5,7 @@ from collections.abc import Generator
 from typing import Any
 
 from servoloop.api.backend import ArmBackend, MotionProgress
+from servoloop.api.checks import checked_timeout
 from servoloop.api.errors import ArmTimeoutError
 
 
@@ -36,7 +37,8 @@ class ArmMotion:
             ArmTimeoutError: The motion takes longer than ``timeout_s``, and continues.
             ArmEndedError: The control loop has ended.
         """
-        self._finish(self._backend.wait(lambda: self.done, timeout_s), timeout_s)
+        limit_s = checked_timeout(timeout_s)
+        self._finish(self._backend.wait(lambda: self.done, limit_s), limit_s)
 
     async def wait_async(self, timeout_s: float = math.inf) -> None:
         """Wait as ``wait`` does, without blocking the event loop. Canceling the task cancels the motion."""

@@ -1,12 +1,13 @@
 """Convert targets, paths and pose names of a program into goals."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Union
 
 from hal.types import JointLimits
-from servoloop.api.backend import ArmDescription, JointGoal
+from servoloop.api.backend import ArmDescription, MotionGoal
+from servoloop.api.checks import checked_number, number_of
 from servoloop.api.errors import ArmInputError
 from servoloop.api.trajectory import ArmTrajectory
 
@@ -22,7 +23,7 @@ def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
     """Return positions by joint name. Raises ArmInputError if the number or the type of the positions is wrong."""
     if isinstance(positions, Mapping):
         return {joint: _number(joint, value) for joint, value in positions.items()}
-    if isinstance(positions, str) or not hasattr(positions, "__len__"):
+    if isinstance(positions, str | Set) or not hasattr(positions, "__len__"):  # A set has no order.
         raise ArmInputError(f"{positions!r} is not a target: use positions by joint name or an array")
     if getattr(positions, "ndim", 1) != 1 or len(positions) != len(arm.joints):
         shape = getattr(positions, "shape", len(positions))
@@ -52,19 +53,21 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
     """
     if duration is not None and speed is not None:
         raise ArmInputError("duration and speed cannot be combined: pass only one of them")
-    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
-        raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
-    share = SPEED if speed is None else speed
+    if duration is not None:
+        duration = checked_number("duration", duration)
+        if not (math.isfinite(duration) and duration > 0.0):
+            raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
+    share = SPEED if speed is None else checked_number("speed", speed)
     if not 0.0 < share <= 1.0:
         raise ArmInputError(f"speed must be a share of the velocity limits above 0 and at most 1, not {speed}")
     return duration, share
 
 
-def goal_of(trajectory: ArmTrajectory, begin_s: float) -> JointGoal:
+def goal_of(trajectory: ArmTrajectory, begin_s: float) -> MotionGoal:
     """Return the goal of a trajectory, with all its times delayed by ``begin_s``."""
     joints = tuple(trajectory.positions)
     times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
-    return JointGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
+    return MotionGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
 
 
 def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
@@ -79,10 +82,10 @@ def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tu
 
 
 def _number(joint: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError) as error:
-        raise ArmInputError(f"{joint}: {value!r} is not a number: use a position in rad or m", str(joint)) from error
+    found = number_of(value)
+    if found is None:
+        raise ArmInputError(f"{joint}: {value!r} is not a number: use a position in rad or m", str(joint))
+    return found
 
 
 SPEED = 0.25

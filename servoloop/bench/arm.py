@@ -13,11 +13,11 @@ import numpy as np
 
 from commissioning.provision import drives
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 from nodes.ros_environment import RosError, require_ros

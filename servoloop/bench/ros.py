@@ -19,7 +19,7 @@ from servoloop.stack.processes import Interrupted, Processes, choose_ros_domain
 from servoloop.stack.robot_files import Files
 
 if TYPE_CHECKING:
-    from nodes.timing_client import Promptness
+    from nodes.clients.timing_client import Promptness
 
 START_S: Final = 60.0
 LISTEN_S: Final = 5.0
@@ -65,7 +65,7 @@ def run_ros(
         DriverError: The stack failed; the message has its last output.
         Interrupted: A signal was received.
     """
-    from nodes.timing_client import Promptness
+    from nodes.clients.timing_client import Promptness
 
     choose_ros_domain()
     noted = Promptness()
@@ -90,8 +90,8 @@ def run_ros(
 
 def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Callable[[], int]) -> None:
     """Record /joint_states at rest in the ready pose, then send goals near this pose."""
-    from nodes.client_node import client_node
-    from nodes.timing_client import TimedController, TimingClient
+    from nodes.clients.client_node import client_node
+    from nodes.clients.timing_client import TimedController, TimingClient
 
     joint = next(iter(ready))
     limits = files.limits[joint]

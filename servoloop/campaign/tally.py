@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from servoloop.campaign.campaign import Scenario
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import WHOLE_RUN, RunReport
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import PHASES, Visit
 
 EXAMINED = tuple(kind.name for kind in ALL)

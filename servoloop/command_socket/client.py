@@ -103,8 +103,8 @@ class CommandClient:
         self.close()
 
     def _send(self, line: bytes, timeout_s: float) -> None:
-        self._socket.settimeout(timeout_s)
         try:
+            self._socket.settimeout(timeout_s)  # a closed socket refuses this, too
             self._socket.sendall(line)
         except TimeoutError:
             self.close()  # part of the message may have been sent already
@@ -139,8 +139,8 @@ class CommandClient:
         """Return the next message of the stack, or None if no message is complete within ``wait_s`` seconds."""
         deadline_s = monotonic() + wait_s
         while b"\n" not in self._received:
-            self._socket.settimeout(max(deadline_s - monotonic(), 0.0))
             try:
+                self._socket.settimeout(max(deadline_s - monotonic(), 0.0))
                 data = self._socket.recv(65536)
             except (TimeoutError, BlockingIOError):
                 return None

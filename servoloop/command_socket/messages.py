@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import from_json
 
 from hal.plausible import AnyAcceleration, AnyVelocity, ClockTime, Duration, NoTruth, Position, Rate, Seed, Speed, Time
+from hal.yaml_file import error_text
 from servoloop.command_socket.errors import CommandError
 
 VERSION: Final = 1
@@ -255,9 +256,10 @@ def parse(line: bytes) -> Message:
         message: Message = adapter.validate_python(found)
         return message
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise CommandError("malformed", f"{op}: {place}: {first['msg']}") from None
+        first = error.errors(include_url=False)[0]
+        # pydantic also names the validator of a field with several types, such as id.
+        place = ".".join(str(part) for part in first["loc"] if "[" not in str(part))
+        raise CommandError("malformed", f"{op}: {place}: {error_text(first)}") from None
 
 
 def encode(fields: Mapping[str, Any]) -> bytes:

@@ -40,7 +40,9 @@ class CameraFormat:
         require_extras("the camera", "vision")
         from drivers.clock import MonotonicClock
         from perception.sources.choice import source_of
+        from perception.sources.native_log import silence_native_log
 
+        silence_native_log()
         camera = source_of(source, MonotonicClock(), (self.width, self.height), self.rate)
         try:
             camera.open()

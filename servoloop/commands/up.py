@@ -129,7 +129,7 @@ def pick(
     if not grade.strip():
         raise DriverError("GRADE must not be empty; choose a grade, such as A")
     require_ros()
-    from nodes.client_node import client_node
+    from nodes.clients.client_node import client_node
     from nodes.pick_place.client import ACTION, PickClient
     from servoloop.stack.signals import Signals
 

@@ -40,8 +40,8 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient
 
 if TYPE_CHECKING:
-    from nodes.client_node import Client
-    from nodes.stack_monitor import StackMonitor
+    from nodes.clients.client_node import Client
+    from nodes.clients.stack_monitor import StackMonitor
 
 POLL_S: Final = 0.2
 """Period at which the world is read while the arms work, in seconds."""
@@ -119,7 +119,7 @@ def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpti
 @contextmanager
 def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], dict[str, int], WorldFeedClient]]:
     """Start the processes of the cell, and end them after the block."""
-    from nodes.client_node import client_nodes
+    from nodes.clients.client_node import client_nodes
 
     if not options.namespace:  # a namespace separates the cell from others in the domain
         choose_ros_domain()
@@ -164,9 +164,9 @@ def node_arguments(name: str, parameters: Path) -> tuple[str, ...]:
 
 
 def _clients(client: "Client", name: str, job: PickPlace) -> RosClients:
+    from nodes.clients.stack_monitor import StackMonitor
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
-    from nodes.stack_monitor import StackMonitor
 
     node, executor = client
     monitor = StackMonitor(node, executor, job.arm_controller)

@@ -6,10 +6,8 @@ the arm's folder.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from xml.etree import ElementTree
-
-import yaml
 
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
@@ -191,25 +189,3 @@ def _pose(shape: CollisionShape) -> str:
     turned = (qx, qy, qz) != (0.0, 0.0, 0.0)
     orientation = f", orientation: {{x: {qx}, y: {qy}, z: {qz}, w: {qw}}}" if turned else ""
     return f"{{{position}{orientation}}}"
-
-
-def read_objects(request: Mapping[str, Any]) -> Objects:
-    """Return the objects of a request to /apply_planning_scene."""
-    found: Objects = {}
-    for item in request["scene"]["world"]["collision_objects"]:
-        found[item["id"]] = [
-            CollisionShape(
-                primitive["type"],
-                tuple(map(float, primitive["dimensions"])),
-                tuple(float(pose["position"][axis]) for axis in "xyz"),
-                tuple(float(pose.get("orientation", {"w": 1.0}).get(axis, 0.0)) for axis in "xyzw"),
-            )
-            for primitive, pose in zip(item["primitives"], item["primitive_poses"], strict=True)
-        ]
-    return found
-
-
-def read_padding_m(folder: Path) -> float:
-    """Return the padding that a folder with MoveIt's files sets, in m."""
-    padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
-    return padding

@@ -13,13 +13,13 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.sampler import Tracking
 from drivers.bus.bus import Bus
 from drivers.port import Port
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.components.component_lifecycle import configure_all
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.outputs import Outputs
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_outputs import ServoOutputs
 from hal.types import JointState

@@ -3,6 +3,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -34,6 +35,13 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "beyond a limit": ({"elbow_flex": 9.0}, {}, "elbow_flex: position 9.0000 is outside the limits -1.6"),
     "gripper beyond a limit": ({"gripper": -3.0}, {}, "gripper: position -3.0000 is outside the limits"),
     "text": ({"elbow_flex": "up"}, {}, "elbow_flex: 'up' is not a number"),
+    "number as text": ({"elbow_flex": "0.1"}, {}, "elbow_flex: '0.1' is not a number"),
+    "truth value": ({"elbow_flex": True}, {}, "elbow_flex: True is not a number"),
+    "truth values": (np.zeros(6, dtype=bool), {}, "is not a number: use a position in rad or m"),
+    "set": ({0.0, 0.1, 0.2, 0.3, 0.4, 0.5}, {}, "is not a target: use positions by joint name or an array"),
+    "time as text": ({"elbow_flex": 0.1}, {"duration": "1"}, "duration must be a number, not '1'"),
+    "speed as text": ({"elbow_flex": 0.1}, {"speed": "fast"}, "speed must be a number, not 'fast'"),
+    "no number as timeout": ({"elbow_flex": 0.1}, {"timeout": math.nan}, "timeout must be a time in seconds, not nan"),
     "short array": ([0.0, 0.0], {}, "needs 6 values, one for each of shoulder_pan"),
     "number": (0.5, {}, "0.5 is not a target"),
     "nothing": ({}, {}, "no joint is named"),
@@ -51,6 +59,25 @@ def moved(arm: Arm, action: Callable[[], object]) -> float:
     action()
     after = arm.step(3).command
     return max(abs(after[joint] - before[joint]) for joint in arm.joints)
+
+
+def policy_waits_s(arm: Arm, targets: int) -> list[float]:
+    """Stream targets at 50 Hz, check that the last target is commanded, and return the time from each target to the
+    state with its command, in seconds."""
+    arm.move_to({PAN: 0.0}, speed=0.5)
+    sent: dict[float, float] = {}
+    seen: dict[float, float] = {}
+    end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
+    with arm.stream() as stream:
+        for number in range(targets):
+            target = round(0.0004 * number, 6)
+            sent[target] = time.monotonic()
+            stream.send({PAN: target})
+            arm.sleep(0.02)
+        arm.step(2)
+        assert arm.state.command[PAN] == pytest.approx(target, abs=1e-6)
+    end()
+    return [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
 
 
 class ArmContract:

@@ -201,7 +201,13 @@ def test_a_closed_arm_explains_itself() -> None:
     arm = Arm.simulated("so101")
     arm.close()
     arm.close()
-    for call in (lambda: arm.move_to({PAN: 0.0}), lambda: arm.stream(), lambda: arm.sleep(1.0), arm.step):
+    for call in (
+        lambda: arm.move_to({PAN: 0.0}),
+        lambda: arm.stream(),
+        lambda: arm.torque(True),
+        lambda: arm.sleep(1.0),
+        arm.step,
+    ):
         with pytest.raises(ArmEndedError, match="has been shut down: create a new Arm"):
             call()
     assert arm.state.age_s >= 0.0

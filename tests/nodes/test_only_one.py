@@ -4,9 +4,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from nodes.only_one import NEW_CHECKS, PATIENT_CHECKS, Finding, Seniority
+from nodes.only_one import NEW_CHECKS, PATIENT_CHECKS, Discovery, Seniority
 
-ALONE, NEWCOMER, RIVAL = Finding.ALONE, Finding.NEWCOMER, Finding.RIVAL
+ALONE, NEWCOMER, RIVAL = Discovery.ALONE, Discovery.NEWCOMER, Discovery.RIVAL
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,9 @@ ALONE, NEWCOMER, RIVAL = Finding.ALONE, Finding.NEWCOMER, Finding.RIVAL
         pytest.param(NEW_CHECKS, [1] * 10, ALONE, 0, id="only node"),
     ],
 )
-def test_newer_node_reports_the_other_first(checks_alone: int, nodes: list[int], finding: Finding, after: int) -> None:
+def test_newer_node_reports_the_other_first(
+    checks_alone: int, nodes: list[int], finding: Discovery, after: int
+) -> None:
     seniority = Seniority()
     assert all(seniority.check(1) is ALONE for _ in range(checks_alone))
     findings = [seniority.check(count) for count in nodes]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from nodes.sorting_monitor import SortingMonitor
+from nodes.clients.sorting_monitor import SortingMonitor
 
 
 def apples(stamp_s: float, *grades: str) -> SimpleNamespace:

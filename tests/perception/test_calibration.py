@@ -73,6 +73,19 @@ def test_a_board_that_is_seen_from_one_side_only_is_refused() -> None:
         calibrate_lens(views(9, 0.0))
 
 
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_single_row_of_corners_is_no_view(rows: int) -> None:
+    picture = seen(np.zeros(3), np.array([-0.13, -0.08, 0.4]), 1)
+    whole = DETECTOR.view(picture)
+    end = whole.pixels[whole.corners_m[:, 1] < (rows + 0.5) * BOARD.square_m, 1].max() + 46.0
+    picture[int(end) :] = 190
+    if rows == 2:
+        assert len(DETECTOR.view(picture).pixels) == 16
+        return
+    with pytest.raises(CalibrationRefused, match="8 corners of the board, but almost all on one line"):
+        DETECTOR.view(picture)
+
+
 def test_few_views_are_refused() -> None:
     with pytest.raises(CalibrationRefused, match="3 views of the board are not enough: take at least 8"):
         calibrate_lens(views(3, 0.45))

@@ -90,3 +90,12 @@ def test_the_board_is_a_page_or_a_picture(folder: Path, monkeypatch: pytest.Monk
     assert run(monkeypatch, "board", "board.pdf") == 0 and run(monkeypatch, "board", "board.png", "--rows", "5") == 0
     assert (folder / "board.pdf").read_bytes().startswith(b"%PDF")
     assert cv2.imread("board.png").shape == (600, 1080, 3)
+
+
+def test_opencv_adds_nothing_to_the_sentence(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name, content in (("torn.png", b"\x89PNG\r\n\x1a\nxx"), ("torn.mp4", b"\x00" * 100)):
+        (folder / name).write_bytes(content)
+        assert run(monkeypatch, "show", name) == 1
+        assert capfd.readouterr().err.count("\n") == 1

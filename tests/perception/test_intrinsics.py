@@ -47,7 +47,7 @@ def test_a_file_of_camera_calibration_is_read_and_survives_writing(tmp_path: Pat
     ("old", "new", "message"),
     [
         ("data: [601.5, 0.0,", "data: [601.5,", "camera.yaml:4: camera_matrix: has 8 values instead of 3 × 3"),
-        ("data: [601.5,", "data: [-601.5,", "a focal length that is not above 0"),
+        ("data: [601.5,", "data: [-601.5,", "camera.yaml:1: camera_matrix has a focal length that is not above 0"),
         ("data: [601.5,", "data: [.nan,", "camera.yaml:7: camera_matrix.data.0: must be a finite number"),
         ("plumb_bob", "equidistant", "camera.yaml:8: distortion_model: must be 'plumb_bob' or 'rational_polynomial'"),
         ("image_width: 640\n", "", "image_width: is missing: add it"),

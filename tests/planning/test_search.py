@@ -136,6 +136,7 @@ def test_a_start_near_an_obstacle_reduces_the_padding():
         ("", "rrtconnect"),
         ("RRTConnect", "rrtconnect"),
         ("geometric::RRTstar", "rrtstar"),
+        ("arm[PRMkConfigDefault]", "prm"),
         ("KPIECEkConfigDefault", "kpiece"),
         ("ESTkConfigDefault", None),
     ],

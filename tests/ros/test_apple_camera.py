@@ -12,9 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from apple_quality_msgs.msg import AppleQualityArray
 from diagnostic_msgs.msg import DiagnosticArray
@@ -26,8 +23,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from perception.camera_view import pose_text
 from perception.intrinsics import intrinsics_text
 from tests.perception import painted
-
-pytestmark = pytest.mark.ros
 
 DEADLINE_S = 30.0
 TOPICS = {
@@ -141,6 +136,9 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
     [
         ({"source": "/dev/video99"}, "nothing is graded: there is no camera /dev/video99"),
         ({}, "no camera is named"),
+        ({"source": "0", "rate_hz": "30"}, "there is no camera /dev/video0"),
+        ({"source": "pictures", "rate_hz": "fast"}, "parameter 'rate_hz' is 'fast': give a number"),
+        ({"source": "true"}, "parameter 'source' is True: give a text"),
         ({"source": "pictures", "camera_file": "nothing.yaml"}, "cannot read nothing.yaml"),
         ({"source": "pictures", "grades_file": "grades.yaml"}, "grades A (line 2) and B overlap"),
         ({"source": "pictures", "detector": "onnx", "model_file": "grades.yaml"}, "parameter 'classes_file' is empty"),

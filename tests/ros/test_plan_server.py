@@ -8,7 +8,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -30,8 +29,6 @@ from std_msgs.msg import String
 from nodes.publishing import LATCHED
 from tests.ros.plan_client import READY, PlanClient, box, joint_constraints, joint_goal, planning_stack, remove
 from tests.ros.stack_process import StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 SUCCESS = MoveItErrorCodes.SUCCESS
 
@@ -94,10 +91,14 @@ def test_kinematics_and_a_straight_path_lead_to_the_pose(ready: PlanClient) -> N
     inverse.ik_request.group_name, inverse.ik_request.pose_stamped = "arm", pose
     inverse.ik_request.avoid_collisions = True
     assert ready.call(GetPositionIK, "/compute_ik", inverse).error_code.val == SUCCESS
+    shown: list[DisplayTrajectory] = []
+    ready.node.create_subscription(DisplayTrajectory, "/display_planned_path", shown.append, LATCHED)
     straight = GetCartesianPath.Request(group_name="arm", waypoints=[pose.pose], max_step=0.005, avoid_collisions=True)
     straight.start_state.is_diff = True
     found = ready.call(GetCartesianPath, "/compute_cartesian_path", straight)
     assert found.fraction == pytest.approx(1.0), found.error_code.message
+    ready.spin(0.3)
+    assert shown[-1].trajectory[0] == found.solution
     done = ready.run(ExecuteTrajectory.Goal(trajectory=found.solution))
     assert done.error_code.val == SUCCESS
     assert tool(ready).pose.position.z == pytest.approx(pose.pose.position.z, abs=0.002)
@@ -151,6 +152,16 @@ def test_a_cancel_is_answered_at_once_and_stops_the_arm(ready: PlanClient) -> No
     assert time.monotonic() - begun_s < 0.3
     assert ready.result(handle).error_code.val == MoveItErrorCodes.PREEMPTED
     assert 0.0 < positions(ready)["joint1"] < 1.4
+
+
+def test_each_constraint_of_a_state_has_a_result(ready: PlanClient) -> None:
+    request = GetStateValidity.Request(group_name="arm", constraints=joint_constraints(joint1=0.5, joint2=-0.3643))
+    for one in request.constraints.joint_constraints:
+        one.tolerance_above = one.tolerance_below = 0.1
+    answer = ready.call(GetStateValidity, "/check_state_validity", request)
+    assert not answer.valid and not answer.contacts
+    assert [one.result for one in answer.constraint_result] == [False, True]
+    assert answer.constraint_result[0].distance == pytest.approx(0.5, abs=0.02)
 
 
 def test_the_event_stop_stops_the_arm(ready: PlanClient) -> None:

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -13,7 +12,7 @@ from moveit_msgs.srv import GetPlanningScene, GetPositionFK, GetPositionIK
 
 from tests.ros.plan_client import PlanClient, joint_goal, planning_stack
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 SUCCESS = MoveItErrorCodes.SUCCESS
 ARM = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")

@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from mujoco_ros2_control_msgs.srv import SetPause, StepSimulation
@@ -27,8 +24,6 @@ from servoloop.stack.robot_files import CONFIG
 from tests.pages import commands
 from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 NODES = ("controller_manager", "arm_controller", "robot_arm", "robot_state_publisher", "ros2_control_node")
 PERIOD_S = 0.05

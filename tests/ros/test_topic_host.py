@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
@@ -20,8 +17,6 @@ from nodes.topic_host.topics import COMMANDS, STATES
 from tests.pages import commands
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.topic_host.plugin import TopicSystem
-
-pytestmark = pytest.mark.ros
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 JOINT = "shoulder_pan"

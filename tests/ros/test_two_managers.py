@@ -6,9 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
@@ -17,7 +14,7 @@ from nodes.only_one import NEW_CHECKS, STATUS
 from tests.ros.manager_client import manager_client
 from tests.ros.stack_process import StackProcess, running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 MOCK = ("--hardware", "mock")
 REMEDY = "end the other stack, or choose another --namespace or another ROS_DOMAIN_ID"

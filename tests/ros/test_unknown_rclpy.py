@@ -7,9 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from controller_manager_msgs.srv import ListHardwareComponents
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,8 +15,6 @@ from std_msgs.msg import Float64MultiArray
 
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import PICK, READY, StackProcess, arm_client, running
-
-pytestmark = pytest.mark.ros
 
 HAND = "hand_right_joint"
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.bus.types import ServoGoal
+from drivers.types import ServoGoal
 from hal.gate import Gated, SafetyGate
 from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses

@@ -56,6 +56,8 @@ class Invariant:
 
     name = ""
     """Name of the invariant, as printed and as used in scenarios."""
+    promised = True
+    """Whether a campaign without ``promises`` fails if this invariant never examined its condition."""
     of_each_arm = False
     """Whether the watch has one such invariant for each arm of the robot. Otherwise there is one for the robot."""
 

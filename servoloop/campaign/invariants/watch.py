@@ -10,14 +10,9 @@ from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goal_paths import ForwardedIsFollowed, PathIsAsSent, ReplacedGoalsEnd
-from servoloop.campaign.invariants.goals import (
-    AbortsAreTrue,
-    CancelsAreFollowed,
-    DeviationEnds,
-    FeedbackIsTrue,
-    GoalsAreJudged,
-    GoalsEnd,
-)
+from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue
+from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
+from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
@@ -50,6 +45,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     CancelsAreFollowed,
     FeedbackIsTrue,
     GoalsAreJudged,
+    GripsAreFollowed,
     NothingTravels,
     NothingPresses,
     SmoothReference,

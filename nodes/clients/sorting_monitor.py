@@ -10,7 +10,7 @@ from apple_quality_msgs.msg import AppleQualityArray
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from nodes.camera_pictures import subscribe_pictures
+from nodes.clients.camera_pictures import subscribe_pictures
 from pick_place.job import JobPhase
 from pick_place.settings import normal_grade
 
