@@ -22,9 +22,11 @@ DISCOVERY_S: Final = 0.8
 On an idle machine, discovery took 0.1 to 0.7 s, because a program often misses the first answer and waits for the next
 announcement.
 """
-SERVER_DISCOVERY_S: Final = 2.0
-"""This time with a discovery server of Fast DDS, in seconds. With a server on the same machine, discovery took 0.9 to
-1.2 s."""
+PATIENT_DISCOVERY_S: Final = 2.5
+"""This time if another node is likely to be missed, in seconds.
+
+With a discovery server of Fast DDS on the same machine, discovery took 0.9 to 1.2 s.
+"""
 POLL_S: Final = 0.02
 CHECK_S: Final = 1.0
 """Period of the search for other nodes while a node runs, in seconds."""
@@ -120,13 +122,14 @@ class Search:
     stays in the graph of others for up to 20 s, but no longer announces itself.
     """
 
-    def __init__(self, name: str, namespace: str, message: str) -> None:
+    def __init__(self, name: str, namespace: str, message: str, patient: bool = False) -> None:
         """Begin to discover other nodes. Raises RosError if ROS 2 does not start.
 
         Args:
             name: Name of the node.
             namespace: Namespace of the node; empty for the root namespace.
             message: Error message if there is such a node. The braces stand for its full name.
+            patient: Whether to wait longer, because there is probably such a node.
         """
         self._name = name
         self._message = message.format(f"{namespace}/{name}")
@@ -140,8 +143,8 @@ class Search:
                 enable_rosout=False,
                 start_parameter_services=False,
             )
-        server = os.environ.get("ROS_DISCOVERY_SERVER")
-        self._end_s = time.monotonic() + (SERVER_DISCOVERY_S if server else DISCOVERY_S)
+        patient = patient or bool(os.environ.get("ROS_DISCOVERY_SERVER"))
+        self._end_s = time.monotonic() + (PATIENT_DISCOVERY_S if patient else DISCOVERY_S)
 
     def finish(self) -> None:
         """Wait until the time for discovery has passed since the beginning, and leave the ROS graph.

@@ -9,12 +9,12 @@ from drivers.errors import DriverError
 from nodes.topic_host.topics import COMMANDS, NAME, OTHER, STATES, HostTopics
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
+from servoloop.commands.shared.other_stacks import search_for_others
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import NamespaceOption, ServoArm, xacro_arguments
 from servoloop.stack.devices import parse_ports
-from servoloop.stack.ros_interface import search_for_others
 from servoloop.stack.terminal import log_to_terminal
 
 

@@ -14,6 +14,7 @@ from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
+from servoloop.commands.shared.other_stacks import search_for_others
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
@@ -22,7 +23,6 @@ from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
-from servoloop.stack.ros_interface import search_for_others
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 

@@ -1,0 +1,46 @@
+"""Search for other stacks with the same ROS names while a command prepares its own stack."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from nodes.ros_environment import RosMissing, require_ros
+
+if TYPE_CHECKING:
+    from nodes.only_one import Search
+
+
+@contextmanager
+def search_for_others(name: str, message: str, namespace: str, ros: bool = True) -> Iterator["Search | None"]:
+    """Begin to search for another node with the name of a node of the stack.
+
+    Begin the search before the hardware is opened, because it takes time. The result is None without ROS.
+
+    Args:
+        name: Name of the node.
+        message: Error message if there is such a node. The braces stand for its full name.
+        namespace: Namespace of the node; empty for the root namespace.
+        ros: Whether the stack uses ROS.
+
+    Raises:
+        RosError: ROS is installed, but cannot be used.
+    """
+    try:
+        if ros:
+            require_ros()
+    except RosMissing:
+        ros = False
+    if not ros:
+        yield None
+        return
+    from nodes.only_one import Search
+
+    with Search(name, namespace, message, _neighbor_in(namespace)) as search:
+        yield search
+
+
+def _neighbor_in(namespace: str) -> bool:
+    """Return whether this user runs a stack in the same namespace on this machine, perhaps in another ROS domain."""
+    from servoloop.recording.stream import running_stacks
+
+    return any(stack.namespace == namespace for stack in running_stacks())
