@@ -18,10 +18,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words, positive
 from benchmarks.clients import dynamixel, feetech
 from benchmarks.clients.peers import Driver
 from benchmarks.processes.children import child
+from benchmarks.shared.arguments import in_words, positive
 from benchmarks.silent_servo import show_silent
 from servoloop.stack.processes import on_one_processor
 

@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words, positive
+from benchmarks.shared.arguments import in_words, positive
 from servoloop.command_socket.client import CommandClient
 from servoloop.recording.stream import LiveError
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.arguments import positive
+from benchmarks.shared.arguments import positive
 from drivers.protocol import v1 as feetech
 from drivers.protocol import v2 as protocol2
 from drivers.protocol.decoder import Decoder, Reply

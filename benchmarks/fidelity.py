@@ -16,10 +16,10 @@ from struct import pack
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words
 from benchmarks.dynamixel_fidelity import dynamixels
 from benchmarks.facts.curves import draw
 from benchmarks.facts.figures import Figure
+from benchmarks.shared.arguments import in_words
 from drivers.bus.bus import Bus
 from drivers.protocol import v1
 from drivers.servos import sts

@@ -16,14 +16,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
-from benchmarks.arguments import in_words, positive
+from benchmarks.shared.arguments import in_words, positive
 from perception.camera_view import CameraPose, CameraView
 from perception.grading.grader import GradedApple, Grader
 from perception.grading.settings import GradingSettings
 from perception.intrinsics import Intrinsics
 from sim_backend.camera.light import draw_light
 from sim_backend.camera.pinhole import PinholeCamera
-from sim_backend.camera.table import GAP_M, Table, draw_tray, render, table_camera
+from sim_backend.camera.table import GAP_M, AppleTable, draw_tray, render, table_camera
 from sim_backend.camera.truth import AppleTruth
 from sim_backend.scene.picture import Picture
 
@@ -77,7 +77,7 @@ def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Pictu
     while apples > 0:
         count = min(apples, 3 + number % (MOST_APPLES - 2))
         lying = draw_tray(number, count, 0.0 if number % 3 == 0 else GAP_M)
-        yield render(Table(lying), camera, draw_light(number), number)
+        yield render(AppleTable(lying), camera, draw_light(number), number)
         number, apples = number + 1, apples - count
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from benchmarks.stopwatch import Stopwatch
-from servoloop.campaign.campaign import Scenario, files_of, read_scenario, schedule_of
+from benchmarks.shared.stopwatch import Stopwatch
+from servoloop.campaign.campaign import files_of, read_scenario, schedule_of
 from servoloop.campaign.invariants import Invariant
 from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import run_schedule
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.workers import quiet
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule

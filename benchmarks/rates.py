@@ -24,10 +24,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import two_ports
-from benchmarks.arguments import free_path, in_words, positive
 from benchmarks.clients.feetech import no_driver
 from benchmarks.processes import stack_rates
 from benchmarks.processes.children import child
+from benchmarks.shared.arguments import free_path, in_words, positive
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus

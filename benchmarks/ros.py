@@ -28,10 +28,10 @@ from control_msgs.action import FollowJointTrajectory
 from rich.console import Console
 from rich.table import Table
 
-from nodes import timing_client
-from nodes.client_node import client_node
+from nodes.clients import timing_client
+from nodes.clients.client_node import client_node
+from nodes.clients.timing_client import Promptness, TimedController, TimingClient
 from nodes.discovery import stay_on_this_machine
-from nodes.timing_client import Promptness, TimedController, TimingClient
 from servoloop.stack.processes import claim_realtime_priority, end, end_with_parent
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]

@@ -22,11 +22,11 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words, positive
 from benchmarks.processes.stack_rates import stack
 from benchmarks.rates import served
-from nodes.client_node import client_node
-from nodes.stack_monitor import StackMonitor
+from benchmarks.shared.arguments import in_words, positive
+from nodes.clients.client_node import client_node
+from nodes.clients.stack_monitor import StackMonitor
 
 RATE_HZ: Final = 20
 FIRST_DOMAIN: Final = 21

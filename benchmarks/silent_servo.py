@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoState
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
+from drivers.types import ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort

@@ -15,11 +15,11 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words
 from benchmarks.invariants import SEEDS, InvariantCost, cost, default_scenario
-from benchmarks.stopwatch import Stopwatch
+from benchmarks.shared.arguments import in_words
+from benchmarks.shared.stopwatch import Stopwatch
 from drivers.servos import sts
-from servoloop.campaign.campaign import Scenario
+from servoloop.campaign.scenario import Scenario
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.robot_files import read_files

@@ -10,8 +10,8 @@ import time
 import tty
 from pathlib import Path
 
-from benchmarks.arguments import free_path, positive, silence
 from benchmarks.dynamixel_servos import DynamixelServos
+from benchmarks.shared.arguments import free_path, positive, silence
 from drivers.errors import DriverError
 from drivers.protocol import v1 as wire
 from servoloop.bench.bus import parse_ids

@@ -24,8 +24,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import positive
 from benchmarks.processes.busy import busy
+from benchmarks.shared.arguments import positive
 from servoloop.demo.cell import Cell, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live

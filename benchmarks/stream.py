@@ -20,8 +20,8 @@ from mcap.reader import make_reader
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words, positive
 from benchmarks.command_socket import started_stack
+from benchmarks.shared.arguments import in_words, positive
 from drivers.clock import MonotonicClock, wall_offset_s
 from hal.types import FloatArray
 from servoloop import Arm

@@ -25,11 +25,11 @@ from rich.console import Console
 from rich.table import Table
 from sensor_msgs.msg import JointState
 
-from benchmarks.arguments import in_words, positive
+from benchmarks.shared.arguments import in_words, positive
 from benchmarks.stream import JOINT, STEP_RAD, TRAFFIC, Streamed, goals_on_the_bus, latencies_s
 from drivers.errors import DriverError
 from hal.types import FloatArray
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.discovery import stay_on_this_machine
 from nodes.topic_host.topics import COMMANDS, STATES
 from servoloop.recording.message_types import typestore

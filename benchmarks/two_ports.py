@@ -15,15 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks import simulator
-from benchmarks.arguments import free_path, in_words, positive
 from benchmarks.processes.children import child
+from benchmarks.shared.arguments import free_path, in_words, positive
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
+from drivers.types import Reading
 from hal.components.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware

@@ -24,8 +24,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arguments import in_words, positive
 from benchmarks.processes.browser import PATIENCE_MS, browser_page
+from benchmarks.shared.arguments import in_words, positive
 from hal.types import FloatArray
 from servoloop.demo.cell import ADDRESS, Cell, cell
 from servoloop.demo.cell_options import CellOptions

@@ -16,17 +16,21 @@ class FinalState:
     active: bool
     released: frozenset[str]
     """Joints without torque although the component was active."""
+    release_errors: Sequence[str] | None
+    """Errors while a lost component was released without being active. None if this was not tried or not possible."""
 
     @classmethod
-    def of(cls, component: Component) -> "FinalState":
+    def of(cls, component: Component, release_errors: Sequence[str] | None = None) -> "FinalState":
         """Record the state of a component before it is switched off."""
         hardware = component.hardware
         released = hardware.without_torque if isinstance(hardware, Reactivating) else frozenset()
-        return cls(component, hardware.state is LifecycleState.ACTIVE, released)
+        return cls(component, hardware.state is LifecycleState.ACTIVE, released, release_errors)
 
     def describe(self, relax: bool, parked: bool, problems: Sequence[str]) -> str:
         """Describe the final state of the component; ``problems`` occurred while it was switched off."""
         name = self.component.name
+        if self.release_errors is not None:
+            return self._describe_release(self.release_errors)
         if self.component.error is not None and not (self.active and relax):
             return f"{name} was lost: its servos hold their last goal if they are under torque"
         if not self.active:
@@ -37,6 +41,11 @@ class FinalState:
             where = "in its park pose" if parked else "where it stopped"
             return f"{name} is {where}, and its torque is off"
         return f"{name} holds its position under torque (on_exit: hold){self._exceptions()}"
+
+    def _describe_release(self, errors: Sequence[str]) -> str:
+        if errors:
+            return f"{self.component.name} was lost and may still be under torque: {'; '.join(errors)}"
+        return f"{self.component.name} was lost and could not be parked: its torque is off where it stopped"
 
     def _exceptions(self) -> str:
         names = [joint for joint in self.component.hardware.joints if joint in self.released]

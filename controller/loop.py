@@ -11,7 +11,7 @@ from controller.component_transitions import NO_BACKGROUND, ComponentTransitions
 from controller.gate_log import log_gate
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
-from controller.manager.requests import Requests
+from controller.manager.requests import LoopRequests
 from drivers.clock import Clock, computing_time
 from hal.components.component import Component
 from hal.components.component_lifecycle import activate_all, undo_all
@@ -61,7 +61,7 @@ class ControlLoop:
         self.clock = clock
         self.period_s = period_s
         self.figures = LoopFigures()
-        self.requests = Requests()
+        self.requests = LoopRequests()
         interfaces = [Interface.parse(name) for name in self.hardware.command_interfaces]
         self.limits = tuple(limits[joint] for joint, _ in interfaces)
         """Limits of the joint of each command interface."""

@@ -63,7 +63,7 @@ def stretched(path: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RuckigMotion:
     """A path of consecutive ruckig trajectories. ``starts_s`` holds the start time of each trajectory."""
 
     trajectories: tuple[Trajectory, ...]
@@ -71,7 +71,7 @@ class Motion:
     asked_s: float
 
     @classmethod
-    def of(cls, trajectories: Sequence[Trajectory], asked_s: float) -> "Motion":
+    def of(cls, trajectories: Sequence[Trajectory], asked_s: float) -> "RuckigMotion":
         """Join trajectories into one path that starts at time 0."""
         starts_s = accumulate((float(trajectory.duration) for trajectory in trajectories[:-1]), initial=0.0)
         return cls(tuple(trajectories), tuple(starts_s), asked_s)
@@ -94,12 +94,12 @@ class Motion:
 
 def motion_to(
     start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
-) -> Motion:
+) -> RuckigMotion:
     """Plan a motion of one segment from ``start`` to ``target``. Raises MotionError, as ``segment`` does."""
-    return Motion.of([segment(start, target, limits, asked_s, names)], asked_s)
+    return RuckigMotion.of([segment(start, target, limits, asked_s, names)], asked_s)
 
 
-def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
+def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> RuckigMotion:
     """Plan the fastest stop that the acceleration and jerk limits of each joint allow. Raises MotionError."""
     task = _task(start, limits)
     task.synchronization = Synchronization.No  # A joint that waited for the other joints would move further.
@@ -107,7 +107,7 @@ def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
     task.target_velocity = [0.0] * len(limits)
     task.target_acceleration = [0.0] * len(limits)
     trajectory = _calculate(task, len(limits))
-    return Motion.of([trajectory], trajectory.duration)
+    return RuckigMotion.of([trajectory], trajectory.duration)
 
 
 def segment(

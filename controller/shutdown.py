@@ -1,14 +1,14 @@
 """Shut down the arm: stop the motion, then hold the position, or park and disable the torque."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from controller.final_state import FinalState
 from controller.loop import ControlLoop
-from controller.motion import Kinematics, Motion, MotionError, motion_to
+from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
 from controller.stops import StopMotion
 from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
@@ -34,7 +34,8 @@ def shut_down(
 
     Every step runs even if an earlier step failed: an arm that cannot be parked is still released. A component that
     has lost one of its serial ports is driven through the others. A lost component whose joints still hold is activated
-    again if possible, then parked and released. The log ends with the final state of each component.
+    again, then parked and released. If it cannot be activated, all of its joints that can be reached are released where
+    they are. The log ends with the final state of each component.
 
     Args:
         loop: The control loop. No thread may run it anymore.
@@ -47,14 +48,18 @@ def shut_down(
     problems: list[str] = []
     parked: list[bool] = []
     failed: list[str] = []
+    released: dict[str, Sequence[str]] = {}
     loop.requests.end()
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "stop the motion", lambda: _stop(loop))
     _try(problems, "wait for open component transitions", settle)
     _try(problems, "complete component transitions", loop.component_transitions.end)
-    for component in loop.hardware.lost if relax and not hurry() else ():
-        _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
+    for component in loop.hardware.lost if relax else ():
+        if not hurry():
+            _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
+        if component.error is not None:
+            _try(problems, f"release {component.name}", partial(_release, component, released))
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "deactivate the controllers", loop.manager.deactivate)
         if not relax:
@@ -63,10 +68,10 @@ def shut_down(
             _try(problems, "park", lambda: parked.append(_park(loop, park, velocity_scale, hurry)))
     if not relax:
         _try(problems, "check the torque", lambda: _check_torque(loop))
-    final_states = [FinalState.of(component) for component in loop.hardware.components]
+    final_states = [FinalState.of(one, released.get(one.name)) for one in loop.hardware.components]
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(failed, "switch off", lambda: failed.extend(deactivate_all(loop.hardware, relax)))
-    problems += failed
+    problems += failed + [problem for errors in released.values() for problem in errors]
     _try(problems, "release the port", lambda: clean_up_all(loop.hardware))
     for final_state in final_states:
         LOG.info("%s", final_state.describe(relax, any(parked), failed))
@@ -91,6 +96,13 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
         hardware.activate()
         loop.hardware.rejoin(component)
         loop.take_over(component, loop.hardware.read())
+
+
+def _release(component: Component, released: dict[str, Sequence[str]]) -> None:
+    """Disable the torque of a lost component that is not active, and add the errors to ``released``."""
+    hardware = component.hardware
+    if isinstance(hardware, Holding) and component.state in (LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE):
+        released[component.name] = hardware.disable_torque()
 
 
 def _stop(loop: ControlLoop) -> None:
@@ -139,7 +151,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
     return loop.hardware.reachable and not hurry()
 
 
-def _plan(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:
+def _plan(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> RuckigMotion:
     try:
         return motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
     except MotionError as error:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, Motion, MotionError, plan_stop
+from controller.motion import Kinematics, MotionError, RuckigMotion, plan_stop
 from hal.types import FloatArray, Interface, JointLimits
 
 LOG = logging.getLogger("servoloop.controller")
@@ -34,7 +34,7 @@ class StopMotion:
         self.duration_s = max([self._motion.duration_s if self._motion else 0.0, *ramps])
         """Time until all joints are at rest, in seconds."""
 
-    def _plan(self, velocity: FloatArray, limits: Sequence[JointLimits]) -> Motion:
+    def _plan(self, velocity: FloatArray, limits: Sequence[JointLimits]) -> RuckigMotion:
         bound = np.array([limit.velocity for limit in limits])
         speed = np.clip(velocity[self._moved], -bound, bound)
         return plan_stop(Kinematics(self._command[self._moved], speed, np.zeros_like(speed)), limits)

@@ -168,16 +168,24 @@ class AskedForTorque(Protocol):
 
 @runtime_checkable
 class Holding(Protocol):
-    """Hardware whose joints may have torque while it is inactive, for example after another program crashed."""
+    """Hardware whose joints may have torque while it is not active, for example after another program crashed."""
 
     def holds(self) -> bool:
-        """Return whether a joint of the configured hardware has torque.
-
-        Returns:
-            Whether at least one joint has torque.
+        """Return whether at least one joint of the configured hardware has torque.
 
         Raises:
             DriverError: The hardware cannot be read.
+        """
+        ...
+
+    def disable_torque(self) -> Sequence[str]:
+        """Disable the torque of all joints that can be reached. The hardware is not active, and its state stays.
+
+        Returns:
+            Messages about errors, each with the name of the servo.
+
+        Raises:
+            DriverError: The hardware cannot be opened.
         """
         ...
 

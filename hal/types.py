@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bus.counters import BusCounters, ServoCounters
-from drivers.bus.types import FaultKind
 from drivers.servos.voltage import VoltageFault
+from drivers.types import FaultKind
 
 FloatArray = NDArray[np.float64]
 

@@ -1,5 +1,6 @@
 """Start rclpy in a process, wait for futures, and leave the ROS graph within a limited time."""
 
+import argparse
 import faulthandler
 import os
 import re
@@ -15,12 +16,15 @@ from rclpy.exceptions import InvalidHandle, NameValidationException
 from rclpy.executors import Executor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
-from nodes.discovery import describe_access, stay_on_this_machine
+from nodes.discovery import describe_access, open_to_network, stay_on_this_machine
 from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
+STDERR: Final = 2
+"""File descriptor of the standard error. ``sys.stderr`` may be replaced by an object without one."""
 _TURN_S: Final = 0.1
 MIXED_LIST: Final = "Sequence should be of same type"
 """Error text of rcl for a parameter list that mixes integers and decimal numbers."""
@@ -47,6 +51,26 @@ def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> s
         given = sys.argv if arguments is None else arguments
         rclpy.init(args=[*given, *namespace_arguments(namespace)], signal_handler_options=SignalHandlerOptions.NO)
     return describe_access(os.environ)
+
+
+def read_network_option(args: Sequence[str], name: str, description: str, network: str) -> None:
+    """Read the option ``--network`` of a node's process, and let it communicate with other machines if it is given.
+
+    Args:
+        args: Arguments in the form of ``sys.argv``.
+        name: Name of the node, for the help text.
+        description: Purpose of the node, for the help text.
+        network: Help text of the option.
+
+    Raises:
+        RosError: rcl rejects a ROS argument.
+    """
+    parser = argparse.ArgumentParser(name, description=f"{description} ROS arguments follow --ros-args.")
+    parser.add_argument("--network", action="store_true", help=network)
+    with rcl_errors():
+        options = parser.parse_known_args(remove_ros_args(args)[1:])[0]
+    if options.network:
+        open_to_network(os.environ)
 
 
 @contextmanager
@@ -90,7 +114,7 @@ def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
     ``DomainParticipant::set_listener`` waits for a lock that it already holds. Because the GIL may be held during the
     deadlock, the watchdog is a thread in C.
     """
-    faulthandler.dump_traceback_later(seconds, exit=True)
+    faulthandler.dump_traceback_later(seconds, exit=True, file=STDERR)
     try:
         yield
     finally:

@@ -50,7 +50,7 @@ class Surface:
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         self._executor = executor_of(self._manager.node, self._turn)
         HardwareServices(self._manager.node, stack, self._pending)
-        self._hardware = HardwareNodes(stack, ros_time)
+        self._hardware = HardwareNodes(stack, ros_time, self._manager.others)
         self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
         robot_state_publishers = [self._robot_state_publisher.node] if self._robot_state_publisher is not None else []
         self._simulation = SimulationNode(stack.simulation, ros_time, self._pending) if stack.simulation else None
@@ -80,8 +80,14 @@ class Surface:
         return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end this loop."""
-        serve(stop, (partial(self._executor.serve, WAKE_S), self._respond, self._send_delayed))
+        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end this loop.
+
+        Raises:
+            RosError: This stack has just started, and there is another controller manager with the same name.
+        """
+        others = self._manager.others
+        self._serve(lambda: stop() or others.must_end)
+        others.require_none()
 
     def finish(self) -> None:
         """Send results and responses to clients after the control loop has ended."""
@@ -90,7 +96,7 @@ class Surface:
             self._controllers.publish(self._manager.node.get_clock().now().to_msg())
             self._pending.resume_done()
         deadline_s = monotonic() + FINISH_S
-        self.spin(lambda: monotonic() > deadline_s)
+        self._serve(lambda: monotonic() > deadline_s)
 
     def close(self) -> None:
         """Remove all nodes from the graph."""
@@ -101,6 +107,9 @@ class Surface:
             for node in self._own_nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
+
+    def _serve(self, stop: Callable[[], bool]) -> None:
+        serve(stop, (partial(self._executor.serve, WAKE_S), self._respond, self._send_delayed))
 
     def _publish_cycles(self, states: Sequence[JointState]) -> None:
         """Publish cycles, and wake the executor if clients expect an answer or nodes must be created."""

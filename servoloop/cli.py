@@ -16,7 +16,7 @@ from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from planning.errors import PlanningError
-from servoloop.commands import arms, bench, camera, passport, scene, servo, teach
+from servoloop.commands import arms, bench, camera, passport, servo, teach
 from servoloop.commands import calibrate as calibration
 from servoloop.commands import jog as pose
 from servoloop.commands import servo as register
@@ -24,9 +24,10 @@ from servoloop.commands.calibrate import calibrate, hand
 from servoloop.commands.campaign import campaign
 from servoloop.commands.doctor import doctor
 from servoloop.commands.emulate import emulate, fault
-from servoloop.commands.goto import goto
 from servoloop.commands.jog import jog, stop
-from servoloop.commands.plan_server import plan_server
+from servoloop.commands.planning import scene
+from servoloop.commands.planning.goto import goto
+from servoloop.commands.planning.plan_server import plan_server
 from servoloop.commands.ports import ports
 from servoloop.commands.record import plot, record, replay
 from servoloop.commands.scan import scan

@@ -19,6 +19,7 @@ from servoloop.up import up
 from servoloop.up_options import UpOptions
 
 if TYPE_CHECKING:
+    from nodes.only_one import Search
     from nodes.stack import Stack
 
 NAME: Final = "host_controller"
@@ -32,6 +33,8 @@ class ForeignControllers:
     topics: HostTopics
     record: Path | None = None
     """File of the recording, if any."""
+    search: "Search | None" = None
+    """Search for another topic-host, which began before the hardware was opened."""
     controllers: list[HostController] = field(default_factory=list)
     """Controller that follows the commands, or None before it is loaded."""
 
@@ -50,9 +53,15 @@ class ForeignControllers:
         self.controllers.append(controller)
 
     def ros_interface(self, stack: "Stack") -> RosInterface:
-        """Create the node with the two topics. Raises RosError."""
+        """Create the node with the two topics.
+
+        Raises:
+            RosError: ROS does not start, or the search has found another topic-host.
+        """
         from nodes.topic_host.interface import TopicHostInterface
 
+        if self.search is not None:
+            self.search.finish()
         return TopicHostInterface(stack, self.controllers[0], self.topics)
 
 

@@ -5,20 +5,20 @@ import logging
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
-from nodes.ros_environment import INSTALL, RosMissing, require_ros
+from nodes.ros_environment import INSTALL, RosError, RosMissing, require_ros
 from servoloop.command_server.server import command_socket
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.arm_options import BACKLASH_DEG
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.stack.device_choice import chosen_devices
+from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.plan_process import planning_server
@@ -29,6 +29,7 @@ from servoloop.stack.signals import Signals
 from servoloop.up_options import NO_OPTIONS, UpOptions
 
 if TYPE_CHECKING:
+    from nodes.only_one import Search
     from nodes.stack import Stack
     from servoloop.simulation.real_clients import SimulatedTime
 
@@ -48,17 +49,27 @@ class Program(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
 class OwnControllers:
     """Controllers of the controllers file, with ros2_control's ROS interfaces."""
+
+    search: "Search | None" = None
+    """Search for another controller manager, which began before the hardware was opened."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load all controllers in the controllers file."""
         stack.load_controllers()
 
     def ros_interface(self, stack: "Stack") -> RosInterface:
-        """Create the nodes of the controller manager, the components and the controllers."""
+        """Create the nodes of the controller manager, the components and the controllers.
+
+        Raises:
+            RosError: ROS does not start, or the search has found another controller manager.
+        """
         from nodes.surface import Surface
 
+        if self.search is not None:
+            self.search.finish()
         return Surface(stack)
 
 
@@ -129,6 +140,8 @@ class _Up:
         self._options, self._recording, self._program, self._simulated = options, recording, program, simulated
         self._stack = ControlStack.build(setup, files, clock, worker, options.keep_alive)
         program.load_controllers(self._stack)
+        self._must_end = False
+        """Whether the ROS interface has ended the stack."""
 
     def run(self, signals: Signals, ready: Callable[[str], None]) -> int:
         """Configure the hardware, serve clients until the end, and return the exit status."""
@@ -142,7 +155,7 @@ class _Up:
                 self._record_and_serve(thread, surface, ready)
             finally:
                 surface.close()
-        return 1 if thread.failed else 0
+        return 1 if thread.failed or self._must_end else 0
 
     def _has_ros(self) -> bool:
         """Return whether to serve clients over ROS. Log once if the stack runs without ROS.
@@ -209,6 +222,9 @@ class _Up:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
             with self._planning():
                 surface.spin(lambda: run.done or run.hangs())
+        except RosError as error:
+            self._must_end = True
+            LOG.error("the stack ends: %s", error)
         finally:
             run.signals.ask()  # also end the loop if ROS fails
             while thread.is_alive() and not run.hangs():

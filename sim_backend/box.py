@@ -50,10 +50,6 @@ class VirtualBox:
         for number, servo in enumerate(self.servos):
             (self.line.plug if number in numbers else self.line.unplug)(servo)
 
-    def connect_all(self) -> None:
-        """Connect the whole chain."""
-        self.connect(*range(len(self.servos)))
-
     def connected(self) -> list[bool]:
         """Return whether each servo is connected, by number."""
         return [self.line.plugged(servo) for servo in self.servos]

@@ -10,7 +10,7 @@ from sim_backend.apples.apple import Spot, draw_apple
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.camera.light import Light
 from sim_backend.camera.pinhole import PinholeCamera
-from sim_backend.camera.table import LyingApple, Table, render
+from sim_backend.camera.table import AppleTable, LyingApple, render
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.scene.mujoco_hardware import drive
 from sim_backend.scene.picture import View
@@ -38,7 +38,7 @@ def compile_ahead() -> None:
     apple = draw_apple(0)
     camera = PinholeCamera.looking_at(np.zeros(3), np.array([-0.25, 0.0, 0.55]), focal_px=10.0, size=(8, 6))
     spotted = replace(apple, spots=(Spot((0.0, 0.0, 1.0), 0.3, dark=True),))
-    render(Table([LyingApple(spotted, 0.0, 0.0)], smooth=False), camera, Light(), seed=0)
+    render(AppleTable([LyingApple(spotted, 0.0, 0.0)], smooth=False), camera, Light(), seed=0)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import json
 import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self
 
 from drivers.errors import PortError
@@ -85,9 +84,7 @@ class ControlServer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for end in (*self._clients, self._socket):
             end.close()
         self.path.unlink(missing_ok=True)

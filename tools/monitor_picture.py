@@ -35,7 +35,7 @@ def main(picture: Path) -> None:
     """Record the jobs, and write the moment of the fastest motion in the last job as an SVG file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "job.mcap"
-        simulate(read_files(), JobSettings(), Schedule(job=JOBS, faults=(FAULT,)), path)
+        simulate(read_files(), {"": JobSettings()}, Schedule(job=JOBS, faults=(FAULT,)), path)
         run, recording = read_recording(path), PlayedRecording(path)
     playback = Playback(recording, MonotonicClock())
     playback.toggle()

@@ -15,10 +15,10 @@ from servoloop.dashboard.page import Page
 from servoloop.dashboard.server import PageServer
 from servoloop.recording.reader import read_recording
 from servoloop.recording.sources import PlayedRecording
+from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.pick_place import load_pick_place
 
 ARM = "so101"
 SIZE = {"width": 1400, "height": 820}
@@ -32,7 +32,7 @@ def main(picture: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path, arm = Path(folder) / "job.mcap", find_arm(ARM)
         schedule = Schedule(job=("A",), arm=ARM)
-        simulate(read_arm_files(arm), load_pick_place(arm.pick_place).settings(), schedule, path)
+        simulate(read_arm_files(arm), job_settings(arm, schedule.job), schedule, path)
         run, recording = read_recording(path), PlayedRecording(path)
     server = PageServer(port=0)
     try:

@@ -9,13 +9,13 @@ from benchmarks.clients.bare import bare
 from benchmarks.clients.own import own_client
 from benchmarks.clients.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.dynamixel import X
 from drivers.servos.indirect import AT_224
 from drivers.servos.x import XL430_W250
+from drivers.types import ServoGoal
 
 WORK = Work(
     X.blocks[0].address,

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from benchmarks.clients.peers import Client
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import Clock
+from drivers.types import ServoFault, ServoGoal
 
 
 def own_client(bus: Bus, clock: Clock, servo_ids: Sequence[int]) -> Client:

@@ -14,11 +14,11 @@ from typing import Final
 
 from rich.console import Console
 
-from benchmarks.arguments import in_words, positive
 from benchmarks.planning.peer import Peer
 from benchmarks.planning.poses import run_poses
 from benchmarks.planning.problems import JOINTS, LIMIT, plain, read_problems
 from benchmarks.planning.ur5 import Results, run, table_of
+from benchmarks.shared.arguments import in_words, positive
 from planning.arm_model import ArmModel
 from planning.collision import warm_up
 from planning.paths.planner import SEARCHES

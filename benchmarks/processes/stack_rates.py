@@ -16,8 +16,8 @@ import psutil
 from benchmarks.simulator import TABLE, WRITE, Servos
 from drivers.protocol.v1 import BROADCAST_ID
 from drivers.servos import sts
-from nodes.client_node import client_node
-from nodes.stack_monitor import NewestMessages, StackMonitor
+from nodes.clients.client_node import client_node
+from nodes.clients.stack_monitor import NewestMessages, StackMonitor
 from servoloop.stack.processes import end_with_parent
 from servoloop.stack.robot_files import CONTROLLERS
 

@@ -28,11 +28,11 @@ from commissioning.calibrate.store import restart
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.angles import Travel
+from drivers.types import ServoState
 from hal.joint import Joint
 from hal.types import JointLimits
 

@@ -12,11 +12,11 @@ from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.seam import can_move_seam, write_counting
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
-from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
 from drivers.eeprom import Change
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
+from drivers.types import Reading, ServoState
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
 

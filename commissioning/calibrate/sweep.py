@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from commissioning.calibrate.result import CalibrationError
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoState
 from drivers.servos.angles import Travel, unwrap
+from drivers.types import Reading, ServoState
 from hal.joint import Joint
 
 

@@ -24,7 +24,7 @@ from commissioning.doctor.findings import KINDS, Finding, ranked
 from commissioning.doctor.measure import OpenPort, measure_bus
 from commissioning.doctor.motion import Move, no_move
 from commissioning.doctor.report import DoctorReport, report_of
-from commissioning.doctor.snapshot import Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot
 from commissioning.ports.adapters import PortsReport, ports
 from commissioning.ports.machine import Machine
 from drivers.clock import Clock
@@ -33,7 +33,7 @@ from drivers.port.serial_port import SerialPort
 from hal.robot_file.calibration_file import CalibrationFile
 from hal.robot_file.robot import Robot
 
-CHECKS: Final[tuple[Callable[[Snapshot], Iterable[Finding]], ...]] = (
+CHECKS: Final[tuple[Callable[[ArmSnapshot], Iterable[Finding]], ...]] = (
     check_presence,
     check_line,
     check_identity,
@@ -46,12 +46,12 @@ CHECKS: Final[tuple[Callable[[Snapshot], Iterable[Finding]], ...]] = (
 )
 
 
-def judge(snapshot: Snapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
+def judge(snapshot: ArmSnapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
     """Return all findings in a snapshot, beginning with the most likely cause of the other findings."""
     return ranked(_all(snapshot, ports), KINDS)
 
 
-def _all(snapshot: Snapshot, ports: PortsReport | None) -> Iterator[Finding]:
+def _all(snapshot: ArmSnapshot, ports: PortsReport | None) -> Iterator[Finding]:
     yield from check_ports(snapshot, ports)
     for check in CHECKS:
         yield from check(snapshot)
@@ -97,7 +97,7 @@ def doctor(
         for name, device in devices.items()
     )
     adapters = ports(machine)
-    snapshot = Snapshot(buses, arm.calibration, arm.name)
+    snapshot = ArmSnapshot(buses, arm.calibration, arm.name)
     motions, why_not = move(snapshot, judge(snapshot, adapters))
     snapshot = replace(snapshot, motions=motions, not_moved=why_not)
     return report_of(snapshot, judge(snapshot, adapters), adapters.adapters)

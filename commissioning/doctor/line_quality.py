@@ -10,7 +10,6 @@ from typing import Final
 from commissioning.doctor.snapshot import Heard, LineFigures
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.bus.types import FaultKind, Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError, ServoSilent
 from drivers.port import Port
@@ -18,6 +17,7 @@ from drivers.port.line import BITS_PER_BYTE
 from drivers.protocol import v1
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
+from drivers.types import FaultKind, Reading, ServoFault, ServoState
 
 CYCLES: Final = 100
 CYCLE_S: Final = 0.05

@@ -8,7 +8,7 @@ import numpy as np
 
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.measure import OpenPort
-from commissioning.doctor.snapshot import BusSnapshot, Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot
 from commissioning.drive_trial import DriveTrial, TrialMotion
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
@@ -19,7 +19,7 @@ from hal.errors import HalError
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 
-Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
+Move = Callable[[ArmSnapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
 """Function that moves the joints, given the measurements and findings so far.
 
 The function returns the motions, and a message if joints were not moved.
@@ -30,7 +30,7 @@ WAY_RAD: Final = 0.4
 FASTEST_RAD_S: Final = 1.0
 
 
-def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
+def no_move(snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
     """Do not move any joint, because the user did not request it."""
     return (), ""
 
@@ -44,7 +44,7 @@ class SmallMotions:
     gravity: Gravity | None = None
     stopped: Callable[[], bool] = field(default=lambda: False)
 
-    def __call__(self, snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
+    def __call__(self, snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
         """Move the joints. Return the motions, and a message if joints were not moved."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:

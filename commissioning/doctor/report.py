@@ -10,7 +10,7 @@ from typing import Final
 
 from commissioning.doctor.checks.identity import firmware
 from commissioning.doctor.findings import Finding
-from commissioning.doctor.snapshot import BusSnapshot, LineFigures, ServoSnapshot, Snapshot, Stranger
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, LineFigures, ServoSnapshot, Stranger
 from commissioning.ports.adapters import Adapter
 
 
@@ -63,7 +63,7 @@ class DoctorReport:
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
-def report_of(snapshot: Snapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> DoctorReport:
+def report_of(snapshot: ArmSnapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> DoctorReport:
     """Return a report with the findings and the measurements of the snapshot."""
     return DoctorReport(findings, tuple(_bus(bus) for bus in snapshot.buses), tuple(map(_adapter, adapters)))
 

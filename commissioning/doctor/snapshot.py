@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from commissioning.drive_trial import TrialMotion
-from drivers.bus.types import ServoState
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import ServoModel
+from drivers.types import ServoState
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
 
@@ -105,7 +105,7 @@ class BusSnapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class ArmSnapshot:
     """Measurements of the whole arm."""
 
     buses: tuple[BusSnapshot, ...]

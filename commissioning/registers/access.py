@@ -15,13 +15,13 @@ from commissioning.registers.values import RegisterValue, parse, value_of
 from commissioning.scan.find import FoundServo
 from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
-from drivers.bus.types import ServoState
 from drivers.eeprom import update
 from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import Access, Register
+from drivers.types import ServoState
 
 
 def enable_torque_in_place(servo: FoundServo) -> None:

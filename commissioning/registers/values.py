@@ -23,11 +23,24 @@ class Unit:
     """Quantity that corresponds to a raw value of 1."""
 
 
-COUNTS, COUNTS_S, CELSIUS, PERCENT = Unit("counts"), Unit("counts/s"), Unit("°C"), Unit("%")
+COUNTS, COUNTS_S, CELSIUS, PERCENT = (
+    Unit("counts"),
+    Unit("counts/s"),
+    Unit("°C"),
+    Unit("%"),
+)
 DECIVOLT, PER_MILLE, MS = Unit("V", 0.1), Unit("%", 0.1), Unit("ms")
 DELAY, ACCELERATION = Unit("µs", 2), Unit("counts/s²", 100)
-STS_CURRENT, PWM, PER_1023 = Unit("A", 0.0065), Unit("%", 100 / x.FULL_PWM), Unit("%", 100 / 1023)
-X_SPEED, X_ACCELERATION, XL_SPEED = Unit("rpm", 0.229), Unit("rev/min²", 214.577), Unit("rpm", 0.111)
+STS_CURRENT, PWM, PER_1023 = (
+    Unit("A", 0.0065),
+    Unit("%", 100 / x.FULL_PWM),
+    Unit("%", 100 / 1023),
+)
+X_SPEED, X_ACCELERATION, XL_SPEED = (
+    Unit("rpm", 0.229),
+    Unit("rev/min²", 214.577),
+    Unit("rpm", 0.111),
+)
 NO_UNIT: Final = Unit("")
 _FEETECH: Final = {
     **dict.fromkeys(("min_position", "max_position", "cw_dead_zone", "ccw_dead_zone", "present_position"), COUNTS),

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault
 from drivers.eeprom import LARGEST_ID
 from drivers.errors import PortError, PortLost
+from drivers.types import ServoFault
 
 TOGETHER: Final = 100
 """Number of IDs in one request. An STS accepts at most 128."""

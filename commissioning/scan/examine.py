@@ -11,7 +11,6 @@ from commissioning.scan.problems import Problem, line_trouble, no_group_reads, o
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
-from drivers.bus.types import FaultKind, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.errors import PortLost, ServoCorrupt, ServoError
 from drivers.port import Port
@@ -23,6 +22,7 @@ from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.feetech import SCS, STS
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
+from drivers.types import FaultKind, ServoFault, ServoState
 
 MODES: Final[dict[str, tuple[Register, dict[int, str]]]] = {
     STS.name: (sts.operating_mode, {0: "position", 1: "velocity", 2: "PWM", 3: "step"}),

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from commissioning.scan.identify import Identity
-from drivers.bus.types import FaultKind, ServoState
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
 from drivers.servos.catalog import series_of, unsupported
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Read, Series
+from drivers.types import FaultKind, ServoState
 
 Kind = Literal[
     "alarmed",

@@ -13,7 +13,6 @@ from commissioning.scan.answers import Answer, who_answers, who_answers_elsewher
 from drivers.bus.bus import Bus
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
-from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.eeprom import CLOSED, OPEN, eeprom
 from drivers.errors import ServoError
@@ -24,6 +23,7 @@ from drivers.servos.feetech import STS
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
 from drivers.servos.voltage import voltage_fault
+from drivers.types import ServoState
 from hal.robot_file.robot_file import RobotFile
 
 FACTORY_ID: Final = 1

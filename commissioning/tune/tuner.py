@@ -11,9 +11,9 @@ from commissioning.tune.figures import JointFigures, TuneTrace, figures
 from commissioning.tune.gains import TuneError, Written, as_held, read_gains, with_gains, write_gains
 from commissioning.tune.trial import FASTEST_RAD_S, TrialPlan, TuneTrial, plan_for
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError
+from drivers.types import ServoState
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray

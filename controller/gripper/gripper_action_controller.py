@@ -7,7 +7,7 @@ the position limits are rejected. A canceled goal stops the fingers without a ju
 import logging
 from collections import deque
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from controller.gripper.goal import (
     velocity_of,
 )
 from controller.interface import ControllerContext
-from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop, within_reach
+from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to, plan_stop, within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
 from controller.unmeasured import Unmeasured
@@ -29,6 +29,12 @@ from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointLimits, JointState, apart
 
 LOG = logging.getLogger("servoloop.controller")
+
+NOISE_SHARE: Final = 0.16
+"""Motion that does not count after the end of the commanded motion, as a share of the goal tolerance.
+
+With the default tolerance, this is just above one count of a servo with 4096 counts per turn.
+"""
 
 
 class GripperActionController:
@@ -58,11 +64,13 @@ class GripperActionController:
         self._active: GripperHandle | None = None
         self.newest_goal: GripperHandle | None = None
         """The latest goal: queued, active or finished."""
-        self._motion: Motion | None = None
+        self._motion: RuckigMotion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
         self._unmeasured = Unmeasured((self.joint,))
         self._elapsed_s = self._last_s = self._still_s = 0.0
+        self._stood_at = np.nan
+        """Position at which the fingers have stood for ``_still_s``, in rad or m."""
         self._running = False
 
     @classmethod
@@ -123,12 +131,12 @@ class GripperActionController:
         if state.faults or self._unmeasured.cycles:
             step_s = self._unmeasured.step_s(state.faults, step_s)
         self._elapsed_s += step_s
-        before, self.state = self.state, self._measured(state)
+        self.state = self._measured(state)
         reference = self._sample(0.0)
         self._take_cancels(reference)
         self._take_goals(reference)
         if self._active:
-            self._check_goal(self._active, state, before, step_s, period_s)
+            self._check_goal(self._active, state, step_s, period_s)
         goal = self._sample(period_s).position
         self.command = within_reach(goal, self.command, self._velocity, period_s)
         if self._elapsed_s >= self._duration_s:
@@ -150,7 +158,7 @@ class GripperActionController:
         assert self._motion is not None, "activated before the first update"
         return self._motion.sample(self._elapsed_s + ahead_s)
 
-    def _follow(self, motion: Motion) -> None:
+    def _follow(self, motion: RuckigMotion) -> None:
         self._motion, self._elapsed_s = motion, 0.0
 
     def _stop(self, reference: Kinematics) -> None:
@@ -188,12 +196,12 @@ class GripperActionController:
             self._follow(motion_to(reference, target, limits, 0.0))
         except MotionError as error:
             self._give_up(handle, reference, str(error))
-        self._still_s, self._fault_timeout = 0.0, FaultTimeout((self.joint,))
+        assert self.state is not None, "measured before a goal starts"
+        self._still_s, self._stood_at = 0.0, self.state.position
+        self._fault_timeout = FaultTimeout((self.joint,))
         self._settling.command_changed()
 
-    def _check_goal(
-        self, handle: GripperHandle, state: JointState, before: GripperState | None, step_s: float, period_s: float
-    ) -> None:
+    def _check_goal(self, handle: GripperHandle, state: JointState, step_s: float, period_s: float) -> None:
         assert self.state is not None, "measured before it is judged"
         if fault := self._fault_timeout.lasting(state.faults, period_s):
             self._give_up(handle, self._sample(0.0), fault)
@@ -201,18 +209,25 @@ class GripperActionController:
             return  # If the fingers are not measured, their last known position does not show a stall.
         elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
             self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
-        elif self._stalls(self.state, before, step_s):
+        elif self._stalls(self.state, step_s):
             good = self.parameters.allow_stalling
             status = GoalStatus.SUCCEEDED if good else GoalStatus.ABORTED
             text = "stalled at {}, short of {}".format(*apart(self.state.position, handle.goal.position))
             self._end(handle, status, text, stalled=True)
 
-    def _stalls(self, now: GripperState, before: GripperState | None, step_s: float) -> bool:
-        """Return whether the fingers have stalled. If the velocity is unknown, the change of position decides."""
+    def _stalls(self, now: GripperState, step_s: float) -> bool:
+        """Return whether the fingers have stalled.
+
+        The change of position also counts, because the velocity may be unknown or below the servo's resolution. After
+        the end of the commanded motion, single counts of the encoder do not count.
+        """
         slowest = self.parameters.stall_velocity_threshold
-        moved = 0.0 if before is None else abs(now.position - before.position)
-        moves = abs(now.velocity) > slowest or moved > slowest * step_s
-        self._still_s = 0.0 if moves else self._still_s + step_s
+        noise = NOISE_SHARE * self.parameters.goal_tolerance if self._elapsed_s >= self._duration_s else 0.0
+        shift = abs(now.position - self._stood_at)
+        if abs(now.velocity) > slowest or shift > max(slowest * step_s, noise):
+            self._still_s, self._stood_at = 0.0, now.position
+        else:
+            self._still_s += step_s
         return self._still_s > self.parameters.stall_timeout
 
     def _end(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from controller.manager.leaving import LeavingControllers
-from controller.manager.registry import ControllerRegistry, Running
+from controller.manager.registry import ActiveEntry, ControllerRegistry
 from controller.stops import DecelerationStops
 from hal.types import FloatArray, JointState
 
@@ -17,7 +17,7 @@ class ControllerCycle:
     """One update of all active controllers, in the order of loading, in the thread of the loop."""
 
     def __init__(
-        self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[Running, FloatArray], None]
+        self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[ActiveEntry, FloatArray], None]
     ) -> None:
         """Create the cycle. ``fail`` deactivates a failed controller, given the last command (n,) of all interfaces."""
         self.seen: JointState | None = None
@@ -82,7 +82,7 @@ class ControllerCycle:
         return not self._stops.holds(index) and not self.leaving.holds(index)
 
 
-def _shaped(entry: Running) -> FloatArray:
+def _shaped(entry: ActiveEntry) -> FloatArray:
     """Return the command of a controller after a check of its shape. numpy would broadcast a single value."""
     command = entry.controller.command
     if command.shape != (len(entry.index),):

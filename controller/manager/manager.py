@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.interface import Controller, relieving
 from controller.manager.cycle import ControllerCycle
-from controller.manager.registry import ControllerRegistry, Running
+from controller.manager.registry import ActiveEntry, ControllerRegistry
 from controller.manager.switch import Interfaces, ManagerError, SwitchError, SwitchPlan, SwitchRequest, plan_switch
 from controller.stops import DecelerationStops
 from hal.lifecycle import LifecycleState
@@ -131,7 +131,7 @@ class ControllerManager:
                 names.append(name)
         return names
 
-    def _replace(self, failed: Running, last: FloatArray) -> None:
+    def _replace(self, failed: ActiveEntry, last: FloatArray) -> None:
         """Deactivate a failed controller and activate its fallback controllers, which start in the next cycle."""
         self._stop(failed.spec.name)
         if failed.spec.fallback:

@@ -29,7 +29,7 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
+class ActiveEntry:
     """An active controller, with the data that the cycle needs."""
 
     spec: ControllerSpec
@@ -58,7 +58,7 @@ class ControllerRegistry:
         """Transitions for one reader in another thread, which removes them from the left."""
         self.loaded: Mapping[str, Loaded] = {}
         """All loaded controllers by name, in the order of loading."""
-        self.running: tuple[Running, ...] = ()
+        self.running: tuple[ActiveEntry, ...] = ()
         """The active controllers, in the order of loading."""
         self.controllers: Mapping[str, Controller] = {}
         """All configured controllers, by name."""
@@ -137,7 +137,7 @@ class ControllerRegistry:
         self.loaded = loaded
         self.controllers = {name: entry.controller for name, entry in loaded.items() if entry.controller is not None}
         self.running = tuple(
-            Running(entry.spec, entry.controller, entry.index)
+            ActiveEntry(entry.spec, entry.controller, entry.index)
             for entry in loaded.values()
             if entry.active and entry.controller is not None
         )

@@ -40,7 +40,7 @@ class Request(Generic[Result]):
         return self._result  # type: ignore[return-value]  # It is None only if Result allows None.
 
 
-class Requests:
+class LoopRequests:
     """Queue of requests that wait for the loop."""
 
     def __init__(self) -> None:

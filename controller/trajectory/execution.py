@@ -38,7 +38,7 @@ moved by then.
 """
 
 
-class Execution:
+class GoalExecution:
     """Executor of goals. Any thread may call ``submit`` and ``cancel``, which take effect in the next cycle."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler, settled: Settled) -> None:

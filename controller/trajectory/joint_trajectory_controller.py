@@ -13,7 +13,7 @@ from controller.interface import ControllerContext, Settled, indices, limits_of
 from controller.motion import Kinematics, within_reach
 from controller.parameters import Parameters
 from controller.trajectory.active_goal import Cycle
-from controller.trajectory.execution import Execution
+from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
@@ -65,7 +65,7 @@ class JointTrajectoryController:
         self._velocity = np.array([limit.velocity for limit in limits])
         self._lead_s = parameters.command_lead
         self._index = np.array(indices(self.joints, hardware_joints), dtype=np.intp)
-        self._execution = Execution(name, self.joints, self._sampler, settled)
+        self._execution = GoalExecution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._planning = Lock()
         """Lock that is held while a goal is planned or submitted. ROS and the command socket have threads of their own.

@@ -57,7 +57,7 @@ class Constraints(Parameters):
         return self.model_extra or {}
 
 
-class Scaling(BaseModel):
+class ScalingParameters(BaseModel):
     """Parameters of speed scaling. ros2_control's parameters for hardware interfaces have no effect."""
 
     model_config = ConfigDict(frozen=True)
@@ -80,7 +80,7 @@ class TrajectoryParameters(Parameters):
     allow_nonzero_velocity_at_trajectory_end: bool = False
     action_monitor_rate: MonitorRate = 20.0
     cmd_timeout: Time = 0.0
-    speed_scaling: Scaling = Scaling()
+    speed_scaling: ScalingParameters = ScalingParameters()
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
     """Interpolation method, with the default of ros2_control. servoloop's robot files set ruckig (jerk-limited) for

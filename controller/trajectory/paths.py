@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, Motion, MotionError, Path, motion_to, stretched
+from controller.motion import Kinematics, MotionError, Path, RuckigMotion, motion_to, stretched
 from controller.trajectory.smoothing import SmoothPath, smooth_path
 from controller.trajectory.splines import SplinePath, spline
 from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, within
@@ -119,7 +119,7 @@ def _largest_miss(path: SmoothPath, points: FloatArray) -> float:
     return float(np.abs(samples - points[:, None]).max(axis=2).min(axis=1).max())
 
 
-def _exact(task: PathTask) -> Motion | None:
+def _exact(task: PathTask) -> RuckigMotion | None:
     """Return the path through few points by ruckig, or None if it would leave the position limits between them."""
     if len(task.waypoints.times_s) > FEW:
         return None

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from controller.motion import Kinematics, Path
-from controller.trajectory.execution import Execution
+from controller.trajectory.execution import GoalExecution
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.paths import NEAR
 from controller.trajectory.sampler import TrajectorySampler, shorter_way
@@ -32,7 +32,7 @@ class Standstill(Unmeasured):
     """
 
     def __init__(
-        self, joints: Sequence[str], endless: Sequence[int], sampler: TrajectorySampler, execution: Execution
+        self, joints: Sequence[str], endless: Sequence[int], sampler: TrajectorySampler, execution: GoalExecution
     ) -> None:
         super().__init__(joints)
         self._endless, self._sampler, self._execution = endless, sampler, execution

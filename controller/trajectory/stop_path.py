@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, Motion, MotionError, Path, plan_stop
+from controller.motion import Kinematics, MotionError, Path, RuckigMotion, plan_stop
 from controller.trajectory.parameters import TrajectoryParameters
 from hal.types import FloatArray, JointLimits
 
@@ -64,7 +64,7 @@ class Slowing:
     """
 
     path: Path
-    progress: Motion
+    progress: RuckigMotion
     rate: float = 1.0
     delay_s: float = 0.0
 

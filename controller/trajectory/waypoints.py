@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.motion import Kinematics, Motion, segment
+from controller.motion import Kinematics, RuckigMotion, segment
 from hal.types import FloatArray, JointLimits
 
 ATTEMPTS: Final = 4
@@ -67,7 +67,7 @@ class Bounds:
 
 def ruckig_motion(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
-) -> Motion:
+) -> RuckigMotion:
     """Plan a motion with ruckig from ``start`` through every point without a stop. Raises MotionError.
 
     If a segment takes longer than the goal requests, the velocities at its ends are reduced accordingly, so that all
@@ -86,7 +86,7 @@ def ruckig_motion(
             break
         spans_s = np.maximum(spans_s, durations_s)
     asked = max(float(waypoints.times_s[-1]), 0.0)
-    return Motion.of(trajectories, asked)
+    return RuckigMotion.of(trajectories, asked)
 
 
 def _states(

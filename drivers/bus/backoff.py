@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from drivers.bus.read_plan import ReadResult
-from drivers.bus.types import ServoFault, ServoState
+from drivers.types import ServoFault, ServoState
 
 ASKED_ALWAYS: Final = 2
 """Number of consecutive misses up to which a servo is asked in every cycle, because single replies get lost."""

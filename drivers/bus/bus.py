@@ -18,7 +18,6 @@ from drivers.bus.separate import SeparateServos
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
 from drivers.bus.turns import Turns
-from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
@@ -28,6 +27,7 @@ from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import ALARMED, X
 from drivers.servos.register import Register, ServoModel
+from drivers.types import Reading, ServoGoal, ServoState
 
 LOG = logging.getLogger("servoloop.drivers")
 

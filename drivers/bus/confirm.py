@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from drivers.bus.types import Reading, ServoFault, ServoState
+from drivers.types import Reading, ServoFault, ServoState
 
 READINGS: Final = 8
 """Maximum number of readings."""

@@ -14,10 +14,10 @@ from fastcrc.crc16 import umts as crc16
 
 from drivers.bus.late_replies import OPEN_S
 from drivers.bus.read_plan import Decode, ReadPlan
-from drivers.bus.types import ServoState
 from drivers.port.line import Line
 from drivers.protocol import v2
 from drivers.servos.series import StateBlock
+from drivers.types import ServoState
 
 LOG = logging.getLogger("servoloop.drivers")
 

@@ -9,10 +9,10 @@ from drivers.bus.fast_read import FastReads, replies_in
 from drivers.bus.late_replies import LateReplyFilter, Missed
 from drivers.bus.read_plan import ReadPlan, ReadResult
 from drivers.bus.reply_assembler import ReplyAssembler
-from drivers.bus.types import FaultKind, ServoFault, ServoState
 from drivers.port.line import GAP_S, Line
 from drivers.protocol.decoder import Reply
 from drivers.servos.series import WireProtocol
+from drivers.types import FaultKind, ServoFault, ServoState
 
 GROUP_WAIT_S: Final = 0.002
 """Timeout of a group's replies beyond the transmission time, in seconds. This timeout is at least one tick of most

@@ -5,7 +5,6 @@ from struct import Struct
 
 from drivers.bus.fast_read import fast_plan
 from drivers.bus.read_plan import ReadPlan, state_plan
-from drivers.bus.types import ServoGoal
 from drivers.protocol import v1
 from drivers.servos.catalog import series_of, wire_protocol
 from drivers.servos.dynamixel import X
@@ -13,6 +12,7 @@ from drivers.servos.feetech import STS, STS_PROTOCOL
 from drivers.servos.firmware import reads_fast
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Series, StateBlock
+from drivers.types import ServoGoal
 
 GoalWrite = Callable[[Mapping[int, ServoGoal]], bytes]
 """Encodes the goals of its servos as a sync write."""

@@ -9,11 +9,11 @@ from zlib import adler32
 
 from fastcrc.crc16 import umts as crc16
 
-from drivers.bus.types import FaultKind, ServoFault, ServoState, fault
 from drivers.protocol import v1, v2
 from drivers.protocol.decoder import Reply
 from drivers.servos.register import Register
 from drivers.servos.series import StateBlock, WireProtocol
+from drivers.types import FaultKind, ServoFault, ServoState, fault
 
 ReadResult = ServoState | int | FaultKind | ServoFault
 """Result of one request to one servo: a state, a register value, or a fault. A ``ServoFault`` is a refusal with a

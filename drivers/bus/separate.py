@@ -13,10 +13,10 @@ from drivers.bus.counters import BusCounters
 from drivers.bus.group_read import GroupRead
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.state_reader import StateReader
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.port.line import Line
 from drivers.printable import counted
 from drivers.protocol import v2
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 
 LOG = logging.getLogger("servoloop.drivers")
 

@@ -15,9 +15,9 @@ from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import LateReplyFilter
 from drivers.bus.read_plan import ReadPlan, ReadResult, register_plan
 from drivers.bus.retry import CYCLE_RETRIES
-from drivers.bus.types import Reading, ServoState, fault
 from drivers.port.line import GAP_S, Line
 from drivers.servos.register import Register
+from drivers.types import Reading, ServoState, fault
 
 LOG = logging.getLogger("servoloop.drivers")
 

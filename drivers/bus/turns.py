@@ -7,8 +7,8 @@ turns, because a wrong number would move the joint by a whole turn.
 
 from collections.abc import Mapping
 
-from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.servos.register import ServoModel
+from drivers.types import Reading, ServoGoal, ServoState
 
 
 class Turns:

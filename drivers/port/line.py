@@ -6,6 +6,7 @@ from drivers.clock import Clock
 from drivers.port import Port
 
 BITS_PER_BYTE: Final = 10.0
+"""Bits per byte on the wire: a start bit, eight data bits and a stop bit."""
 GAP_S: Final = 0.0015
 """Maximum gap between two parts of a reply, in seconds."""
 

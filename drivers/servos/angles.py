@@ -6,7 +6,6 @@ differences of counts to one turn before you use them as an offset. Otherwise th
 "Magnitude 2114 exceeds 2047".
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,14 +24,6 @@ def unwrap(before: int, reading: int, turn: int = TURN) -> int:
     The result is correct if the shaft moves less than half a turn between the readings.
     """
     return before + shortest(before, reading, turn)
-
-
-def unwrapped(readings: Iterable[int], turn: int = TURN) -> list[int]:
-    """Convert readings to continuous counts that start at the first reading."""
-    counts: list[int] = []
-    for reading in readings:
-        counts.append(unwrap(counts[-1], reading, turn) if counts else reading)
-    return counts
 
 
 def reading_of(actual: int, offset: int, turn: int = TURN) -> int:
@@ -71,14 +62,6 @@ class Travel:
     def span(self) -> int:
         """Length of the range, in counts."""
         return self.upper - self.lower
-
-
-def travel_of(readings: Iterable[int], turn: int = TURN) -> Travel:
-    """Return the range that a sweep covered, even across the wrap. Raise ValueError if there are no readings."""
-    counts = unwrapped(readings, turn)
-    if not counts:
-        raise ValueError("a sweep needs at least one reading")
-    return Travel(min(counts), max(counts))
 
 
 def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:

@@ -7,11 +7,11 @@ from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
 
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v2
 from drivers.servos import x, xl320
 from drivers.servos.register import ServoModel, bit_names
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
+from drivers.types import ServoGoal, ServoState
 
 ALARMED: Final = ("hardware error",)
 """Alarm reported by the alert bit of a reply. The kind of error is in a register that not every block contains."""
@@ -77,11 +77,6 @@ def x_state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
 
 def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
     return x_state(unit_a, error, 0, 0, *numbers, 0)
-
-
-def profile_units(velocity_counts_s: int) -> int:
-    """Convert a velocity to profile_velocity, rounded up so that the servo is not slower than requested. 0 stays 0."""
-    return min(ceil(velocity_counts_s / _VELOCITY_COUNTS_S), LARGEST_PROFILE)
 
 
 def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:

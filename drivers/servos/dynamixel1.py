@@ -5,11 +5,11 @@ from typing import Final
 
 from dynamixel_sdk import Protocol1PacketHandler
 
-from drivers.bus.types import ServoState
 from drivers.protocol import v1
 from drivers.servos import ax_mx
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_from_start
+from drivers.types import ServoState
 
 PROTOCOL_1: Final = WireProtocol(
     name="Dynamixel protocol 1.0",

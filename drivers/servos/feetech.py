@@ -12,11 +12,11 @@ from typing import Final
 from scservo_sdk import PacketHandler
 from scservo_sdk.protocol_packet_handler import protocol_packet_handler
 
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.servos import scs, sts
 from drivers.servos.register import ServoModel, signed
 from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal
+from drivers.types import ServoGoal, ServoState
 
 STS_PROTOCOL: Final = WireProtocol(
     name="Feetech STS",

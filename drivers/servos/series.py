@@ -7,8 +7,8 @@ from struct import Struct
 from types import ModuleType
 from typing import Any, Literal
 
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.servos.register import ByteOrder, Register, ServoModel, signed
+from drivers.types import ServoGoal, ServoState
 
 Read = Callable[[Register], int]
 """Reads a register of the servo that is being checked."""

@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.types import Reading, ServoGoal, ServoState
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import FaultKind, Reading, ServoFault
+from drivers.bus.retry import ATTEMPTS
 from drivers.errors import PortError, PortLost
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
+from drivers.types import FaultKind, Reading, ServoFault
 
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),
@@ -56,6 +57,33 @@ def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     instead of several seconds, because other components may have to wait for it.
     """
     return {i: text for i, text in _diagnosed(bus, servo_ids).items() if NO_BAUD_RATE not in text}
+
+
+def read_explained_states(bus: Bus, servo_ids: Sequence[int]) -> tuple[dict[int, Reading], dict[int, str]]:
+    """Read the states of servos.
+
+    Return the states, and the likely causes for missing states if they were found. A silent servo is read again after
+    the diagnosis, which takes half a second.
+    """
+    found = _read_states(bus, servo_ids)
+    missing = {i: reading for i, reading in found.items() if isinstance(reading, ServoFault)}
+    if not missing:
+        return found, {}
+    causes = diagnose_known(bus, tuple(missing))
+    silent = [i for i, fault in missing.items() if fault.kind == "silent" and i not in causes]
+    return found | (_read_states(bus, silent) if silent else {}), causes
+
+
+def _read_states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
+    """Read the states of servos. Servos that gave no state are read again."""
+    found: dict[int, Reading] = {}
+    missing = list(servo_ids)
+    for _ in range(ATTEMPTS):
+        found |= bus.read_states(missing)
+        missing = [i for i, reading in found.items() if isinstance(reading, ServoFault)]
+        if not missing:
+            break
+    return found
 
 
 def intermittent_text(servo_id: int, device: str) -> str:

@@ -7,8 +7,8 @@ from typing import Final
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import DriverError, ServoError
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.limp_arm import LimpArm
 from hal.servos.servo_setup import ServoSetup
 

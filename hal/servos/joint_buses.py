@@ -7,8 +7,8 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters, ServoCounters
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.errors import PortError, PortLost, ServoError
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from hal.errors import PartLost
 from hal.joint import Joint
 

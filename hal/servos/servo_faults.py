@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from drivers.bus.types import ServoFault
 from drivers.clock import Clock
 from drivers.servos.catalog import series_of
+from drivers.types import ServoFault
 from hal.joint import Joint
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses

@@ -4,8 +4,8 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Self
 
-from drivers.bus.types import ServoGoal
 from drivers.servos.angles import unwrap
+from drivers.types import ServoGoal
 from hal.gate import RETURN_SHARE
 from hal.joint import Joint
 from hal.servos.stall_watch import StallWatch

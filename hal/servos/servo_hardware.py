@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servos.activation import Activation
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_goals import ServoGoals
 from hal.servos.servo_outputs import ServoOutputs
@@ -58,9 +58,7 @@ class ServoHardware:
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
-        opened = self._open_buses()
-        buses = opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened}
-        self._buses = JointBuses(self._joints, buses)
+        self._buses = self._open()
         self.state = LifecycleState.INACTIVE
         self._states.reset()
         try:
@@ -69,6 +67,10 @@ class ServoHardware:
         except BaseException:
             self.cleanup()
             raise
+
+    def _open(self) -> JointBuses:
+        opened = self._open_buses()
+        return JointBuses(self._joints, opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened})
 
     def _check(self, setup: ServoSetup) -> None:
         """Check the servos when the component is configured. Raises DriverError."""
@@ -100,8 +102,16 @@ class ServoHardware:
 
     def holds(self) -> bool:
         """Return whether a servo of the configured component has torque. Raises DriverError."""
-        setup = ServoSetup(self._opened("ask for torque"))
-        return any(setup.torque_is_on(joint) for joint in self._joints)
+        return any(map(ServoSetup(self._opened("ask for torque")).torque_is_on, self._joints))
+
+    def disable_torque(self) -> Sequence[str]:
+        """Disable the torque of all servos that answer, also if the component could not be configured."""
+        buses = self._buses or self._open()
+        try:
+            return ServoSetup(buses).torque_off(self._joints)
+        finally:
+            if buses is not self._buses:
+                buses.close()
 
     def undo_activation(self) -> Sequence[str]:
         """Undo the activation. Servos that had torque before continue to hold, because the arm would fall otherwise."""

@@ -5,6 +5,7 @@ warning is logged, because the compensation assumes the factory gains.
 """
 
 import logging
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import Final
@@ -197,3 +198,39 @@ def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
             "Write the gains to use in the robot file, for example the present values: settings: %s",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )
+
+
+def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
+    """Check that the position limits of the servo include those of the joint.
+
+    A servo does not move beyond its own limits and reports no error. Some servos stop at the limit, and others discard
+    the goal.
+
+    Args:
+        joint: The joint.
+        limits: Position limits of the servo, in counts; None if it has none.
+
+    Raises:
+        ServoRefused: The limits of the servo are too narrow.
+    """
+    if limits is None:
+        return
+    last = joint.model.last_count
+    lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
+    if limits[0] <= lowest and highest <= limits[1]:
+        return
+    named = dict(joint.settings).keys() & {register.name for register in series_of(joint.model).position_limits}
+    where = "robot file's settings" if named else "servo"
+    raise ServoRefused(
+        joint.servo_id,
+        f"has position limits {limits[0]} to {limits[1]} counts, but its joint moves from {lowest} to {highest}: "
+        f"widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+    )
+
+
+def _advice(joint: Joint, lowest: int, highest: int) -> str:
+    """Return a remedy with the limits that the joint may have, rounded inwards to six decimals."""
+    if lowest >= highest:
+        return "correct zero_counts, because the two ranges hardly overlap"
+    lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
+    return f"narrow the limits in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"

@@ -1,22 +1,21 @@
 """Set up servos: identify and check them, write their settings, measure positions and switch torque."""
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
-from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.eeprom import EepromError
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
+from drivers.types import Reading, ServoFault, ServoState
 from hal.joint import Joint
-from hal.servos.diagnose import NO_BAUD_RATE, diagnose, diagnose_known, intermittent_text
+from hal.servos.diagnose import NO_BAUD_RATE, diagnose, intermittent_text, read_explained_states
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.servos.restart_turned import has_turned, restart
@@ -27,6 +26,7 @@ from hal.servos.servo_settings import (
     check_goal_current,
     check_homing_offset,
     check_mode,
+    check_reach,
     warn_of_extended_position,
     warn_of_goal_current,
     warn_of_other_gains,
@@ -90,7 +90,7 @@ class ServoSetup:
             # Two servos with the same model and ID return the same model number. Only their states show that there are
             # two.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
-            found, stateless = _explained_states(bus, known)
+            found, stateless = read_explained_states(bus, known)
             causes |= stateless | _wrong_voltages(joints, bus, found)
         if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
@@ -105,7 +105,7 @@ class ServoSetup:
         readings: dict[str, Mapping[int, Reading]] = {}
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                found, causes = _explained_states(bus, [joint.servo_id for joint in self._buses.joints_on[name]])
+                found, causes = read_explained_states(bus, [joint.servo_id for joint in self._buses.joints_on[name]])
                 readings[name] = {i: _with_cause(reading, causes.get(i)) for i, reading in found.items()}
         return self._buses.by_joint(readings)
 
@@ -255,33 +255,6 @@ def _torque_on(joint: Joint, bus: Bus) -> None:
         raise ServoRefused(joint.servo_id, f"refuses torque ({', '.join(alarms)} alarm): {REBOOT}") from error
 
 
-def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
-    """Read the states of servos. Servos that gave no state are read again."""
-    found: dict[int, Reading] = {}
-    missing = list(servo_ids)
-    for _ in range(ATTEMPTS):
-        found |= bus.read_states(missing)
-        missing = [i for i, reading in found.items() if isinstance(reading, ServoFault)]
-        if not missing:
-            break
-    return found
-
-
-def _explained_states(bus: Bus, servo_ids: Sequence[int]) -> tuple[dict[int, Reading], dict[int, str]]:
-    """Read the states of servos.
-
-    Return the states, and the likely causes for missing states if they were found. A silent servo is read again after
-    the diagnosis, which takes half a second.
-    """
-    found = _states(bus, servo_ids)
-    missing = {i: reading for i, reading in found.items() if isinstance(reading, ServoFault)}
-    if not missing:
-        return found, {}
-    causes = diagnose_known(bus, tuple(missing))
-    silent = [i for i, fault in missing.items() if fault.kind == "silent" and i not in causes]
-    return found | (_states(bus, silent) if silent else {}), causes
-
-
 def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
     """Return messages for servos whose voltage is outside the rated range in every reading, by servo ID."""
     models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
@@ -298,39 +271,3 @@ def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Re
 def _with_cause(reading: Reading, cause: str | None) -> Reading:
     """Replace the description of a fault by its likely cause, if it is known."""
     return reading._replace(text=cause) if cause and isinstance(reading, ServoFault) else reading
-
-
-def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
-    """Check that the position limits of the servo include those of the joint.
-
-    A servo does not move beyond its own limits and reports no error. Some servos stop at the limit, and others discard
-    the goal.
-
-    Args:
-        joint: The joint.
-        limits: Position limits of the servo, in counts; None if it has none.
-
-    Raises:
-        ServoRefused: The limits of the servo are too narrow.
-    """
-    if limits is None:
-        return
-    last = joint.model.last_count
-    lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
-    if limits[0] <= lowest and highest <= limits[1]:
-        return
-    named = dict(joint.settings).keys() & {register.name for register in series_of(joint.model).position_limits}
-    where = "robot file's settings" if named else "servo"
-    raise ServoRefused(
-        joint.servo_id,
-        f"has position limits {limits[0]} to {limits[1]} counts, but its joint moves from {lowest} to {highest}: "
-        f"widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
-    )
-
-
-def _advice(joint: Joint, lowest: int, highest: int) -> str:
-    """Return a remedy with the limits that the joint may have, rounded inwards to six decimals."""
-    if lowest >= highest:
-        return "correct zero_counts, because the two ranges hardly overlap"
-    lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
-    return f"narrow the limits in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"

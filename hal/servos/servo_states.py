@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.bus.counters import ServoCounters
-from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
+from drivers.types import Reading, ServoState
 from hal.joint import Joint
 from hal.leaps import Plausibility
 from hal.servos.joint_buses import JointBuses

@@ -32,7 +32,9 @@ from hal.lifecycle import LifecycleState
 from hal.plausible import RANGES, range_mistake
 from hal.types import JointState
 from nodes.lifecycle_messages import state_message
+from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.manager.pending_requests import PendingRequests
+from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS, PARAMETER
@@ -53,11 +55,12 @@ class ManagerNode:
     def __init__(
         self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
     ) -> None:
-        self.node = ParameterNode("controller_manager", ros_time, allow_undeclared_parameters=True)
+        self.node = ParameterNode(MANAGER, ros_time, allow_undeclared_parameters=True)
         self._stack = stack
         self._manager_client = manager_client
         self._pending = pending
         self._published: object = None
+        self.others = OtherNodes(self.node, OTHER)
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         parameters = stack.factory.file.manager
@@ -160,9 +163,6 @@ class ManagerNode:
         name = request.name
         settings = {key: value for key in SETTINGS if (value := self._setting(name, key)) is not None}
         return self._manager_client.load(name, ManagerSettings.of(settings))
-
-    def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
-        return self._manager_client.reload(request.force_kill)
 
     async def _switch(
         self, request: SwitchController.Request, response: SwitchController.Response

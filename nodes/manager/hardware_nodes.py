@@ -9,6 +9,7 @@ from rclpy.parameter import Parameter
 
 from controller.diagnostics import Status, statuses
 from hal.types import JointState
+from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
@@ -20,10 +21,10 @@ class HardwareNodes:
     """Nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` must be called after each
     cycle."""
 
-    def __init__(self, stack: Stack, ros_time: RosTime) -> None:
+    def __init__(self, stack: Stack, ros_time: RosTime, others: OtherNodes) -> None:
         components = stack.description.components
         self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
-        self._stack = stack
+        self._stack, self._others = stack, others
         self._state: JointState | None = None
         # The first node reports for all components in one message, because all components run in one process.
         self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -42,7 +43,8 @@ class HardwareNodes:
         message = DiagnosticArray()
         message.header.stamp = self.nodes[0].get_clock().now().to_msg()
         known = statuses(stack.loop, stack.component.name, stack.servo_ids, self._state)
-        message.status = [diagnostic_message(status, stack.namespace) for status in known]
+        other = self._others.status(stack.component.name)
+        message.status = [diagnostic_message(status, stack.namespace) for status in (*known, other)]
         self._diagnostics.publish(message)
 
 

@@ -1,7 +1,5 @@
 """Run the process of the camera node, from its arguments to its exit status."""
 
-import argparse
-import os
 from collections.abc import Sequence
 from typing import Final
 
@@ -10,15 +8,13 @@ import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 
 from drivers.clock import MonotonicClock
 from drivers.printable import printable
-from nodes.discovery import open_to_network
 from nodes.perception.node import CameraNode
 from nodes.perception.parameters import Setup, camera_of_parameters, given_camera
-from nodes.pick_place.signals import on_stop_signal
-from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
+from nodes.stop_signals import on_stop_signal
 from perception.camera_view import CameraView
 from perception.errors import PerceptionError
 from perception.frames import CameraSource
@@ -49,13 +45,8 @@ def run_source(source: CameraSource, view: CameraView, settings: GradingSettings
 
 
 def _run(args: Sequence[str], setup: Setup) -> int:
-    parser = argparse.ArgumentParser(
-        NODE_NAME, description="Grade apples with a camera. ROS arguments follow --ros-args."
-    )
-    parser.add_argument("--network", action="store_true", help="let programs on other machines receive the pictures")
-    with rcl_errors():
-        if parser.parse_known_args(remove_ros_args(args)[1:])[0].network:
-            open_to_network(os.environ)
+    network = "let programs on other machines receive the pictures"
+    read_network_option(args, NODE_NAME, "Grade apples with a camera.", network)
     silence_native_log()
     cv2.setNumThreads(1)  # The other processors are left to the control loop.
     init_rclpy(args)

@@ -16,7 +16,7 @@ _POLL_S: Final = 0.05
 _STATUS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled the goal"}
 
 
-class ActionGoals:
+class SentGoals:
     """Goals for one action server. All methods must be called from the executor thread."""
 
     def __init__(

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from nodes.pick_place.action_goals import ActionGoals
+from nodes.pick_place.action_goals import SentGoals
 from pick_place.job import JobOutcome
 from pick_place.settings import ArmSettings
 
@@ -25,7 +25,7 @@ class RosArm:
     def __init__(self, node: Node, settings: ArmSettings) -> None:
         self._settings = settings
         action = f"{settings.arm_controller}/follow_joint_trajectory"
-        self._goals = ActionGoals(node, settings, (FollowJointTrajectory, action), _reason)
+        self._goals = SentGoals(node, settings, (FollowJointTrajectory, action), _reason)
         self._hand = node.create_publisher(Float64MultiArray, hand_topic(settings), 10)
 
     def wait_for_server(self, timeout_s: float) -> bool:

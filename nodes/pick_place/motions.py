@@ -24,7 +24,7 @@ class ServedArm(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Motions:
+class ArmMotions:
     """An arm, and the motions that each job executes with it."""
 
     arm: ServedArm
@@ -33,19 +33,19 @@ class Motions:
     """Message for the case that the action server of the arm is not available."""
 
 
-def motions_of(node: Node, settings: JobSettings | PoseSettings) -> Motions:
+def motions_of(node: Node, settings: JobSettings | PoseSettings) -> ArmMotions:
     """Return the motions for these settings. Raises RosError if the planner's messages are not installed."""
     if isinstance(settings, PoseSettings):
         return _planned(node, settings)
     arm = RosArm(node, settings)
-    return Motions(arm, lambda: JointMotions(settings, arm), "the arm is not available yet: start the stack")
+    return ArmMotions(arm, lambda: JointMotions(settings, arm), "the arm is not available yet: start the stack")
 
 
-def _planned(node: Node, settings: PoseSettings) -> Motions:
+def _planned(node: Node, settings: PoseSettings) -> ArmMotions:
     try:
         from nodes.pick_place.planned_arm import PlannedArm  # The messages of the planner may not be installed.
     except ModuleNotFoundError as error:
         raise RosError(f"motion: poses needs the package {error.name}: run `make setup`") from error
     planner = PlannedArm(node, settings)
     missing = "the motion planner is not available yet: start `servoloop plan-server` or MoveIt"
-    return Motions(planner, lambda: PoseMotions(settings, planner), missing)
+    return ArmMotions(planner, lambda: PoseMotions(settings, planner), missing)

@@ -11,7 +11,7 @@ from rclpy.task import Future
 from std_msgs.msg import Float64MultiArray
 
 from nodes.pick_place import planning_messages as messages
-from nodes.pick_place.action_goals import ActionGoals
+from nodes.pick_place.action_goals import SentGoals
 from nodes.pick_place.arm import hand_topic
 from nodes.pick_place.waiter import Waiter
 from nodes.planning_client.goals import error_text
@@ -32,8 +32,8 @@ class PlannedArm:
     def __init__(self, node: Node, settings: PoseSettings) -> None:
         self._settings = settings
         self._waiter = Waiter(node)
-        self._plans = ActionGoals(node, settings, (MoveGroup, MOVE_ACTION), _reason)
-        self._executions = ActionGoals(node, settings, (ExecuteTrajectory, EXECUTE_ACTION), _reason)
+        self._plans = SentGoals(node, settings, (MoveGroup, MOVE_ACTION), _reason)
+        self._executions = SentGoals(node, settings, (ExecuteTrajectory, EXECUTE_ACTION), _reason)
         self._lines = node.create_client(GetCartesianPath, "compute_cartesian_path")
         self._scene = node.create_client(GetPlanningScene, "get_planning_scene")
         self._changes = node.create_client(ApplyPlanningScene, "apply_planning_scene")

@@ -1,31 +1,19 @@
 """Run the process of the node ``vision_pick_place_controller``, from its arguments to its exit status."""
 
-import argparse
-import os
 from collections.abc import Sequence
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 
 from drivers.printable import printable, printable_line
-from nodes.discovery import open_to_network
 from nodes.pick_place import parameters
 from nodes.pick_place.node import PickPlaceNode
-from nodes.pick_place.signals import on_stop_signal
-from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
+from nodes.stop_signals import on_stop_signal
 
 NODE_NAME = "vision_pick_place_controller"
-
-
-def _options(args: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        NODE_NAME, description="Sort apples with the arm. ROS arguments follow --ros-args."
-    )
-    parser.add_argument("--network", action="store_true", help="let programs on other machines send goals")
-    return parser.parse_known_args(remove_ros_args(args)[1:])[0]
 
 
 def run(args: Sequence[str]) -> int:
@@ -40,10 +28,8 @@ def run(args: Sequence[str]) -> int:
     Raises:
         RosError: ROS 2 does not start.
     """
-    with rcl_errors():
-        options = _options(args)
-    if options.network:
-        open_to_network(os.environ)
+    network = "let programs on other machines send goals"
+    read_network_option(args, NODE_NAME, "Sort apples with the arm.", network)
     reach = init_rclpy(args)
     executor = SingleThreadedExecutor()
     stopped = Future()

@@ -35,7 +35,7 @@ POLL_S: Final = 0.05
 """Period of these checks, in seconds."""
 
 
-class Stop:
+class StopRequest:
     """A request to stop a motion, with MoveIt's code and a message for the client."""
 
     def __init__(self) -> None:
@@ -55,19 +55,19 @@ class Stop:
             self.future.set_result(None)
 
 
-class Controller(Protocol):
+class RouteController(Protocol):
     """Controller that executes trajectories of its joints."""
 
     route: Route
 
-    async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
+    async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Follow a trajectory until its end or a stop. Return the reason if the trajectory was not executed, or ""."""
         ...
 
 
-def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> dict[str, Controller]:
+def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> dict[str, RouteController]:
     """Return the controllers of the stack by name."""
-    makers: dict[str, Callable[[Route], Controller]] = {
+    makers: dict[str, Callable[[Route], RouteController]] = {
         "trajectory": lambda route: ActionController(node, route, FollowJointTrajectory, "follow_joint_trajectory"),
         "gripper": lambda route: ActionController(node, route, GripperCommand, "gripper_cmd"),
         "parallel_gripper": lambda route: ActionController(node, route, ParallelGripperCommand, "gripper_cmd"),
@@ -86,7 +86,7 @@ class ActionController:
         self._name = node.resolve_service_name(f"{route.name}/{suffix}")
         self._client = ActionClient(node, action, self._name, callback_group=ReentrantCallbackGroup())
 
-    async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
+    async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send one goal and wait for its result. A request to stop cancels the goal, and the controller brakes along
         the path."""
         for _ in range(round(ANSWER_S / POLL_S)):
@@ -104,7 +104,7 @@ class ActionController:
             return f"{self.route.name} rejected the trajectory: the log of the stack contains the reason"
         return await self._result(handle, seconds_of(trajectory.points[-1].time_from_start), stop)
 
-    async def _result(self, handle: Any, duration_s: float, stop: Stop) -> str:
+    async def _result(self, handle: Any, duration_s: float, stop: StopRequest) -> str:
         result, ready = handle.get_result_async(), self._client.server_is_ready
         limit_s = duration_s * SLACK + SLACK_S
         await self._waiter.until_moved(limit_s, ready, result, stop.future)
@@ -144,7 +144,7 @@ class ForwardController:
         self._name = node.resolve_topic_name(f"{route.name}/commands")
         self._commands = node.create_publisher(Float64MultiArray, self._name, 10)
 
-    async def follow(self, trajectory: JointTrajectory, stop: Stop) -> str:
+    async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send the last point, and wait until the joints have arrived or are at rest, for example because they hold an
         object."""
         for _ in range(round(ANSWER_S / POLL_S)):
@@ -164,7 +164,7 @@ class ForwardController:
             self._commands.publish(Float64MultiArray(data=[state[joint] for joint in self.route.joints]))
         return ""
 
-    async def _rest(self, targets: list[float], duration_s: float, stop: Stop) -> None:
+    async def _rest(self, targets: list[float], duration_s: float, stop: StopRequest) -> None:
         """Wait until the joints have arrived, or have been at rest after the time of the trajectory."""
         before, still_s, waited_s = self._positions(), 0.0, 0.0
         while not stop.requested and waited_s < duration_s * SLACK + SLACK_S:

@@ -12,7 +12,7 @@ from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.shapes import centered, copied, has_shapes, joined, shapes_of, with_shape_poses
 from nodes.planning.errors import RequestError
-from nodes.planning.world import World
+from nodes.planning.world import PlanningWorld
 from planning.motion import State
 from planning.robot import PlanningRobot
 from planning.scene import Pose, SceneObject
@@ -21,7 +21,7 @@ from planning.scene import Pose, SceneObject
 class WorldEdit:
     """A series of changes. ``world`` is the result. If a change is refused, use the previous world."""
 
-    def __init__(self, robot: PlanningRobot, world: World, state: Callable[[], State | None]) -> None:
+    def __init__(self, robot: PlanningRobot, world: PlanningWorld, state: Callable[[], State | None]) -> None:
         self.world = world
         """The world with all changes so far."""
         self._robot = robot
@@ -75,7 +75,7 @@ class WorldEdit:
         scene = self.world.scene
         for name in (*self._robot.objects, *scene.objects, *scene.attached):
             scene = scene.without(name)
-        self.world = World(scene, {}, self.world.allowed, self.world.colors, self.world.padding_m)
+        self.world = PlanningWorld(scene, {}, self.world.allowed, self.world.colors, self.world.padding_m)
 
     def _set_colors_and_padding(self, message: PlanningScene) -> None:
         colors = {color.id: color.color for color in message.object_colors}

@@ -11,7 +11,7 @@ from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory
 
 from drivers.printable import printable_line
-from nodes.planning.controllers import Controller, Stop
+from nodes.planning.controllers import RouteController, StopRequest
 from nodes.planning.conversion.trajectories import checked_points, part, timed_path
 from nodes.planning.errors import REFUSALS, RequestError
 from nodes.planning.requests import Snapshot
@@ -37,7 +37,7 @@ class Running:
 
     path: TimedPath
     """The motion of all driven joints."""
-    stop: Stop
+    stop: StopRequest
     begun_s: float
     """Time of the node's clock at the start, in seconds."""
     names: tuple[str, ...]
@@ -61,7 +61,7 @@ class Execution:
         self._log = node.get_logger()
         self._all = GroupPlanner(robot.model, robot.limits, Group("all joints", tuple(robot.limits)))
         self._running: list[Running] = []
-        self.controllers: Mapping[str, Controller] = {}
+        self.controllers: Mapping[str, RouteController] = {}
         """Controllers of the stack by name."""
         self.idle = Future()
         """Future that is done when no motion is running after ``stop_all``."""
@@ -78,7 +78,7 @@ class Execution:
             running.stop.request(code, message)
 
     async def run(
-        self, trajectory: RobotTrajectory, names: Sequence[str], stop: Stop, *, must_be_free: bool = False
+        self, trajectory: RobotTrajectory, names: Sequence[str], stop: StopRequest, *, must_be_free: bool = False
     ) -> None:
         """Execute a trajectory until its end or until it is stopped.
 
@@ -114,7 +114,7 @@ class Execution:
             if not self._running and not self.idle.done():
                 self.idle.set_result(None)
 
-    async def _follow(self, message: JointTrajectory, chosen: Sequence[Controller], stop: Stop) -> None:
+    async def _follow(self, message: JointTrajectory, chosen: Sequence[RouteController], stop: StopRequest) -> None:
         executor = self._node.executor
         ends = [executor.create_task(self._follow_one, one, message, stop) for one in chosen]
         reasons = [await end for end in ends]
@@ -123,7 +123,7 @@ class Execution:
         if reason := next(filter(None, reasons), ""):
             raise RequestError("CONTROL_FAILED", reason)
 
-    async def _follow_one(self, controller: Controller, message: JointTrajectory, stop: Stop) -> str:
+    async def _follow_one(self, controller: RouteController, message: JointTrajectory, stop: StopRequest) -> str:
         own = [joint for joint in message.joint_names if joint in controller.route.joints]
         try:
             reason = await controller.follow(part(message, own), stop)
@@ -133,7 +133,7 @@ class Execution:
             stop.request("CONTROL_FAILED", reason)  # The other controllers stop, too.
         return reason
 
-    def _chosen(self, message: JointTrajectory, names: Sequence[str]) -> list[Controller]:
+    def _chosen(self, message: JointTrajectory, names: Sequence[str]) -> list[RouteController]:
         """Return the controllers for the joints of a trajectory. Raises RequestError."""
         for name in names:
             if name not in self.controllers:
@@ -141,7 +141,7 @@ class Execution:
                 raise RequestError("CONTROL_FAILED", f"there is no controller {name}: choose from {known}")
         usable = [one for name, one in self.controllers.items() if not names or name in names]
         followers = {name for name, joint in self._robot.description.joints.items() if joint.mimic is not None}
-        chosen: list[Controller] = []
+        chosen: list[RouteController] = []
         for joint in message.joint_names:
             owner = next((one for one in usable if joint in one.route.joints), None)
             if owner is None and joint not in followers:
@@ -155,7 +155,7 @@ class Execution:
             raise RequestError("CONTROL_FAILED", f"{taken[0]} executes another motion: wait for its end or cancel it")
         return chosen
 
-    def _moved(self, usable: Sequence[Controller]) -> str:
+    def _moved(self, usable: Sequence[RouteController]) -> str:
         return ", ".join(joint for one in usable for joint in one.route.joints)
 
     def _check_start(self, message: JointTrajectory, now: Snapshot) -> None:

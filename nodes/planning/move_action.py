@@ -15,7 +15,7 @@ from rclpy.node import Node
 from drivers.printable import printable_line
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place.waiter import Waiter
-from nodes.planning.controllers import Stop
+from nodes.planning.controllers import StopRequest
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.trajectories import trajectory_message
 from nodes.planning.edits import WorldEdit
@@ -24,7 +24,7 @@ from nodes.planning.execution import INVALIDATED, Execution
 from nodes.planning.requests import Planned, Requests, Snapshot
 from nodes.planning.states import state_message
 from nodes.planning.workers import Workers
-from nodes.planning.world import World
+from nodes.planning.world import PlanningWorld
 from nodes.planning.world_store import WorldStore
 from nodes.publishing import EVERY_CALL, LATCHED
 from planning.motion import Motion, State
@@ -38,7 +38,7 @@ LONGEST_DELAY_S: Final = 10.0
 CANCELED: Final = "the goal was canceled"
 """Message of a goal that was canceled."""
 
-Run = Callable[[Any, Any, Stop], Awaitable[None]]
+Run = Callable[[Any, Any, StopRequest], Awaitable[None]]
 """Function that executes the goal of a handle and fills in its result."""
 
 
@@ -53,7 +53,7 @@ class Planning:
         self._workers = workers
         self._plans = node.create_publisher(DisplayTrajectory, "display_planned_path", LATCHED)
 
-    async def plan(self, request: MotionPlanRequest, stop: Stop, diff: PlanningScene | None = None) -> Planned:
+    async def plan(self, request: MotionPlanRequest, stop: StopRequest, diff: PlanningScene | None = None) -> Planned:
         """Plan a motion and publish it for display. Raises RequestError or PlanningError."""
         robot = self.requests.robot
         limit_s = self.requests.time_limit_s(request)
@@ -68,7 +68,7 @@ class Planning:
         self.show(planned.motion, planned.start, now.world)
         return planned
 
-    def show(self, motion: Motion, start: State, world: World) -> None:
+    def show(self, motion: Motion, start: State, world: PlanningWorld) -> None:
         """Publish a motion for display."""
         robot = self.requests.robot
         self._plans.publish(
@@ -79,7 +79,7 @@ class Planning:
             )
         )
 
-    def _plan(self, request: MotionPlanRequest, now: Snapshot, limit_s: float, stop: Stop) -> Planned:
+    def _plan(self, request: MotionPlanRequest, now: Snapshot, limit_s: float, stop: StopRequest) -> Planned:
         end_s = monotonic() + limit_s
         if stop.requested:
             raise RequestError(stop.code, stop.message)
@@ -96,7 +96,7 @@ class MoveActions:
         self._robot = planning.requests.robot
         self._log = node.get_logger()
         self._waiter = Waiter(node)
-        self._stops: dict[bytes, Stop] = {}
+        self._stops: dict[bytes, StopRequest] = {}
         self._servers = [
             self._server(node, MoveGroup, "move_action", self._move),
             self._server(node, ExecuteTrajectory, "execute_trajectory", self._execute),
@@ -138,7 +138,7 @@ class MoveActions:
 
     async def _answer(self, kind: Any, run: Run, handle: Any) -> Any:
         """Run one goal and return its result."""
-        result, stop = kind.Result(), Stop()
+        result, stop = kind.Result(), StopRequest()
         self._stops[bytes(handle.goal_id.uuid)] = stop
         try:
             await run(handle, result, stop)
@@ -159,13 +159,13 @@ class MoveActions:
             handle.abort()
         return result
 
-    async def _execute(self, handle: Any, result: Any, stop: Stop) -> None:
+    async def _execute(self, handle: Any, result: Any, stop: StopRequest) -> None:
         goal = handle.request
         handle.publish_feedback(ExecuteTrajectory.Feedback(state="MONITOR"))
         await self._execution.run(goal.trajectory, goal.controller_names, stop)
         handle.publish_feedback(ExecuteTrajectory.Feedback(state="IDLE"))
 
-    async def _move(self, handle: Any, result: Any, stop: Stop) -> None:
+    async def _move(self, handle: Any, result: Any, stop: StopRequest) -> None:
         request, options = handle.request.request, handle.request.planning_options
         if options.look_around:
             self._log.warning("look_around is ignored: this server has no sensors")
@@ -191,9 +191,9 @@ class MoveActions:
                 self._log.info(printable_line(f"planning again: {error}"))
             await self._waiter.until(min(max(options.replan_delay, 0.0), LONGEST_DELAY_S) + 1e-3, stop.future)
 
-    async def _run(self, result: Any, stop: Stop) -> None:
+    async def _run(self, result: Any, stop: StopRequest) -> None:
         """Execute the planned trajectory. A change of the scene stops only the current attempt."""
-        attempt = Stop()
+        attempt = StopRequest()
         stop.future.add_done_callback(lambda _: attempt.request(stop.code, stop.message))
         if stop.requested:
             attempt.request(stop.code, stop.message)

@@ -7,13 +7,13 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from nodes.only_one import CHECK_S, Discovery, Seniority, nodes_in_graph
 from nodes.pick_place.waiter import Waiter
 from nodes.planning.controllers import controllers
 from nodes.planning.conversion.semantic import srdf_text
 from nodes.planning.execution import Execution
 from nodes.planning.joint_monitor import JointMonitor
 from nodes.planning.move_action import MoveActions, Planning
-from nodes.planning.only_one import CHECK_S, Seniority, servers_in_graph
 from nodes.planning.query_services import QueryServices
 from nodes.planning.requests import PIPELINE, Requests
 from nodes.planning.routes import Route
@@ -22,6 +22,8 @@ from nodes.planning.world_store import WorldStore
 from nodes.publishing import LATCHED
 from planning.robot import PlanningRobot
 
+NAME: Final = "move_group"
+"""Name of the node, to which MoveIt's clients connect."""
 STOP_TOPIC: Final = "trajectory_execution_event"
 """Topic on which RViz stops all motions."""
 POLL_S: Final = 0.05
@@ -83,5 +85,5 @@ class MoveGroupNode:
             self._actions.stop_all("PREEMPTED", f"the motion was stopped by {topic}")
 
     def _look_for_others(self) -> None:
-        if self._seniority.must_end(servers_in_graph(self._node)):
+        if self._seniority.check(nodes_in_graph(self._node, NAME)) is not Discovery.ALONE:
             self._on_other()

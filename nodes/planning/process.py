@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -9,12 +10,18 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from nodes.pick_place.signals import on_stop_signal
-from nodes.planning.move_group import MoveGroupNode
-from nodes.planning.only_one import NAME, OTHER, check_alone
+from nodes.only_one import Search
+from nodes.planning.move_group import NAME, MoveGroupNode
 from nodes.planning.routes import Route
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
+
+OTHER: Final = (
+    "another node is named {}: a MoveIt or another servoloop plan-server is running; "
+    "end it first, because both would move the arm"
+)
+"""Message if another server with the name in the braces is in the ROS graph."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +49,9 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
     Raises:
         RosError: ROS 2 does not start, or another move_group is running.
     """
+    Search(NAME, settings.namespace, OTHER).finish()
     reach = init_rclpy(namespace=settings.namespace)
     try:
-        check_alone()
         with rcl_errors():
             node = Node(NAME, parameter_overrides=[Parameter("use_sim_time", value=settings.sim_time)])
         node.get_logger().info(reach)

@@ -23,7 +23,7 @@ from rclpy.node import Node
 from std_srvs.srv import Empty
 
 from drivers.printable import printable_line
-from nodes.planning.controllers import Stop
+from nodes.planning.controllers import StopRequest
 from nodes.planning.conversion.trajectories import trajectory_message
 from nodes.planning.errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.joint_monitor import JointMonitor
@@ -84,7 +84,7 @@ class QueryServices:
         answer.group_name = request.motion_plan_request.group_name
 
         async def plan() -> None:
-            planned = await self._planning.plan(request.motion_plan_request, Stop())
+            planned = await self._planning.plan(request.motion_plan_request, StopRequest())
             answer.trajectory_start = state_message(self._robot, planned.start)
             answer.trajectory = trajectory_message(planned.motion, self._robot.frame)
             answer.planning_time = planned.seconds

@@ -19,7 +19,7 @@ from nodes.planning.conversion.poses import pose_message, tool_pose
 from nodes.planning.errors import RequestError
 from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
-from nodes.planning.world import World
+from nodes.planning.world import PlanningWorld
 from planning.collision import Margins
 from planning.constraints import PathConstraints
 from planning.group_planner import GroupPlanner
@@ -49,7 +49,7 @@ IK_TURN_RAD: Final = 1e-3
 class Snapshot:
     """The planning scene and the measured state when a request arrived."""
 
-    world: World
+    world: PlanningWorld
     state: State
 
 
@@ -176,7 +176,7 @@ class Requests:
         return start, replace(found, motion=slowed(group, found.motion, limited, request.max_cartesian_speed))
 
     def _waypoints(
-        self, request: GetCartesianPath.Request, group: GroupPlanner, start: State, world: World
+        self, request: GetCartesianPath.Request, group: GroupPlanner, start: State, world: PlanningWorld
     ) -> list[Pose]:
         """Return the poses of a straight path in the planning frame. As in MoveIt, each waypoint in the frame of the
         link that moves is relative to the waypoint before it. Raises RequestError or PlanningError."""
@@ -188,7 +188,9 @@ class Requests:
             return list(accumulate(poses, Pose.__matmul__, initial=frame))[1:]
         return [frame @ pose for pose in poses]
 
-    def validity(self, request: GetStateValidity.Request, now: Snapshot) -> tuple[Validity, list[Evaluation], World]:
+    def validity(
+        self, request: GetStateValidity.Request, now: Snapshot
+    ) -> tuple[Validity, list[Evaluation], PlanningWorld]:
         """Return the result of a state check, the result for each constraint, and the scene. Raises RequestError."""
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
@@ -196,7 +198,7 @@ class Requests:
         checks = ConstraintChecks(self.robot, self._reader(group, state, world), request.constraints)
         return found, checks.results(state, self._frames(state, world)), world
 
-    def contacts(self, found: Validity, world: World) -> list[ContactInformation]:
+    def contacts(self, found: Validity, world: PlanningWorld) -> list[ContactInformation]:
         """Return the messages of the pairs in contact."""
         header = Header(frame_id=self.robot.frame)
         return [
@@ -211,19 +213,19 @@ class Requests:
             for touch in found.touches
         ]
 
-    def _kind(self, name: str, world: World) -> int:
+    def _kind(self, name: str, world: PlanningWorld) -> int:
         if name in world.scene.attached:
             return int(ContactInformation.ROBOT_ATTACHED)
         return int(ContactInformation.ROBOT_LINK if name in self.robot.links else ContactInformation.WORLD_OBJECT)
 
-    def _placed(self, message: RobotState, now: Snapshot) -> tuple[State, World]:
+    def _placed(self, message: RobotState, now: Snapshot) -> tuple[State, PlanningWorld]:
         state = state_of(self.robot, message, now.state)
         return state, world_of(self.robot, message, now.world, state)
 
-    def _reader(self, group: GroupPlanner, state: State, world: World) -> ConstraintReader:
+    def _reader(self, group: GroupPlanner, state: State, world: PlanningWorld) -> ConstraintReader:
         return ConstraintReader(self.robot, self._frames(state, world), group.group.tip)
 
-    def _frames(self, state: State, world: World) -> Frames:
+    def _frames(self, state: State, world: PlanningWorld) -> Frames:
         return Frames(self.robot, state, world.scene, world.items)
 
     def _links(self) -> str:
@@ -254,7 +256,7 @@ def _scaling(velocity: float, acceleration: float) -> Scaling:
     return Scaling(*(value if 0.0 < value <= 1.0 else 1.0 for value in (velocity, acceleration)))
 
 
-def _margins(world: World) -> Margins:
+def _margins(world: PlanningWorld) -> Margins:
     """Return the usual margins, or the largest padding that a client has set."""
     usual = Margins()
     return Margins(max(usual.padding_m, *world.padding_m.values()), usual.tolerance_m) if world.padding_m else usual

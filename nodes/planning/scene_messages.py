@@ -5,7 +5,7 @@ from moveit_msgs.msg import LinkPadding, LinkScale, ObjectColor, PlanningScene, 
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.shapes import without_shapes
 from nodes.planning.states import attached_messages, joint_message
-from nodes.planning.world import World
+from nodes.planning.world import PlanningWorld
 from planning.motion import State
 from planning.robot import PlanningRobot
 
@@ -13,7 +13,7 @@ PARTS = PlanningSceneComponents
 
 
 def scene_message(
-    robot: PlanningRobot, world: World, state: State | None, parts: int = 0, is_diff: bool = False
+    robot: PlanningRobot, world: PlanningWorld, state: State | None, parts: int = 0, is_diff: bool = False
 ) -> PlanningScene:
     """Return the message of a scene.
 

@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 
 from nodes.planning.edits import WorldEdit
 from nodes.planning.errors import RequestError
-from nodes.planning.world import World
+from nodes.planning.world import PlanningWorld
 from planning.motion import State
 from planning.robot import PlanningRobot
 from planning.scene import Scene
@@ -35,7 +35,7 @@ def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[
     return robot.state({**current, **dict(zip(names, map(float, positions), strict=True))})
 
 
-def world_of(robot: PlanningRobot, message: RobotState, world: World, state: State) -> World:
+def world_of(robot: PlanningRobot, message: RobotState, world: PlanningWorld, state: State) -> PlanningWorld:
     """Return the world with the attached objects of a state. Raises RequestError or PlanningError."""
     if not message.attached_collision_objects:
         return world
@@ -53,7 +53,7 @@ def joint_message(robot: PlanningRobot, state: State) -> JointState:
     return message
 
 
-def state_message(robot: PlanningRobot, state: State, world: World | None = None) -> RobotState:
+def state_message(robot: PlanningRobot, state: State, world: PlanningWorld | None = None) -> RobotState:
     """Return the message of a state, with the attached objects of a world."""
     message = RobotState(joint_state=joint_message(robot, state))
     if world is not None:
@@ -61,7 +61,7 @@ def state_message(robot: PlanningRobot, state: State, world: World | None = None
     return message
 
 
-def attached_messages(scene: Scene, world: World) -> list[AttachedCollisionObject]:
+def attached_messages(scene: Scene, world: PlanningWorld) -> list[AttachedCollisionObject]:
     """Return the messages of the attached objects."""
     return [
         AttachedCollisionObject(

@@ -16,7 +16,7 @@ from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Spher
 
 
 @dataclass(frozen=True)
-class World:
+class PlanningWorld:
     """A planning scene. The world itself never changes; ``edits.WorldEdit`` creates changed copies."""
 
     scene: Scene
@@ -32,12 +32,12 @@ class World:
         kept = [name for name in robot.objects if name not in self.scene.removed]
         return [*robot.links, *kept, *self.scene.objects, *self.scene.attached]
 
-    def settled(self, robot: PlanningRobot) -> "World":
+    def settled(self, robot: PlanningRobot) -> "PlanningWorld":
         """Return a copy of this world with the pairs that may touch according to the matrix of a message."""
         return replace(self, scene=replace(self.scene, allowed=self.allowed.touching(self.names(robot))))
 
 
-def first_world(robot: PlanningRobot) -> World:
+def first_world(robot: PlanningRobot) -> PlanningWorld:
     """Return the initial world, with the fixed objects of the arm's scene file as objects that clients can change.
 
     Objects that can move, such as the cube of a simulated bench, are omitted, because they are elsewhere after the
@@ -56,7 +56,7 @@ def first_world(robot: PlanningRobot) -> World:
             scene = scene.without(name).with_object(SceneObject(name, own, center))
             items[name] = message_of(robot, SceneObject(name, own, center))
     allowed = AllowedCollisions(dict.fromkeys(robot.scene.allowed, True))
-    return World(scene, items, allowed).settled(robot)
+    return PlanningWorld(scene, items, allowed).settled(robot)
 
 
 def message_of(robot: PlanningRobot, item: SceneObject) -> CollisionObject:

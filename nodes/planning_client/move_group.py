@@ -43,7 +43,7 @@ class UserInterruptError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedMotion:
     """Result of a motion."""
 
     planning_time_s: float
@@ -113,7 +113,7 @@ class MoveGroupClient:
         if not response.success:
             raise PlannerError("move_group did not change the scene; its log contains the reason")
 
-    def move(self, goal: MoveGroup.Goal) -> Planned:
+    def move(self, goal: MoveGroup.Goal) -> PlannedMotion:
         """Plan a motion and execute it, unless the goal is only to plan.
 
         Raises:
@@ -183,10 +183,10 @@ class MoveGroupClient:
             raise UserInterruptError
 
 
-def _planned(result: MoveGroup.Result) -> Planned:
+def _planned(result: MoveGroup.Result) -> PlannedMotion:
     if result.error_code.val != MoveItErrorCodes.SUCCESS:
         raise PlannerError(error_text(result.error_code))
     points = result.planned_trajectory.joint_trajectory.points
     last = points[-1].time_from_start if points else None
     duration_s = last.sec + last.nanosec * 1e-9 if last else 0.0
-    return Planned(float(result.planning_time), duration_s, len(points))
+    return PlannedMotion(float(result.planning_time), duration_s, len(points))

@@ -10,7 +10,7 @@ from rclpy.task import Future
 from rclpy.time import Duration
 
 from hal.types import FloatArray
-from nodes.client_node import WatchingNode
+from nodes.clients.client_node import WatchingNode
 from nodes.planning.conversion.poses import pose_of
 from nodes.planning.conversion.shapes import shapes_of
 from nodes.planning.errors import REFUSALS

@@ -49,14 +49,20 @@ class TopicHostInterface:
         return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end this loop."""
-        serve(stop, (partial(self._executor.serve, WAKE_S), self._send_delayed))
+        """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end this loop.
+
+        Raises:
+            RosError: This stack has just started, and there is another one with the same name.
+        """
+        others = self._host.others
+        self._serve(lambda: stop() or others.must_end)
+        others.require_none()
 
     def finish(self) -> None:
         """Publish the last states after the control loop has ended."""
         self._publisher.stop()
         deadline_s = monotonic() + FINISH_S
-        self.spin(lambda: monotonic() > deadline_s)
+        self._serve(lambda: monotonic() > deadline_s)
 
     def close(self) -> None:
         """Remove the node from the graph."""
@@ -65,6 +71,9 @@ class TopicHostInterface:
             self._executor.shutdown(timeout_sec=1.0)
             self._host.node.destroy_node()
             rclpy.try_shutdown()
+
+    def _serve(self, stop: Callable[[], bool]) -> None:
+        serve(stop, (partial(self._executor.serve, WAKE_S), self._send_delayed))
 
     def _publish_cycles(self, states: Sequence[JointState]) -> None:
         with errors_logged(), self._turn:

@@ -18,13 +18,13 @@ from controller.host.joint_commands import RefusedCommandError
 from drivers.printable import printable
 from hal.types import JointState
 from nodes.manager.hardware_nodes import diagnostic_message
+from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import numbers
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
-from nodes.topic_host.topics import HostTopics
+from nodes.topic_host.topics import NAME, OTHER, HostTopics
 
-NAME: Final = "servoloop_topic_host"
 STATUS: Final = "servoloop: topic host"
 """Name of the diagnostic status that reports on the topics."""
 REPEAT_S: Final = 5.0
@@ -51,6 +51,7 @@ class HostNode:
         events = SubscriptionEventCallbacks(matched=self._on_matched)
         node.create_subscription(JointStateMessage, topics.commands, self._on_command, RELIABLE, event_callbacks=events)
         node.create_timer(DIAGNOSTICS_S, self._report)
+        self.others = OtherNodes(node, OTHER)
         self._senders = 0
         """Number of publishers of commands."""
         self._state: JointState | None = None
@@ -119,3 +120,4 @@ class HostNode:
             level, text = Level.ERROR, f"no states are published: {self._unpublished}"
         values = {"senders": str(self._senders), "refused_messages": str(self._refusals)}
         yield Status(level, STATUS, text, self._stack.component.name, values)
+        yield self.others.status(self._stack.component.name)

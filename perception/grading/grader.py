@@ -15,8 +15,8 @@ from perception.grading.edges import at_transitions
 from perception.grading.light import Pixels, relative_to_table
 from perception.grading.outlines import Outline, box_outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
-from perception.grading.skin import Skin, rim_px, skin_of
-from perception.grading.spheres import Sphere, fit_sphere
+from perception.grading.skin import VisibleSkin, rim_px, skin_of
+from perception.grading.spheres import AppleSphere, fit_sphere
 
 MOST_ERROR: Final = 0.12
 """Largest mean distance of the outline of an apple from a circle, as a share of its radius."""
@@ -63,7 +63,7 @@ class FoundBox:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
     outline: Outline
-    sphere: Sphere
+    sphere: AppleSphere
     range_m: float
     grade: str | None = None
     """Grade that a detector gave; None without a detector."""
@@ -154,17 +154,17 @@ class Grader:
                     left.append(behind)
         return sorted(found, key=lambda one: one.range_m)
 
-    def _behind(self, outline: Outline, sphere: Sphere) -> Outline | None:
+    def _behind(self, outline: Outline, sphere: AppleSphere) -> Outline | None:
         """Return the visible part of an apple behind another apple of the same color, if no neck separates them."""
         left, top, width, height = outline.box
         rays = self._rays[top : top + height, left : left + width].reshape(-1, 3)
         covered = sphere.inside(rays)[1].reshape(height, width) < BESIDE
         return rest(outline, covered, self._rays.shape[:2])
 
-    def _range_m(self, sphere: Sphere) -> float:
+    def _range_m(self, sphere: AppleSphere) -> float:
         return float(np.linalg.norm(sphere.center_m - self._view.pose.position_m))
 
-    def _is_apple(self, sphere: Sphere) -> bool:
+    def _is_apple(self, sphere: AppleSphere) -> bool:
         """Whether an object has the size of an apple and is in the region."""
         smallest, largest = self._settings.diameter_mm
         if not smallest <= 2000.0 * sphere.radius_m <= largest:
@@ -196,7 +196,7 @@ class Grader:
             (left, top, width, height), reason,
         )  # fmt: skip
 
-    def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[Skin, float, float]:
+    def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[VisibleSkin, float, float]:
         """Return the skin of an apple, and the shares that no nearer apple hides, and that another object covers."""
         left, top, width, height = _grown(_box(one.outline), self._rays.shape)
         rows, columns = slice(top, top + height), slice(left, left + width)
@@ -212,7 +212,7 @@ class Grader:
         radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
         judged = free & (away < max(1.0 - rim_px(radius_px) / radius_px, 0.0) ** 2)
         if judged.sum() < LEAST_SKIN:
-            return Skin(0.0, 0.0), 0.0, 0.0
+            return VisibleSkin(0.0, 0.0), 0.0, 0.0
         patch = relative[rows, columns]
         covered = float((colored(np.ascontiguousarray(patch)).ravel()[judged] == 0).mean())
         colors = patch.reshape(-1, 3)[judged].astype(np.float64) * self._settings.table_rgb

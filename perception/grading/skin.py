@@ -65,7 +65,7 @@ DIMMEST: Final = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Skin:
+class VisibleSkin:
     """The visible skin of one apple."""
 
     red_ratio: float
@@ -109,14 +109,14 @@ def _beside(defect: Flags, area: Flags) -> Flags:
     return beside
 
 
-def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> Skin:
+def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> VisibleSkin:
     """Return the shares of red pixels and defects. The arguments are the same as in ``judge``."""
     red, defect = judge(colors, places, area)
     away = (places * places).sum(axis=1)
     ring = float(away.max()) - RING
     weights = np.where(away > ring, (1.0 - ring) / RING, 1.0)
     total = float(weights.sum())
-    return Skin(float(weights @ red) / total, float(weights @ defect) / total)
+    return VisibleSkin(float(weights @ red) / total, float(weights @ defect) / total)
 
 
 def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags:

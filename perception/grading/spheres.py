@@ -45,7 +45,7 @@ SECTORS: Final = 36
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sphere:
+class AppleSphere:
     """Size and position of one apple."""
 
     center_m: FloatArray
@@ -66,7 +66,7 @@ class Sphere:
         return _places(_flat(rays, self.frame), self.ellipse)
 
 
-def fit_sphere(view: CameraView, pixels: FloatArray) -> Sphere | None:
+def fit_sphere(view: CameraView, pixels: FloatArray) -> AppleSphere | None:
     """Measure the apple with an outline of pixels (n, 2). Return None if the outline does not belong to an apple."""
     if len(pixels) < LEAST_POINTS:
         return None
@@ -89,7 +89,7 @@ def fit_sphere(view: CameraView, pixels: FloatArray) -> Sphere | None:
     return _placed(view, frame, ellipse, (arc, error))
 
 
-def _placed(view: CameraView, frame: FloatArray, ellipse: Ellipse, quality: tuple[float, float]) -> Sphere | None:
+def _placed(view: CameraView, frame: FloatArray, ellipse: Ellipse, quality: tuple[float, float]) -> AppleSphere | None:
     x, y, a, b, _ = ellipse
     toward = frame @ np.array([x, y, 1.0])
     toward = toward / np.linalg.norm(toward)
@@ -102,7 +102,7 @@ def _placed(view: CameraView, frame: FloatArray, ellipse: Ellipse, quality: tupl
         return None
     radius_m = above_m / denominator
     center_m = view.pose.position_m + toward * radius_m / sine
-    return Sphere(center_m, radius_m, frame, ellipse, *quality)
+    return AppleSphere(center_m, radius_m, frame, ellipse, *quality)
 
 
 def _frame(toward: FloatArray) -> FloatArray:

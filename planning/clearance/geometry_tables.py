@@ -52,7 +52,7 @@ class Geom(NamedTuple):
         return 0.0 if self.kind == shapes.POINT else self.radius_m
 
 
-class Unit(NamedTuple):
+class GeomGroup(NamedTuple):
     """Geoms that move together and are checked together: those of a link, or one shape of an object."""
 
     name: str
@@ -96,14 +96,14 @@ _FROM_MUJOCO: Final[dict[int, Callable[[FloatArray], tuple[int, FloatArray, floa
 }
 
 
-def arm_units(arm: ArmModel) -> Iterator[Unit]:
+def arm_units(arm: ArmModel) -> Iterator[GeomGroup]:
     """Yield the links that have geoms."""
     for frame, (link, geoms) in enumerate(arm.link_geoms().items()):
         if geoms:
-            yield Unit(link, tuple(_from_model(arm.model, geom, frame) for geom in geoms), frozenset())
+            yield GeomGroup(link, tuple(_from_model(arm.model, geom, frame) for geom in geoms), frozenset())
 
 
-def world_units(arm: ArmModel, scene: Scene) -> Iterator[Unit]:
+def world_units(arm: ArmModel, scene: Scene) -> Iterator[GeomGroup]:
     """Yield the shapes of the world objects: first those of the arm's scene file, then those of the planning scene."""
     gone = scene.removed | set(scene.objects) | set(scene.attached)
     start = mujoco.MjData(arm.model)
@@ -111,21 +111,21 @@ def world_units(arm: ArmModel, scene: Scene) -> Iterator[Unit]:
     for name, geoms in arm.world_geoms().items():
         for geom in geoms if name not in gone else ():
             pose = Pose(np.array(start.geom_xpos[geom]), np.array(start.geom_xmat[geom]).reshape(3, 3))
-            yield Unit(name, (_from_model(arm.model, geom, WORLD)._replace(pose=pose),), frozenset())
+            yield GeomGroup(name, (_from_model(arm.model, geom, WORLD)._replace(pose=pose),), frozenset())
     for item in scene.objects.values():
         yield from _object_units(item, WORLD, frozenset())
 
 
-def attached_units(arm: ArmModel, scene: Scene) -> Iterator[Unit]:
+def attached_units(arm: ArmModel, scene: Scene) -> Iterator[GeomGroup]:
     """Yield the shapes of the attached objects. Raises PlanningError for a link that the arm does not have."""
     for held in scene.attached.values():
         arm.body(held.link)
         yield from _object_units(held.item, arm.links.index(held.link), held.touch_links | {held.link})
 
 
-def _object_units(item: SceneObject, frame: int, touch_links: frozenset[str]) -> Iterator[Unit]:
+def _object_units(item: SceneObject, frame: int, touch_links: frozenset[str]) -> Iterator[GeomGroup]:
     for shape, pose in item.shapes:
-        yield Unit(item.name, (_from_shape(shape, frame, item.pose @ pose),), touch_links)
+        yield GeomGroup(item.name, (_from_shape(shape, frame, item.pose @ pose),), touch_links)
 
 
 def _from_model(model: Any, geom: int, frame: int) -> Geom:

@@ -12,7 +12,7 @@ from hal.types import FloatArray
 from planning.arm_model import ArmModel, pair
 from planning.clearance import shapes
 from planning.clearance.chain_tables import ChainTables, travels
-from planning.clearance.geometry_tables import WORLD, Geom, Unit, arm_units, attached_units, world_units
+from planning.clearance.geometry_tables import WORLD, Geom, GeomGroup, arm_units, attached_units, world_units
 from planning.errors import PlanningError
 from planning.scene import Scene
 
@@ -112,7 +112,7 @@ def _chain(chains: ChainTables, frame: int) -> list[int]:
     return [] if frame == WORLD else chains.chain[frame, : chains.chain_length[frame]].tolist()
 
 
-def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTables) -> tuple[Any, Any, Any]:
+def _pairs(arm: ArmModel, scene: Scene, units: Sequence[GeomGroup], chains: ChainTables) -> tuple[Any, Any, Any]:
     moving = {int(joint) for joint in chains.planned}
     moving |= {int(joint) for joint, at in zip(chains.follower, chains.leader, strict=True) if int(at) in moving}
     allowed = scene.allowed | arm.adjacent()
@@ -133,7 +133,7 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTabl
     return one_table, other_table, common_table
 
 
-def _levers(unit: Unit, chains: ChainTables, travel: FloatArray) -> FloatArray:
+def _levers(unit: GeomGroup, chains: ChainTables, travel: FloatArray) -> FloatArray:
     """Return the largest distance of a unit from the axis of each joint of its chain (c,), in m.
 
     For a sphere, only the center counts, because a rotation about the center does not move the sphere. The bound holds

@@ -11,14 +11,14 @@ import numpy as np
 from hal.rotations import angle_between, slerp
 from hal.types import FloatArray
 from planning.kinematics.chain import Chain, ToolPose
-from planning.kinematics.descent import Effort, descend
+from planning.kinematics.descent import DescentEffort, descend
 from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 
 TURN_PER_METER: Final = 3.5
 """Largest rotation of a step per meter of its maximum length, in rad/m, as in MoveIt."""
 MOST_STEPS: Final = 20_000
 """Maximum number of steps of a path."""
-EFFORT: Final = Effort(steps=40, enough=1)
+EFFORT: Final = DescentEffort(steps=40, enough=1)
 """Effort limits of the search for the next point from the previous point."""
 AT_LIMIT: Final = 1e-6
 """Distance from a limit within which a joint is at the limit, in rad or m."""

@@ -27,7 +27,7 @@ PROGRESS: Final = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
+class DescentEffort:
     """Effort limits of a descent."""
 
     steps: int
@@ -66,7 +66,7 @@ class _State:
         self.gradient[replaced], self.curvature[replaced] = new.gradient[better], new.curvature[better]
 
 
-def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: Effort) -> Descent:
+def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: DescentEffort) -> Descent:
     """Move from each start to a local minimum of the excess.
 
     Args:

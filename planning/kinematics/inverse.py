@@ -9,18 +9,18 @@ import numpy as np
 from hal.types import FloatArray
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, pose_of
-from planning.kinematics.descent import EXACT_M2, Descent, Effort, descend
+from planning.kinematics.descent import EXACT_M2, Descent, DescentEffort, descend
 from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
 
 SAMPLES: Final = 1024
 """Number of random joint positions from which the starts of a search are chosen."""
 BATCHES: Final = (16, 32, 64)
 """Numbers of starts in consecutive batches. A goal is rejected after the last batch."""
-CENTER: Final = Effort(steps=25, enough=8)
+CENTER: Final = DescentEffort(steps=25, enough=8)
 """Effort limits of the search for the pose itself."""
-REGION: Final = Effort(steps=15, enough=8)
+REGION: Final = DescentEffort(steps=15, enough=8)
 """Effort limits of the further search for the region, if the pose itself cannot be reached."""
-WIDE: Final = Effort(steps=40, enough=max(BATCHES))
+WIDE: Final = DescentEffort(steps=40, enough=max(BATCHES))
 """Effort limits of the search for many places in the region."""
 DISTINCT: Final = 0.2
 """Smallest difference of a joint between two solutions, in rad or m."""

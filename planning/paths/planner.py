@@ -11,7 +11,7 @@ from planning.collision import Collisions
 from planning.errors import PlanningError
 from planning.paths.blends import distinct
 from planning.paths.margins import PathMargins
-from planning.paths.release import Release, release
+from planning.paths.release import ReleasedEnd, release
 from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
@@ -90,7 +90,9 @@ def _single(collisions: Collisions, request: PathRequest) -> Plan:
         margins = margins.within(margins.padding_m / 2.0)
 
 
-def _released(arm: ArmModel, collisions: Collisions, request: PathRequest) -> tuple[Release, list[Release]] | None:
+def _released(
+    arm: ArmModel, collisions: Collisions, request: PathRequest
+) -> tuple[ReleasedEnd, list[ReleasedEnd]] | None:
     """Return poses with the full padding near the start and near the goals, or None if there are none."""
     limits = bounds(arm, request)
     start = release(request.start, collisions, request.margins, limits, request.seed)

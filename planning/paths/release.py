@@ -19,7 +19,7 @@ BEYOND: Final = 1.5
 """Radius of the smaller margins, as a multiple of the distance of the pose with the full padding."""
 
 
-class Release(NamedTuple):
+class ReleasedEnd(NamedTuple):
     """An end of a path, and the pose from which the path has its full margins."""
 
     end: FloatArray
@@ -32,7 +32,7 @@ class Release(NamedTuple):
 
 def release(
     end: FloatArray, collisions: Collisions, margins: Margins, ends: tuple[FloatArray, FloatArray], seed: int
-) -> Release | None:
+) -> ReleasedEnd | None:
     """Return a pose near an end of a path that has the full padding, or None if none was found.
 
     Args:
@@ -43,7 +43,7 @@ def release(
         seed: Seed of the random poses.
     """
     if collisions.is_clear(end, margins.padding_m):
-        return Release(end, end)
+        return ReleasedEnd(end, end)
     own = margins.within(collisions.room_m(end, margins.padding_m))
     random = np.random.default_rng(seed)
     for radius in RADII:
@@ -52,5 +52,5 @@ def release(
             free = np.clip(end + radius * direction / np.linalg.norm(direction), *ends)
             if not collisions.is_clear(free, margins.padding_m) or collisions.edge_contact(end, free, own):
                 continue
-            return Release(end, free, (Near(end, BEYOND * float(np.linalg.norm(free - end)), own),))
+            return ReleasedEnd(end, free, (Near(end, BEYOND * float(np.linalg.norm(free - end)), own),))
     return None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
-from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
+from servoloop.api.backend import ArmBackend, ArmState, MotionGoal, Observer
 from servoloop.api.checks import check_joints, checked_goal, checked_number, checked_timeout
 from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
@@ -217,10 +217,10 @@ class Arm:
             return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
         assert target is not None
         positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
-        goal = checked_goal(JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
+        goal = checked_goal(MotionGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),)), self._arm)
         if asked_s is None:
             planned_s = approach_s(positions, self.state.command, self.limits, share)
-            goal = JointGoal(goal.joints, (planned_s,), goal.positions)
+            goal = MotionGoal(goal.joints, (planned_s,), goal.positions)
         return self._started(goal, wait, timeout)
 
     def plan(
@@ -485,7 +485,7 @@ class Arm:
     def _measured_after(self, time_s: float) -> Callable[[], bool]:
         return lambda: self.state.time_s > time_s
 
-    def _started(self, goal: JointGoal, wait: bool, timeout_s: float) -> ArmMotion:
+    def _started(self, goal: MotionGoal, wait: bool, timeout_s: float) -> ArmMotion:
         timeout_s = checked_timeout(timeout_s)
         motion = ArmMotion(self._backend, self._backend.start(goal))
         if wait:

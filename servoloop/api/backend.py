@@ -76,7 +76,7 @@ class ArmDescription:
 
 
 @dataclass(frozen=True, slots=True)
-class JointGoal:
+class MotionGoal:
     """Path of some joints through one or more timed points. The last point is reached at rest.
 
     A goal with one point is a motion from the current command to this point. Joints without a position do not move.
@@ -129,7 +129,7 @@ class ArmBackend(Protocol):
         """Call a function with the state of each cycle, and return a function that ends the calls."""
         ...
 
-    def start(self, goal: JointGoal) -> MotionProgress:
+    def start(self, goal: MotionGoal) -> MotionProgress:
         """Start a motion. The motion begins in the next cycle and replaces a running motion of the same joints.
 
         Raises:

@@ -7,11 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 from hal.types import AT_LIMIT, JointLimits, beyond_range
-from servoloop.api.backend import ArmDescription, JointGoal
+from servoloop.api.backend import ArmDescription, MotionGoal
 from servoloop.api.errors import ArmInputError
 
 
-def checked_goal(goal: JointGoal, arm: ArmDescription) -> JointGoal:
+def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
     """Check the names, sizes, times and positions of a goal, and return it within the limits. Raises ArmInputError.
 
     A joint that sags or is held at its limit is measured slightly beyond the limit. Such a position is moved to the

@@ -14,7 +14,7 @@ from controller.gripper.gripper_action_controller import GripperActionController
 from controller.trajectory.execution import RECALL_S
 from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointState
-from servoloop.api.backend import JointGoal
+from servoloop.api.backend import MotionGoal
 from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.motions import CANCELED, REPLACED, failed_text, failure_of
 
@@ -116,7 +116,7 @@ class ForwardPart:
 
 
 def start_forward(
-    controller: ForwardCommandController, goal: JointGoal, held: FloatArray, access: ControllerAccess
+    controller: ForwardCommandController, goal: MotionGoal, held: FloatArray, access: ControllerAccess
 ) -> ForwardPart:
     """Start a path of a forward command controller.
 
@@ -179,7 +179,7 @@ class GripperPart:
                 self.controller.cancel(self.handle)
 
 
-def start_gripper(controller: GripperActionController, goal: JointGoal, held: FloatArray) -> GripperPart:
+def start_gripper(controller: GripperActionController, goal: MotionGoal, held: FloatArray) -> GripperPart:
     """Start a path of a gripper action controller.
 
     The arguments and the errors are the same as for ``start_trajectory``.

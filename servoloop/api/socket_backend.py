@@ -13,7 +13,7 @@ from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from hal.types import JointLimits
 from nodes.namespace import parse_namespace
-from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
+from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.pace import ThreadPace
@@ -97,7 +97,7 @@ class SocketBackend:
         """Call a function with the newest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
-    def start(self, goal: JointGoal) -> MotionProgress:
+    def start(self, goal: MotionGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
         goal = checked_goal(goal, self.description)
         self._ask("take")

@@ -18,7 +18,7 @@ from controller.manager.switch import ManagerError, SwitchRequest
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
-from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
+from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
@@ -91,7 +91,7 @@ class StackBackend:
         """Call a function with the newest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
-    def start(self, goal: JointGoal) -> MotionProgress:
+    def start(self, goal: MotionGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""
         goal = checked_goal(goal, self.description)
         with self._lock:
@@ -217,7 +217,7 @@ class StackBackend:
         self._stream.update(state.stamp_s)
         self._pace.cycle_done()
 
-    def _start(self, controller: Controller, goal: JointGoal) -> MotionPart:
+    def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:
         """Send the part of a goal that a controller executes."""
         loop = self.stack.loop
         held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
@@ -276,7 +276,7 @@ class StackBackend:
             return
         pose = {joint: at for joint, at in park.pose.items() if joint in self.description.joints}
         duration_s = approach_s(pose, self.state().command, self.description.limits, park.velocity_scale)
-        progress = self.start(JointGoal(tuple(pose), (duration_s,), (tuple(pose.values()),)))
+        progress = self.start(MotionGoal(tuple(pose), (duration_s,), (tuple(pose.values()),)))
         if not self.wait(lambda: progress.done, PARK_S) or progress.failure is not None:
             raise MotionFailedError(
                 f"the park pose was not reached, so the torque stays on: {progress.failure}. Use torque(False, "

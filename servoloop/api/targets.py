@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Union
 
 from hal.types import JointLimits
-from servoloop.api.backend import ArmDescription, JointGoal
+from servoloop.api.backend import ArmDescription, MotionGoal
 from servoloop.api.checks import checked_number, number_of
 from servoloop.api.errors import ArmInputError
 from servoloop.api.trajectory import ArmTrajectory
@@ -63,11 +63,11 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
     return duration, share
 
 
-def goal_of(trajectory: ArmTrajectory, begin_s: float) -> JointGoal:
+def goal_of(trajectory: ArmTrajectory, begin_s: float) -> MotionGoal:
     """Return the goal of a trajectory, with all its times delayed by ``begin_s``."""
     joints = tuple(trajectory.positions)
     times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
-    return JointGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
+    return MotionGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
 
 
 def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:

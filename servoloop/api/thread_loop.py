@@ -20,8 +20,8 @@ from servoloop.api.stack_backend import StackBackend
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.background_worker import BackgroundWorker
-from servoloop.stack.device_choice import chosen_devices
 from servoloop.stack.devices import parse_ports
+from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.processes import PRIORITY, realtime_priority
 from servoloop.stack.robot_files import Files

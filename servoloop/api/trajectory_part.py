@@ -9,7 +9,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
-from servoloop.api.backend import JointGoal
+from servoloop.api.backend import MotionGoal
 from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.motions import CANCELED, failure_of, joint_in
 
@@ -50,7 +50,7 @@ class TrajectoryPart:
             self.controller.cancel(self.handle)
 
 
-def start_trajectory(controller: JointTrajectoryController, goal: JointGoal, held: FloatArray) -> TrajectoryPart:
+def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, held: FloatArray) -> TrajectoryPart:
     """Send a goal to a joint trajectory controller.
 
     Args:

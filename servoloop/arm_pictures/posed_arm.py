@@ -9,7 +9,7 @@ import numpy as np
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, multiply, rotate
 from hal.types import FloatArray
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.shapes import DrawnShape, arm_shapes
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.still import Solid
@@ -39,7 +39,7 @@ class PosedArm:
         self._files = files
         self._joints = files.description.joints
         self._driven = [joint.name for joint in files.robot.joints]
-        self._model = ArmModel(self._joints, self._driven)
+        self._model = DrawnArm(self._joints, self._driven)
         self._position = np.array([position.get(name, 0.0) for name in self._driven])
 
     def solids(self) -> Iterator[Solid]:

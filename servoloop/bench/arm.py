@@ -13,11 +13,11 @@ import numpy as np
 
 from commissioning.provision import drives
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 from nodes.ros_environment import RosError, require_ros
@@ -28,7 +28,7 @@ from servoloop.bench.ros import RosRun, run_ros
 from servoloop.recording.following_error import following_error
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.hardware import OpenPort, open_buses
-from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.pick_place import arm_jobs
 from servoloop.stack.processes import Interrupted, claim_realtime_priority, on_one_processor
 from servoloop.stack.robot_files import Files
 
@@ -102,7 +102,8 @@ def bench_arm(
     """Measure an arm whose torque is off.
 
     The arm moves slowly to its ready pose, then joint by joint, then back. At the end the arm is in its initial pose
-    with its torque off, even after an error.
+    with its torque off, even after an error. All arms of a robot with several arms move, but only the first of them is
+    measured with ROS.
 
     Args:
         arm: The arm.
@@ -119,7 +120,8 @@ def bench_arm(
         Interrupted: A signal was received.
     """
     files = slow(read_arm_files(arm))
-    poses = bench_poses(load_pick_place(arm.pick_place), files.limits)
+    jobs = list(arm_jobs(arm.pick_place).values())
+    poses = bench_poses(jobs, files.limits)
     say("measuring the buses")
     buses = measure_buses(files, devices, clock, virtual.open if virtual else SerialPort)
     if signals():
@@ -130,7 +132,8 @@ def bench_arm(
     ros, without_ros = None, _no_ros() if virtual is None else "the virtual servos run in this process"
     if not without_ros:
         say("measuring the same stack with ROS")
-        ros = run_ros(arm, files, poses[0], trial.lay, devices, signals)
+        ready = {joint: poses[0][joint] for joint in jobs[0].joints}
+        ros = run_ros(arm, files, ready, trial.lay, devices, signals)
     say("the arm is in its initial pose, and its torque is off")
     figures = ArmFigures(
         arm.name,

@@ -15,12 +15,12 @@ from rich.table import Table
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
-from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
+from drivers.types import Reading, ServoGoal, ServoState
 from servoloop.bench.goals import answering_servos, present_goals
 from servoloop.stack.processes import on_one_processor
 

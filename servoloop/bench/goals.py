@@ -9,12 +9,12 @@ from typing import Final
 from drivers.bus.bus import Bus
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal, ServoState
 from hal.servos.diagnose import NO_BAUD_RATE, diagnose
 
 LOG = logging.getLogger("servoloop")

@@ -1,10 +1,12 @@
 """Slow motions of ``servoloop bench arm``, with the control loop and the trajectory controller but without ROS."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from commissioning.slow_arm import SPEED_SHARE
 from controller.action_goals import GoalStatus
@@ -19,7 +21,7 @@ from servoloop.bench.figures import Distribution, Timing
 from servoloop.stack import hardware
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareKind
-from servoloop.stack.pick_place import ARM, PickPlace
+from servoloop.stack.pick_place import PickPlace
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import Files
 
@@ -48,9 +50,14 @@ def slow(files: Files, back_to: Pose | None = None) -> Files:
     return replace(files, limits=limits, robot=robot)
 
 
-def bench_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[Pose]:
-    """Return the poses of the measurement: the ready pose, then each joint slightly towards its middle and back."""
-    ready = dict(zip(pick_place.joints, pick_place.poses.ready, strict=True))
+def bench_poses(jobs: Iterable[PickPlace], limits: Mapping[str, JointLimits]) -> list[Pose]:
+    """Return the poses of the measurement: the ready pose, then each joint slightly towards its middle and back.
+
+    Args:
+        jobs: Parameters of the pick-and-place node of each arm.
+        limits: Limits of each joint.
+    """
+    ready = {joint: at for job in jobs for joint, at in zip(job.joints, job.poses.ready, strict=True)}
     poses: list[Pose] = [ready]
     for joint, position in ready.items():
         poses += [{**ready, joint: position + _way(position, limits[joint])}, ready]
@@ -116,7 +123,7 @@ def run_trial(
 
     Args:
         files: Files of the arm, with reduced velocity limits.
-        poses: Poses of the joints of the trajectory controller.
+        poses: Poses of the joints of all trajectory controllers.
         devices: Serial device of each bus, by bus name.
         clock: Clock of the control loop.
         signals: Function that returns the number of signals received.
@@ -129,14 +136,15 @@ def run_trial(
     setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
     stack = ControlStack.build(setup, files, clock)
     stack.load_controllers()
-    loop, arm = stack.loop, _arm_controller(stack)
-    trial = BenchTrial(arm.joints, 1.0 / loop.period_s, files.limits)
+    loop, arms = stack.loop, _arm_controllers(stack, poses[0])
+    joints = tuple(joint for arm in arms for joint in arm.joints)
+    trial = BenchTrial(joints, 1.0 / loop.period_s, files.limits)
     with stack.configured():
         loop.activate()
         names = [name.rpartition("/")[0] for name in setup.hardware.command_interfaces]
         trial.lay = dict(zip(names, loop.command.tolist(), strict=True))
         try:
-            _drive(loop, arm, poses, trial, signals)
+            _drive(loop, arms, poses, trial, signals)
         finally:
             problems = stack.end(lambda: signals() > 1, trial.lay)
             for problem in problems:
@@ -148,24 +156,25 @@ def run_trial(
     return trial
 
 
-def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
-    """Return the controller of the arm's joints. Raises DriverError if the arm has no such controller."""
-    arm = stack.loop.manager.registry.controllers.get(ARM)
-    if not isinstance(arm, JointTrajectoryController):
-        path = stack.files.controllers.path
-        raise DriverError(f"{path} has no joint trajectory controller named {ARM}, which the measurement needs")
-    return arm
+def _arm_controllers(stack: ControlStack, pose: Pose) -> list[JointTrajectoryController]:
+    """Return the controllers that move the joints of a pose. Raises DriverError if a joint has no such controller."""
+    loaded = stack.loop.manager.registry.controllers.values()
+    arms = [one for one in loaded if isinstance(one, JointTrajectoryController) and pose.keys() >= set(one.joints)]
+    if missing := pose.keys() - {joint for arm in arms for joint in arm.joints}:
+        path, names = stack.files.controllers.path, ", ".join(sorted(missing))
+        raise DriverError(f"{path} has no joint trajectory controller for {names}, which the measurement needs")
+    return arms
 
 
 def _drive(
     loop: ControlLoop,
-    arm: JointTrajectoryController,
+    arms: Sequence[JointTrajectoryController],
     poses: Sequence[Pose],
     trial: BenchTrial,
     signals: Callable[[], int],
 ) -> None:
     """Run the control loop until the rest after the last pose is over."""
-    moves = _moves(arm, poses, trial, loop.period_s)
+    moves = _moves(arms, poses, trial, loop.period_s)
     figures = loop.figures
 
     def ended() -> bool:
@@ -173,27 +182,32 @@ def _drive(
             trial.late_s.append(figures.last_late_s)
             trial.took_s.append(figures.last_busy_s)
             trial.missed = figures.missed
-            if (now := arm.tracking) is not None:
-                trial.time_s.append(now.stamp_s)
-                trial.reference.append(now.reference.position)
-                trial.velocity.append(now.reference.velocity)
-                trial.position.append(now.feedback_position)
+            now = [arm.tracking for arm in arms if arm.tracking is not None]
+            if len(now) == len(arms):
+                trial.time_s.append(now[0].stamp_s)
+                trial.reference.append(np.concatenate([one.reference.position for one in now]))
+                trial.velocity.append(np.concatenate([one.reference.velocity for one in now]))
+                trial.position.append(np.concatenate([one.feedback_position for one in now]))
         return signals() > 0 or next(moves, None) is None
 
     loop.run(ended)
 
 
-def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: BenchTrial, period_s: float) -> Iterator[bool]:
+def _moves(
+    arms: Sequence[JointTrajectoryController], poses: Sequence[Pose], trial: BenchTrial, period_s: float
+) -> Iterator[bool]:
     """Send the goals, and yield in each cycle until the last motion and its rest are over."""
     for before, pose in pairwise([trial.lay, *poses]):
-        target = tuple(pose[joint] for joint in arm.joints)
-        goal = TrajectoryGoal(arm.joints, (GoalPoint(target, seconds_for(before, pose, trial.limits)),))
-        if reason := arm.check(goal):
-            raise DriverError(f"the arm cannot move to the next pose: {reason}; {BACK}")
-        handle = arm.submit(goal)
-        while not handle.done:
+        seconds = seconds_for(before, pose, trial.limits)
+        goals = [TrajectoryGoal(a.joints, (GoalPoint(tuple(pose[j] for j in a.joints), seconds),)) for a in arms]
+        for arm, goal in zip(arms, goals, strict=True):
+            if reason := arm.check(goal):
+                raise DriverError(f"the arm cannot move to the next pose: {reason}; {BACK}")
+        handles = [arm.submit(goal) for arm, goal in zip(arms, goals, strict=True)]
+        while not all(handle.done for handle in handles):
             yield True
-        if handle.status is not GoalStatus.SUCCEEDED:
-            raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. Run servoloop doctor")
+        for handle in handles:
+            if handle.status is not GoalStatus.SUCCEEDED:
+                raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. Run servoloop doctor")
         for _ in range(round(REST_S / period_s)):
             yield True

@@ -15,12 +15,11 @@ from servoloop.bench.motion import BACK, Pose, seconds_for
 from servoloop.bench.ros_stack import Work
 from servoloop.recording.reader import RecordedRun, read_recording
 from servoloop.stack.arm_folders import ArmFolder
-from servoloop.stack.pick_place import ARM
 from servoloop.stack.processes import Interrupted, Processes, choose_ros_domain
 from servoloop.stack.robot_files import Files
 
 if TYPE_CHECKING:
-    from nodes.timing_client import Promptness
+    from nodes.clients.timing_client import Promptness
 
 START_S: Final = 60.0
 LISTEN_S: Final = 5.0
@@ -57,8 +56,8 @@ def run_ros(
     Args:
         arm: The arm.
         files: Files of the arm, with reduced velocity limits.
-        ready: Ready pose of the arm.
-        lay: Initial pose of the arm.
+        ready: Ready pose of the arm, in the order of the joints of its controller.
+        lay: Initial pose of the robot.
         devices: Serial device of each bus, by bus name.
         signals: Function that returns the number of signals received.
 
@@ -66,7 +65,7 @@ def run_ros(
         DriverError: The stack failed; the message has its last output.
         Interrupted: A signal was received.
     """
-    from nodes.timing_client import Promptness
+    from nodes.clients.timing_client import Promptness
 
     choose_ros_domain()
     noted = Promptness()
@@ -91,15 +90,15 @@ def run_ros(
 
 def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Callable[[], int]) -> None:
     """Record /joint_states at rest in the ready pose, then send goals near this pose."""
-    from nodes.client_node import client_node
-    from nodes.timing_client import TimedController, TimingClient
+    from nodes.clients.client_node import client_node
+    from nodes.clients.timing_client import TimedController, TimingClient
 
     joint = next(iter(ready))
     limits = files.limits[joint]
     step = min(STEP, 0.1 * (limits.upper - limits.lower))
     beside = {**ready, joint: ready[joint] + (step if ready[joint] < 0.5 * (limits.lower + limits.upper) else -step)}
     with client_node("servoloop_bench") as (node, executor):
-        controller = TimedController(list(ready), ARM, moved=0.05 * step)
+        controller = TimedController(list(ready), _controller_of(ready, files), moved=0.05 * step)
         client = TimingClient(node, executor, controller, noted, stop=lambda: signals() > 0)
         client.go(list(ready.values()), seconds_for(lay, ready, files.limits))
         noted.answers_s.clear()  # the first goal after the start is not typical
@@ -111,6 +110,14 @@ def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signa
             client.spin(REST_S)
             start, end = (ready, beside) if number % 2 == 0 else (beside, ready)
             client.go(list(end.values()), seconds_for(start, end, files.limits), period_s=period_s)
+
+
+def _controller_of(pose: Pose, files: Files) -> str:
+    """Return the name of the controller with the joints of a pose. Raises DriverError."""
+    for spec in files.controllers.controllers:
+        if tuple(getattr(spec.parameters, "joints", ())) == tuple(pose):
+            return spec.name
+    raise DriverError(f"{files.controllers.path} has no controller for {', '.join(pose)}: add one")
 
 
 def _run(noted: "Promptness", recorded: RecordedRun, rate_hz: float) -> RosRun:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from random import Random
-from typing import TYPE_CHECKING
 
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.trajectory.parameters import TrajectoryParameters
@@ -12,6 +11,7 @@ from hal.types import JointLimits
 from pick_place.settings import normal_grade
 from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.promises import PromisedVisit
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import JOB, NO_SERVO, makes_of
 from servoloop.simulation.acts import Act
 from servoloop.simulation.job import require_cell
@@ -24,16 +24,13 @@ from sim_backend.faults.draw import TRIES, impossible
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 
-if TYPE_CHECKING:
-    from servoloop.campaign.campaign import Scenario
-
 Mistake = tuple[tuple[str | int, ...], str]
 """Keys of a mistake in its file, and a sentence that describes the mistake."""
 SEEDS, SEEDS_S = 20, 30.0
 """Number of clients of each kind that are drawn to find their possible acts, and their duration in seconds."""
 
 
-def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mistake]:
+def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mistake]:
     """Yield the parts of a scenario that its arms, clients and faults cannot do."""
     for n, (arm, files) in enumerate(arms.items()):
         yield from _in_jobs(scenario.job, arm, files, ("arm", n))
@@ -58,7 +55,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
                 break
         if (joint := getattr(act, "joint", None)) is not None and joint not in joints:
             yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: choose one of {known}"
-        if act.kind == "hand" and not hand:
+        if act.kind in ("hand", "grip") and not hand:
             yield ("clients", n), "the arm has no hand: remove this act"
 
 
@@ -92,7 +89,7 @@ def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | in
             yield ("job", n), f"{arm} has no bin for the grade {grade!r}: choose one of {', '.join(known)}"
 
 
-def _never(visit: PromisedVisit, scenario: "Scenario", arms: list[Files]) -> tuple[str, str] | None:
+def _never(visit: PromisedVisit, scenario: Scenario, arms: list[Files]) -> tuple[str, str] | None:
     """Return the key and the reason if no run of the scenario can make this visit, or None if a run can make it."""
     kinds = KINDS if scenario.kinds is None else scenario.kinds
     if scenario.faults == 0:

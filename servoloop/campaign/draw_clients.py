@@ -9,17 +9,18 @@ from servoloop.campaign.draw_socket_act import draw_socket_act
 from servoloop.simulation.acts import (
     Act,
     Cancel,
+    FollowPlan,
+    FollowWaypoints,
+    Grip,
     GuideArm,
     Jog,
     Move,
     MoveHand,
-    Plan,
     Reactivate,
     SocketDeath,
     SocketMove,
     Stream,
     Switch,
-    Waypoints,
 )
 
 BEYOND: Final = 0.08
@@ -55,7 +56,7 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     at_s = random.uniform(0.0, 0.3)
     while at_s < seconds:
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
-        if isinstance(acts[-1], Waypoints):
+        if isinstance(acts[-1], FollowWaypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
         if isinstance(acts[-1], SocketMove) and random.random() < DIES:
             at_s = min(at_s + random.uniform(0.1, 0.7) * acts[-1].seconds, seconds)
@@ -112,14 +113,14 @@ def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -
         {name: _position(random, limit, anywhere) for name, limit in mixed.items()} for _ in range(random.randint(1, 4))
     )
     delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.3 else 0.0
-    return Waypoints(at_s=at_s, points=points, seconds=round(random.uniform(0.3, 0.8), 2), delay_s=delay_s)
+    return FollowWaypoints(at_s=at_s, points=points, seconds=round(random.uniform(0.3, 0.8), 2), delay_s=delay_s)
 
 
 def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
     if random.random() < 0.2:
         return Cancel(at_s=at_s)
     scale = random.choice([1.0, round(random.uniform(0.1, 1.0), 2)])
-    return Plan(at_s=at_s, positions=_positions(random, joints), scale=scale)
+    return FollowPlan(at_s=at_s, positions=_positions(random, joints), scale=scale)
 
 
 def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
@@ -156,6 +157,14 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
+def _grip(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.2 or not hand:
+        return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+    share = random.choice([0.0, 1.0, round(random.random(), 3)])
+    cancel_after_s = round(random.uniform(0.05, 1.0), 2) if random.random() < 0.25 else 0.0
+    return Grip(at_s=at_s, share=share, cancel_after_s=cancel_after_s)
+
+
 def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
     return draw_socket_act(random, _positions(random, joints), at_s)
 
@@ -167,5 +176,6 @@ DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, flo
     "switches": _switch,
     "jogs": _jog,
     "guides": _guide,
+    "grips": _grip,
     "sockets": _socket,
 }

@@ -74,8 +74,8 @@ class Promises(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    examined: tuple[str, ...] = NAMES
-    """Names of invariants; all by default."""
+    examined: tuple[str, ...] = tuple(kind.name for kind in ALL if kind.promised)
+    """Names of invariants; by default all except those on kinds of clients that few scenarios have."""
     visits: tuple[PromisedVisit, ...] = ()
 
     @field_validator("examined")

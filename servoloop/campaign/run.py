@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import chain
 from typing import Final
 
 from drivers.errors import DriverError
@@ -16,8 +18,11 @@ from servoloop.campaign.visits import Visit
 from servoloop.simulation.acts import SocketAct
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.job import run_job
+from servoloop.simulation.job import JobRecord
+from servoloop.simulation.jobs import run_jobs
 from servoloop.simulation.schedule import Schedule
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import arm_jobs
 from servoloop.stack.robot_files import Files
 from sim_backend.buses.build import Build
 
@@ -43,7 +48,7 @@ class RunReport:
     """Reason why the program ended early; empty if it ended normally."""
     simulated_s: float
     largest_following_rad: float | None
-    """Largest following error of any joint of the arm; None if the arm was never commanded to move."""
+    """Largest following error of any joint of all arms; None if the arm was never commanded to move."""
     examined: Mapping[str, int] = field(default_factory=dict)
     """Number of times that each invariant examined its condition, by name."""
     visits: Counter[Visit] = field(default_factory=Counter)
@@ -54,10 +59,21 @@ class RunReport:
         """The seed of the schedule, or 0 if it has no seed."""
         return self.schedule.seed or 0
 
+    @property
+    def jobs(self) -> int:
+        """Number of jobs of all arms."""
+        return len(self.schedule.job) * arms_at_work(self.schedule.arm) if self.schedule.job else 0
+
+
+@cache
+def arms_at_work(arm: str) -> int:
+    """Return the number of arms of a robot that run jobs. Raises ArmFileError."""
+    return len(arm_jobs(find_arm(arm).pick_place))
+
 
 def run_schedule(
     files: Files,
-    settings: JobSettings,
+    settings: Mapping[str, JobSettings],
     schedule: Schedule,
     kinds: tuple[type[Invariant], ...] = ALL,
     prepare: Callable[[FaultyStack], None] = lambda stack: None,
@@ -66,7 +82,7 @@ def run_schedule(
 
     Args:
         files: Files of the arm.
-        settings: Settings of the pick-and-place jobs.
+        settings: Settings of the pick-and-place node of each arm, by the name of the arm.
         schedule: Faults, jobs and clients of the run.
         kinds: Invariants that watch the run.
         prepare: Function called with the stack before the stack starts. Tests use it to plant a bug.
@@ -78,14 +94,14 @@ def run_schedule(
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
     stack.player.plan(schedule.faults)
     prepare(stack)
-    watch, succeeded, ended = Watch(stack, kinds), 0, ""
+    watch, ended = Watch(stack, kinds), ""
+    jobs: list[JobRecord] = []
     programs: ConnectedPrograms | None = None
     try:
         stack.up()
         programs = ConnectedPrograms(stack) if any(isinstance(act, SocketAct) for act in schedule.clients) else None
         stack.clients = SimulatedClients(stack, stack.arm, schedule.clients, programs)
-        for number, grade in enumerate(schedule.job, 1):
-            succeeded += run_job(stack, settings, grade, number).success
+        run_jobs(stack, settings, schedule.job, jobs.append)
         stack.run(schedule.seconds)
     except (DriverError, HalError) as error:  # These errors end the program as usual.
         ended = str(error)
@@ -94,8 +110,8 @@ def run_schedule(
     watch.end()
     if programs is not None:
         programs.require_no_defect()
-    largest_rad = max(stack.trace.following().largest_rad, default=None)
-    violations = tuple(watch.violations.values())
+    largest_rad = max(chain(*(stack.trace_of(arm.joints).following().largest_rad for arm in stack.arms)), default=None)
+    violations, succeeded = tuple(watch.violations.values()), sum(job.success for job in jobs)
     return RunReport(
         *(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad), watch.examined, watch.visits.cycles
     )

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from servoloop.campaign.campaign import Scenario
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import WHOLE_RUN, RunReport
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import PHASES, Visit
 
 EXAMINED = tuple(kind.name for kind in ALL)
@@ -67,7 +67,7 @@ class Tally:
         """Add the report of a run."""
         outcome = outcome_of(report)
         self.rows.append(RunRow(report.seed, outcome, report.simulated_s, report.largest_following_rad))
-        self.jobs += len(report.schedule.job)
+        self.jobs += report.jobs
         self.succeeded += report.succeeded
         self.ended += bool(report.ended)
         for event in report.schedule.faults:
@@ -140,4 +140,4 @@ def outcome_of(report: RunReport) -> RunOutcome:
         return RunOutcome.VIOLATED
     if report.ended:
         return RunOutcome.ENDED
-    return RunOutcome.DONE if report.succeeded == len(report.schedule.job) else RunOutcome.FAILED
+    return RunOutcome.DONE if report.succeeded == report.jobs else RunOutcome.FAILED

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from itertools import count
 from typing import Any
 
-from servoloop.api.backend import ArmBackend, JointGoal, MotionProgress
+from servoloop.api.backend import ArmBackend, MotionGoal, MotionProgress
 from servoloop.api.errors import ArmError
 from servoloop.api.socket_errors import command_error
 from servoloop.command_server.ownership import Owner, Ownership
@@ -85,7 +85,7 @@ class ArmRequests:
         return {**asdict(arm), "folder": None if arm.folder is None else str(arm.folder.resolve())}
 
     def _move(self, client: Owner, message: messages.MoveJoints) -> Reply:
-        goal = JointGoal(
+        goal = MotionGoal(
             tuple(message.joints),
             tuple(message.times_s),
             tuple(map(tuple, message.positions)),

@@ -17,6 +17,7 @@ from servoloop.stack.arm_options import ArmOption
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from servoloop.bench.arm import Measured
     from servoloop.bench.figures import ArmFigures, Distribution
 
 app = typer.Typer(no_args_is_help=True, help="Measure the performance of a bus or an arm.")
@@ -86,14 +87,11 @@ def arm(
     error. A second Ctrl-C skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
-    from rich.console import Console
-
     from drivers.clock import MonotonicClock
-    from drivers.errors import DriverError
     from servoloop.bench.arm import bench_arm
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.loop_thread import LEFT
-    from servoloop.stack.robot_files import make_folder, require_file, write_file
+    from servoloop.stack.robot_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
     require_extras("the report page", "report")
@@ -110,7 +108,16 @@ def arm(
                 signals=lambda: signals.count,
                 say=lambda text: typer.echo(text, err=True),
             )
+    _report(measured, out, json)
+
+
+def _report(measured: "Measured", out: Path, json: bool) -> None:
+    """Print the figures and write the page. The figures are printed even if the page cannot be written."""
+    from rich.console import Console
+
+    from drivers.errors import DriverError
     from servoloop.bench.page import page
+    from servoloop.stack.robot_files import write_file
 
     if not json:
         print_figures(measured.figures, Console())

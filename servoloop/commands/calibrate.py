@@ -119,6 +119,8 @@ def _calibrated(
     def open_bus() -> Bus:
         return servo_bus(files.robot.file, SerialPort(device, baud, clock), clock, bus)
 
+    if others:
+        terminal.say(f"Only the joints on the bus {bus} are calibrated. The others keep their calibration")
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
     task = JointsToCalibrate(arm.robot, joints, plan.joints, others)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from servoloop.campaign.campaign import Scenario
     from servoloop.campaign.invariants import Violation
     from servoloop.campaign.kept_violation import KeptViolation
+    from servoloop.campaign.scenario import Scenario
     from servoloop.campaign.tally import Tally
     from servoloop.campaign.workers import Stop
 

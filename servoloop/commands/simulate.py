@@ -110,12 +110,13 @@ def _plain(result: "SimulationResult") -> dict[str, Any]:
         "success": result.success,
         "jobs": [
             {
+                **({"arm": job.arm} if job.arm else {}),
                 "grade": job.grade,
                 "success": job.success,
                 "bin": job.bin,
                 "message": job.message,
                 "duration_s": round(job.duration_s, 3),
-                "following_error": job.following.as_dict(result.joints),
+                "following_error": job.following.as_dict(job.joints),
             }
             for job in result.jobs
         ],
@@ -124,21 +125,30 @@ def _plain(result: "SimulationResult") -> dict[str, Any]:
         "missed_cycles": result.missed_cycles,
         "unmeasured_cycles": result.unmeasured_cycles,
         "faulty_cycles": result.faulty_cycles,
-        "following_error": result.following.as_dict(result.joints),
+        "following_error": _following(result),
         "digest": result.digest,
         "cpu_s": round(result.cpu_s, 3),
     }
 
 
+def _following(result: "SimulationResult") -> dict[str, Any]:
+    """Return the following error of the only arm, or of several arms by the name of the controller."""
+    errors = {name: error.as_dict(result.joints[name]) for name, error in result.following.items()}
+    return errors if len(errors) > 1 else next(iter(errors.values()))
+
+
 def _print(result: "SimulationResult", console: "Console") -> None:
     from rich.table import Table
 
-    table = Table("grade", "bin", "time", "largest", "RMS", "at rest", "message", title="following error, rad")
+    arms = any(job.arm for job in result.jobs)
+    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "message")
+    table = Table(*(("arm", *columns) if arms else columns), title="following error, rad")
     for job in result.jobs:
         error = job.following
         numbers = [f"{max(values):.4f}" for values in (error.largest_rad, error.rms_moving_rad, error.at_rest_rad)]
         style = "green" if job.success else "red"
-        table.add_row(job.grade, f"[{style}]{job.bin}[/]", f"{job.duration_s:.2f} s", *numbers, job.message)
+        row = (job.grade, f"[{style}]{job.bin}[/]", f"{job.duration_s:.2f} s", *numbers, job.message)
+        table.add_row(*((job.arm, *row) if arms else row))
     if result.jobs:
         console.print(table)
     on_time = "all on time" if not result.missed_cycles else f"{result.missed_cycles} missed"

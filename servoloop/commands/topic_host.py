@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
-from nodes.topic_host.topics import COMMANDS, STATES, HostTopics
+from nodes.topic_host.topics import COMMANDS, NAME, OTHER, STATES, HostTopics
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
@@ -14,6 +14,7 @@ from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import NamespaceOption, ServoArm, xacro_arguments
 from servoloop.stack.devices import parse_ports
+from servoloop.stack.ros_interface import search_for_others
 from servoloop.stack.terminal import log_to_terminal
 
 
@@ -70,4 +71,6 @@ def topic_host(
             write_ready(ready_file)
 
     topics = HostTopics(options.states_topic, options.commands_topic)
-    raise typer.Exit(run(hardware, devices, files, ready, ForeignControllers(topics, options.record)))
+    with search_for_others(NAME, OTHER, namespace) as search:
+        status = run(hardware, devices, files, ready, ForeignControllers(topics, options.record, search))
+    raise typer.Exit(status)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
@@ -21,6 +22,7 @@ from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
+from servoloop.stack.ros_interface import search_for_others
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 
@@ -58,8 +60,6 @@ def up(
     `servoloop up --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0`; with virtual servos at five times real time,
     `servoloop up --rtf 5`
     """
-    from servoloop.up import up as run
-
     log_to_terminal()
     set_network(network)
     check_ready_file(ready_file)
@@ -67,15 +67,20 @@ def up(
         check_path(options.record)
     if options.plan:
         _check_planning(options)
-    files = arm.read()
-    devices = parse_ports(port or [], files.robot.file.lines())
 
     def ready(text: str) -> None:
         typer.echo(f"ready: {text}")
         if ready_file is not None:
             write_ready(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready, options))
+    files = arm.read()
+    devices = parse_ports(port or [], files.robot.file.lines())
+    with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search:
+        from servoloop.up import OwnControllers  # This import takes time, in which the search continues.
+        from servoloop.up import up as run
+
+        status = run(hardware, devices, files, ready, options, OwnControllers(search))
+    raise typer.Exit(status)
 
 
 def check_ready_file(path: Path | None) -> None:
@@ -124,7 +129,7 @@ def pick(
     if not grade.strip():
         raise DriverError("GRADE must not be empty; choose a grade, such as A")
     require_ros()
-    from nodes.client_node import client_node
+    from nodes.clients.client_node import client_node
     from nodes.pick_place.client import ACTION, PickClient
     from servoloop.stack.signals import Signals
 

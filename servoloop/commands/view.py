@@ -71,6 +71,15 @@ def view(
     require_extras("the view", "view")
     if recording is not None and bus is not None:
         raise DriverError("--bus shows a virtual arm and FILE.mcap shows a recording; use only one of them")
+    clock = MonotonicClock()
+    found, folder = _opened(recording, bus, RunningChoice(arm, namespace), clock)
+    _serve(found, folder, page, clock)
+
+
+def _serve(
+    found: "LiveSource | PlayedRecording | EmulatorSource", folder: Path | None, page: PageOptions, clock: Clock
+) -> None:
+    """Show the arm of a source on the page until a signal arrives."""
     from servoloop.dashboard.browser import Part, show
     from servoloop.dashboard.camera_folder import CameraFolder
     from servoloop.dashboard.move_panel import MovePanel, Mover
@@ -80,8 +89,6 @@ def view(
     from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.signals import Signals
 
-    clock = MonotonicClock()
-    found, folder = _opened(recording, bus, RunningChoice(arm, namespace), clock)
     with Signals() as signals, ExitStack() as ends:
         watch, camera = None, None
         if isinstance(found, LiveSource):

@@ -16,7 +16,7 @@ BETWEEN = 16
 """Number of points drawn between two points of a goal."""
 
 
-class ArmModel:
+class DrawnArm:
     """Links of a robot description. Joint positions are in the order of the measured joints."""
 
     def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from drivers.clock import Clock
-from nodes.camera_pictures import PICTURES, PictureWatch
+from nodes.clients.camera_pictures import PICTURES, PictureWatch
 from servoloop.recording.pictures import CameraPicture
 
 

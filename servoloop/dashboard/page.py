@@ -14,9 +14,9 @@ from hal.robot_description.description import Description, UrdfJoint, parse_urdf
 from hal.text_file import read_xml
 from hal.types import FloatArray
 from servoloop.dashboard import tables
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.narrow_page import LAYOUT
-from servoloop.dashboard.scene import CHOICES, PLAIN, ArmScene, add_ground, place_camera, shares
+from servoloop.dashboard.scene import CHOICES, PLAIN, DrawnScene, add_ground, place_camera, shares
 from servoloop.dashboard.shapes import DrawnShape, arm_shapes, scene_shapes, shapes, thing_shapes
 from servoloop.dashboard.tables import STRIPS, StateTable, Strip, TableCell, axis_range, strip_data
 from servoloop.recording.history import KEPT_S
@@ -165,9 +165,9 @@ class Page:
         """
         self._server, self._folder, self._planner = server, folder, planner
         self._planned: PlannedScene | None = None
-        self._arm: ArmScene | None = None
+        self._arm: DrawnScene | None = None
         self._description: Description | None = None
-        self._model: ArmModel | None = None
+        self._model: DrawnArm | None = None
         self._joints: tuple[str, ...] = ()
         self._xml = ""
         self._goal: GoalPath | None = None
@@ -250,7 +250,7 @@ class Page:
             self._planned.remove()
         self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
         self._description = parse_urdf(snapshot.description_xml)
-        self._model = ArmModel(self._description.joints, snapshot.joints)
+        self._model = DrawnArm(self._description.joints, snapshot.joints)
         if self._model.reach_m > 0.0:
             place_camera(self._server, self._model.reach_m)
         known = known_arm(self._xml, self._folder)
@@ -260,7 +260,7 @@ class Page:
             visuals, missing = arm_shapes(self._xml, known.urdf.parent, known.scene.parent)
         around, things = _around(known)
         visuals, around = list(visuals), list(around)
-        self._arm = ArmScene(self._server, self._model, visuals, around, things)
+        self._arm = DrawnScene(self._server, self._model, visuals, around, things)
         if self._planner is not None:
             from servoloop.dashboard.planned import PlannedScene
 

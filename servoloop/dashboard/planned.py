@@ -10,7 +10,7 @@ import viser
 from hal.rotations import quaternions
 from hal.types import FloatArray
 from planning.scene import Box, Cone, Cylinder, Pose, Shape, Sphere
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.scene import MEASURED, DrawnRobot
 from servoloop.dashboard.shapes import DrawnShape, Rgb
 
@@ -35,7 +35,7 @@ class PlannedScene:
     """
 
     def __init__(
-        self, server: viser.ViserServer, model: ArmModel, visuals: Iterable[DrawnShape], drawn: Collection[str] = ()
+        self, server: viser.ViserServer, model: DrawnArm, visuals: Iterable[DrawnShape], drawn: Collection[str] = ()
     ) -> None:
         self._server, self._model, self._drawn = server, model, frozenset(drawn)
         self._ghost = DrawnRobot(server, model, PLANNED, visuals, PLAN_RGB)

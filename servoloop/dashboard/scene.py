@@ -9,7 +9,7 @@ import viser
 
 from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.shapes import DrawnShape, Rgb
 from servoloop.recording.robot_state import ScenePose
 from servoloop.recording.sampler import LinkPose
@@ -69,13 +69,13 @@ def place_camera(server: viser.ViserServer, reach_m: float) -> None:
     server.initial_camera.look_at = TARGET_M * (reach_m / REACH_M)
 
 
-class ArmScene:
+class DrawnScene:
     """Drawing of one arm and the objects around it."""
 
     def __init__(
         self,
         server: viser.ViserServer,
-        model: ArmModel,
+        model: DrawnArm,
         visuals: Iterable[DrawnShape],
         around: Iterable[DrawnShape] = (),
         things: Iterable[DrawnShape] = (),
@@ -157,7 +157,7 @@ class DrawnRobot:
     def __init__(
         self,
         server: viser.ViserServer,
-        model: ArmModel,
+        model: DrawnArm,
         root: str,
         visuals: Iterable[DrawnShape],
         ghost: Rgb | None = None,

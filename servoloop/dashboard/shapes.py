@@ -16,7 +16,7 @@ from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.robot_description.link_meshes import LinkMesh, link_meshes, read_stl, with_edges
 from hal.types import FloatArray
-from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.arm_names import arm_prefixes
 from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]

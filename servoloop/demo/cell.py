@@ -23,8 +23,8 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
-    from nodes.sorting_monitor import SortingMonitor
-    from nodes.stack_monitor import StackMonitor
+    from nodes.clients.sorting_monitor import SortingMonitor
+    from nodes.clients.stack_monitor import StackMonitor
 
 ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
@@ -75,12 +75,12 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
         DriverError: A process failed; the message has its last output.
         Interrupted: A signal arrived.
     """
-    from nodes.client_node import client_node
+    from nodes.clients.client_node import client_node
+    from nodes.clients.sorting_monitor import SortingMonitor
+    from nodes.clients.stack_monitor import StackMonitor
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
     from nodes.planning_client.presence import is_planner_present
-    from nodes.sorting_monitor import SortingMonitor
-    from nodes.stack_monitor import StackMonitor
 
     if not options.namespace:  # a namespace separates the cell from others in the domain
         choose_ros_domain()

@@ -18,7 +18,7 @@ from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
 if TYPE_CHECKING:
-    from nodes.stack_monitor import StackMonitor
+    from nodes.clients.stack_monitor import StackMonitor
 
 IDLE_S = 3.0
 FIGURES_S = 1.5

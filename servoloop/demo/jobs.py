@@ -19,9 +19,9 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient
 
 if TYPE_CHECKING:
+    from nodes.clients.stack_monitor import NewestMessages, Sample, StackMonitor
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
-    from nodes.stack_monitor import NewestMessages, Sample, StackMonitor
 
 
 class Live:

@@ -32,15 +32,16 @@ from servoloop.demo.jobs import Camera, JobRun, JobRunner, Live, RosClients
 from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import read_arm_files
 from servoloop.stack.pick_place import NODE as NODE_NAME
-from servoloop.stack.pick_place import PickPlace, load_pick_places
+from servoloop.stack.pick_place import PickPlace
+from servoloop.stack.pick_place import arm_jobs as read_arm_jobs
 from servoloop.stack.processes import Processes, choose_ros_domain
 from servoloop.stack.robot_files import write_file
 from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient
 
 if TYPE_CHECKING:
-    from nodes.client_node import Client
-    from nodes.stack_monitor import StackMonitor
+    from nodes.clients.client_node import Client
+    from nodes.clients.stack_monitor import StackMonitor
 
 POLL_S: Final = 0.2
 """Period at which the world is read while the arms work, in seconds."""
@@ -94,8 +95,7 @@ def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
 
     Raises ArmFileError.
     """
-    jobs = load_pick_places(options.found().pick_place, options.namespace)
-    return {node.removesuffix(NODE_NAME).rstrip("_"): job for node, job in jobs.items()}
+    return read_arm_jobs(options.found().pick_place, options.namespace)
 
 
 def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOptions, live: Live) -> SeveralArmsReport:
@@ -119,7 +119,7 @@ def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpti
 @contextmanager
 def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], dict[str, int], WorldFeedClient]]:
     """Start the processes of the cell, and end them after the block."""
-    from nodes.client_node import client_nodes
+    from nodes.clients.client_node import client_nodes
 
     if not options.namespace:  # a namespace separates the cell from others in the domain
         choose_ros_domain()
@@ -164,9 +164,9 @@ def node_arguments(name: str, parameters: Path) -> tuple[str, ...]:
 
 
 def _clients(client: "Client", name: str, job: PickPlace) -> RosClients:
+    from nodes.clients.stack_monitor import StackMonitor
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
-    from nodes.stack_monitor import StackMonitor
 
     node, executor = client
     monitor = StackMonitor(node, executor, job.arm_controller)

@@ -18,7 +18,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
         DriverError: A process failed; the message has its last output.
         Interrupted: The user ended the demo.
     """
-    from nodes.camera_pictures import PICTURES
+    from nodes.clients.camera_pictures import PICTURES
 
     camera = SceneCamera(options.found().scene)
     if options.record is None:

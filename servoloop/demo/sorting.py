@@ -13,7 +13,7 @@ from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.truth import AppleTruth
 
 if TYPE_CHECKING:
-    from nodes.sorting_monitor import SortingJob, SortingMonitor
+    from nodes.clients.sorting_monitor import SortingJob, SortingMonitor
 
 APPLES: Final = 12
 """Number of apples of a demo."""
@@ -49,16 +49,9 @@ class SortedApple:
         """Whether the grade is right and the apple is in the bin of its grade."""
         return self.job is not None and self.job.success and self.true_grade == self.job.grade == self.bin
 
-    @property
-    def diameter_error_mm(self) -> float | None:
-        """Measured diameter minus the true diameter."""
-        if self.job is None or self.job.apple is None:
-            return None
-        return self.job.apple.diameter_mm - self.truth.diameter_mm
-
 
 @dataclass(slots=True)
-class Film:
+class SortingFilm:
     """States of the world to draw later, with the grade of the newest message. Phases without motion are left out."""
 
     first: Mapping[str, Any] | None = None
@@ -90,7 +83,7 @@ class Sorter:
         self._last_seed: int | None = None
         self._failed: SortingJob | None = None
         self._failed_s = 0.0
-        self.film = Film()
+        self.film = SortingFilm()
 
     def run(self, count: int = APPLES) -> list[SortedApple]:
         """Watch the jobs of ``count`` apples, or of fewer if no further apple comes in time.

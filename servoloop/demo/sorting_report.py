@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rich.console import Console
 from rich.table import Table
 
-from servoloop.demo.sorting import Film, SortedApple
+from servoloop.demo.sorting import SortedApple, SortingFilm
 from servoloop.stack.robot_files import write_file
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.sensor import Sensor
@@ -120,7 +120,7 @@ def _values(apple: Any) -> dict[str, float]:
     return {name: round(getattr(apple, name), 4) for name in ("diameter_mm", "red_ratio", "defect_score")}
 
 
-def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film: Film) -> None:
+def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film: SortingFilm) -> None:
     """Draw ``apple.png`` with the first apple and its values, and ``sorting.gif`` with the arm as the camera saw it."""
     if film.first is None or not apples:
         return

@@ -6,14 +6,15 @@ the arm's folder.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from xml.etree import ElementTree
-
-import yaml
 
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.motion_planning.collision_matrix import SAMPLES, reasons
+from planning.srdf_file import read_pairs
+from servoloop.motion_planning.collision_matrix import SAMPLES, Pair, reasons
+from servoloop.motion_planning.robot import srdf_of
+from servoloop.moveit.group_settings import KINEMATICS, PLANNERS, RVIZ, group_names, group_settings
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
@@ -23,7 +24,7 @@ from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
 
 MOVEIT: Final = CONFIG / "moveit"
 """Folder with the MoveIt configuration of the default arm."""
-COPIED: Final = ("kinematics.yaml", "ompl_planning.yaml", "moveit.rviz")
+COPIED: Final = (KINEMATICS, PLANNERS, RVIZ)
 PADDINGS_M: Final = (0.02, 0.015, 0.01)
 """Paddings to try, widest first, in m.
 
@@ -41,12 +42,9 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
     """
     files = read_arm_files(arm)
-    if sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1:
-        raise ArmFileError(
-            f"{arm.name} has several trajectory controllers, but this command writes files for one arm: "
-            "`servoloop plan-server` plans for all arms with the SRDF in the arm's folder"
-        )
-    unchecked = reasons(arm.scene, samples)
+    several = sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1
+    semantic = _semantic(arm, files) if several else None
+    unchecked = read_pairs(semantic) if semantic else reasons(arm.scene, samples)
     lying = rest_poses(arm)
     poses = {**lying, **working_poses(arm)}
     for padding_m in PADDINGS_M:
@@ -61,16 +59,37 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
             f"MoveIt cannot start a plan in these poses of {arm.name}, even with a padding of {padding_m} m: change "
             f"the poses or the scene\n{found}"
         )
-    groups = _groups(files)
-    name = ElementTree.fromstring(files.description.xml).get("name", arm.name)
+    own = _of_several_arms(files, semantic) if semantic else _of_one_arm(arm, files, unchecked)
     return {
         f"{arm.name}.urdf": files.description.xml,
-        f"{arm.name}.srdf": srdf(name, files.description, groups, _states(arm, groups), unchecked),
         "joint_limits.yaml": joint_limits(files, padding_m),
         "moveit_controllers.yaml": moveit_controllers(files),
         "planning_scene.yaml": planning_scene(objects),
-        **{name: (MOVEIT / name).read_text() for name in COPIED},
+        **own,
     }
+
+
+def _semantic(arm: ArmFolder, files: Files) -> Path:
+    """Return the SRDF of a robot with several arms. Raises ArmFileError."""
+    if (found := srdf_of(files)) is None:
+        raise ArmFileError(
+            f"{arm.name} has several trajectory controllers, but no SRDF that names the group of each arm: "
+            f"put {arm.name}.srdf into {arm.folder}, or combine the arms with `servoloop arms combine`"
+        )
+    return found
+
+
+def _of_several_arms(files: Files, semantic: Path) -> dict[str, str]:
+    """Return the SRDF of the robot, and the files with settings of its groups."""
+    return {f"{files.arm}.srdf": semantic.read_text(), **group_settings(MOVEIT, group_names(files))}
+
+
+def _of_one_arm(arm: ArmFolder, files: Files, unchecked: Mapping[Pair, str]) -> dict[str, str]:
+    """Return the SRDF, and the files with settings of the groups ``arm`` and ``hand``."""
+    groups = _groups(files)
+    name = ElementTree.fromstring(files.description.xml).get("name", arm.name)
+    copied = {name: (MOVEIT / name).read_text() for name in COPIED}
+    return {f"{arm.name}.srdf": srdf(name, files.description, groups, _states(arm, groups), unchecked), **copied}
 
 
 def write_moveit(arm: ArmFolder, folder: Path) -> list[Path]:
@@ -170,25 +189,3 @@ def _pose(shape: CollisionShape) -> str:
     turned = (qx, qy, qz) != (0.0, 0.0, 0.0)
     orientation = f", orientation: {{x: {qx}, y: {qy}, z: {qz}, w: {qw}}}" if turned else ""
     return f"{{{position}{orientation}}}"
-
-
-def read_objects(request: Mapping[str, Any]) -> Objects:
-    """Return the objects of a request to /apply_planning_scene."""
-    found: Objects = {}
-    for item in request["scene"]["world"]["collision_objects"]:
-        found[item["id"]] = [
-            CollisionShape(
-                primitive["type"],
-                tuple(map(float, primitive["dimensions"])),
-                tuple(float(pose["position"][axis]) for axis in "xyz"),
-                tuple(float(pose.get("orientation", {"w": 1.0}).get(axis, 0.0)) for axis in "xyzw"),
-            )
-            for primitive, pose in zip(item["primitives"], item["primitive_poses"], strict=True)
-        ]
-    return found
-
-
-def read_padding_m(folder: Path) -> float:
-    """Return the padding that a folder with MoveIt's files sets, in m."""
-    padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
-    return padding

@@ -3,7 +3,7 @@
 The padded arm must not touch the objects around it, and the arm without padding must not touch itself.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from hal.robot_file.robot_file import load_robot_file
 from servoloop.motion_planning.collision_matrix import LinkModel, Pair, arm_links
 from servoloop.moveit.surroundings import Objects, Pose, spec_with
 from servoloop.stack.arm_folders import ArmFolder
-from servoloop.stack.pick_place import PickPlace, load_pick_place
+from servoloop.stack.pick_place import PickPlace, arm_jobs
 from sim_backend.scene.world import World
 
 SETTLE_S: Final = 4.0
@@ -83,7 +83,7 @@ def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
     if world.lies:
         poses["the start, limp"] = released_pose(arm.scene, begin)
     if park is not None:
-        for hand, at in _hands(arm, world.joints[-1]):
+        for hand, at in _hands(arm, world):
             poses[f"park, {hand}"] = {**at, **park.pose}
             poses[f"park, {hand}, limp"] = released_pose(arm.scene, {**at, **park.pose})
     return poses
@@ -93,16 +93,24 @@ def working_poses(arm: ArmFolder) -> dict[str, Pose]:
     """Return the poses of the pick-place job with open and closed hand, and the zero pose, in which the mock starts."""
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}
-    for name, pose in _arm_poses(load_pick_place(arm.pick_place)):
-        poses |= {f"{name}, {hand}": {**at, **pose} for hand, at in _hands(arm, world.joints[-1])}
+    for name, pose in _arm_poses(arm_jobs(arm.pick_place)):
+        poses |= {f"{name}, {hand}": {**at, **pose} for hand, at in _hands(arm, world)}
     return poses
 
 
-def _arm_poses(job: PickPlace) -> Iterator[tuple[str, Pose]]:
-    for name, pose in job.all_poses().items():
-        yield name, dict(zip(job.joints, pose, strict=True))
+def _arm_poses(jobs: Mapping[str, PickPlace]) -> Iterator[tuple[str, Pose]]:
+    """Yield each pose of each arm, with the other arms in their ready poses."""
+    ready = {joint: at for job in jobs.values() for joint, at in zip(job.joints, job.poses.ready, strict=True)}
+    for arm, job in jobs.items():
+        for name, pose in job.all_poses().items():
+            yield f"{arm} {name}".lstrip(), {**ready, **dict(zip(job.joints, pose, strict=True))}
 
 
-def _hands(arm: ArmFolder, hand: str) -> list[tuple[str, Pose]]:
-    job = load_pick_place(arm.pick_place)
-    return [("hand open", {hand: job.hand_open_m}), ("hand closed", {hand: job.hand_closed_m})]
+def _hands(arm: ArmFolder, world: World) -> list[tuple[str, Pose]]:
+    """Return the positions of all hands, open and closed."""
+    opened, closed = dict[str, float](), dict[str, float]()
+    for name, job in arm_jobs(arm.pick_place).items():
+        prefix = f"{name}_" if name else ""
+        hand = [joint for joint in world.joints if joint.startswith(prefix) and joint not in job.joints][-1]
+        opened[hand], closed[hand] = job.hand_open_m, job.hand_closed_m
+    return [("hand open", opened), ("hand closed", closed)]

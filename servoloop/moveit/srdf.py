@@ -45,8 +45,13 @@ def srdf(
         states: Named states.
         unchecked: Pairs of links without collision checks, with the reasons.
     """
-    arm, hand = groups["arm"], groups.get("hand", ())
-    chain = tip(description, arm)
+    hand = groups.get("hand", ())
+    passive = followers(description, hand)
+    parts = [
+        _group_lines(tip(description, groups["arm"]), groups["arm"], (*hand, *passive)),
+        [line for (group, state), positions in states.items() for line in _state_lines(group, state, positions)],
+        _hand_lines(description, hand, passive),
+    ]
     text = [
         '<?xml version="1.0"?>',
         "<!--",
@@ -54,33 +59,7 @@ def srdf(
         "  There is no virtual joint: MoveIt plans in the frame of the root link, on which the arm stands.",
         "-->",
         f'<robot name="{name}">',
-        '  <group name="arm">',
-        *(
-            [f'    <chain base_link="{chain[0]}" tip_link="{chain[1]}"/>']
-            if chain
-            else [f'    <joint name="{joint}"/>' for joint in arm]
-        ),
-        "  </group>",
-    ]
-    passive = followers(description, hand)
-    if hand:
-        text += [
-            '  <group name="hand">',
-            *(f'    <joint name="{joint}"/>' for joint in (*hand, *passive)),
-            "  </group>",
-        ]
-    text.append("")
-    for (group, state), positions in states.items():
-        text.append(f'  <group_state name="{state}" group="{group}">')
-        text += [f'    <joint name="{joint}" value="{position}"/>' for joint, position in positions.items()]
-        text.append("  </group_state>")
-    text.append("")
-    if hand:
-        parent = description.joints[hand[0]].parent
-        text.append(f'  <end_effector name="hand" parent_link="{parent}" group="hand" parent_group="arm"/>')
-    text += [f'  <passive_joint name="{joint}"/>' for joint in passive]
-    text += [
-        "",
+        *(line for part in parts for line in (*part, "")),
         "  <!--",
         "    Computed by tools/collision_matrix.py. Adjacent: connected by a joint. Never: do not touch in any sampled",
         "    pose. Always: touch in most poses. Default: touch at zero. User: driven by one servo and meant to touch.",
@@ -90,3 +69,28 @@ def srdf(
         "",
     ]
     return "\n".join(text)
+
+
+def _group_lines(chain: tuple[str, str] | None, arm: tuple[str, ...], hand: tuple[str, ...]) -> list[str]:
+    text = ['  <group name="arm">']
+    if chain is not None:
+        text.append(f'    <chain base_link="{chain[0]}" tip_link="{chain[1]}"/>')
+    else:
+        text += [f'    <joint name="{joint}"/>' for joint in arm]
+    text.append("  </group>")
+    if hand:
+        text += ['  <group name="hand">', *(f'    <joint name="{joint}"/>' for joint in hand), "  </group>"]
+    return text
+
+
+def _state_lines(group: str, state: str, positions: Mapping[str, float]) -> list[str]:
+    joints = [f'    <joint name="{joint}" value="{position}"/>' for joint, position in positions.items()]
+    return [f'  <group_state name="{state}" group="{group}">', *joints, "  </group_state>"]
+
+
+def _hand_lines(description: Description, hand: tuple[str, ...], passive: list[str]) -> list[str]:
+    text = [f'  <passive_joint name="{joint}"/>' for joint in passive]
+    if hand:
+        parent = description.joints[hand[0]].parent
+        text.insert(0, f'  <end_effector name="hand" parent_link="{parent}" group="hand" parent_group="arm"/>')
+    return text

@@ -86,7 +86,7 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             level = _level(data, geom, name)
             found["table"] = _table(level, _pits(scene, level, padding_m, lying))
-        elif shape := _shape(model, data, geom, padding_m + ROOM_M if name == "stand" else 0.0):
+        elif shape := _shape(model, data, geom, padding_m + ROOM_M if name.endswith("stand") else 0.0):
             found.setdefault(name if body == "world" else body, []).append(shape)
     return found
 
@@ -135,19 +135,34 @@ def _rounded(values: FloatArray) -> Numbers:
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
     """Return the pits of the table below the foot of the arm and at its rest poses."""
     arm = LinkModel(scene)
-    foot = arm.model.body(BASE).id
-    moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]
+    feet, moved = _feet_and_moved(arm)
     arm.place(arm.pose({}))
-    below = _pit(arm, [foot], level, padding_m, ROOM_M)
+    below = [_pit(arm, [foot], level, padding_m, ROOM_M) for foot in feet]
     pits: list[Pit] = []
     for positions in lying:
         arm.place(arm.pose(dict(positions)))
-        pit = _pit(arm, moved, level, padding_m, REST_MARGIN_M)
-        for other in [other for other in pits if pit is not None and pit.meets(other)]:
-            pits.remove(other)
-            pit = pit.joined(other) if pit else other
-        pits += [pit] if pit else []
-    return [below, *pits] if below else pits
+        for bodies in moved:
+            pit = _pit(arm, bodies, level, padding_m, REST_MARGIN_M)
+            for other in [other for other in pits if pit is not None and pit.meets(other)]:
+                pits.remove(other)
+                pit = pit.joined(other) if pit else other
+            pits += [pit] if pit else []
+    return [*filter(None, below), *pits]
+
+
+def _feet_and_moved(arm: LinkModel) -> tuple[list[int], list[list[int]]]:
+    """Return the fixed bodies of the arms, and the moved bodies of each arm."""
+    model = arm.model
+    links = [body for body in range(1, model.nbody) if model.body(body).name in arm.links]
+    feet = [body for body in links if model.body_weldid[body] == 0]
+    moved: dict[int, list[int]] = {}
+    for body in links:
+        if body not in feet:
+            first = body
+            while model.body_parentid[first] not in feet:
+                first = int(model.body_parentid[first])
+            moved.setdefault(first, []).append(body)
+    return feet, [*moved.values()]
 
 
 def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, margin_m: float) -> Pit | None:

@@ -4,9 +4,10 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.plausible import Chance, Duration, NoTruth, Position, Time, VelocityScale
+from hal.plausible import Duration, NoTruth, Position, Time, VelocityScale
 
 Share = Annotated[float, Field(ge=-1.0, le=1.0), NoTruth]
+HandShare = Annotated[float, Field(ge=0.0, le=1.0), NoTruth]
 
 
 class _Act(BaseModel):
@@ -25,7 +26,7 @@ class Move(_Act):
     seconds: Duration = 2.0
 
 
-class Plan(_Act):
+class FollowPlan(_Act):
     """Send a planned trajectory with positions, velocities and accelerations, starting at the current command."""
 
     kind: Literal["plan"] = "plan"
@@ -34,7 +35,7 @@ class Plan(_Act):
     """Share of the velocity limits that the planner uses."""
 
 
-class Waypoints(_Act):
+class FollowWaypoints(_Act):
     """Send a goal with several points without velocities, with the joints in the order of the first point."""
 
     kind: Literal["waypoints"] = "waypoints"
@@ -64,7 +65,19 @@ class MoveHand(_Act):
     """Move the hand. A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit."""
 
     kind: Literal["hand"] = "hand"
-    share: Chance = 0.5
+    share: HandShare = 0.5
+
+
+class Grip(_Act):
+    """Send a goal to a gripper action controller, which replaces the controller of the hand.
+
+    A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit.
+    """
+
+    kind: Literal["grip"] = "grip"
+    share: HandShare = 0.5
+    cancel_after_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """Time after which the goal is canceled, in seconds; 0 does not cancel the goal."""
 
 
 class Switch(_Act):
@@ -198,11 +211,12 @@ class SocketDeath(SocketAct):
 
 Act = Annotated[
     Move
-    | Plan
-    | Waypoints
+    | FollowPlan
+    | FollowWaypoints
     | Stream
     | Cancel
     | MoveHand
+    | Grip
     | Switch
     | Reactivate
     | Jog

@@ -18,17 +18,19 @@ from hal.types import FloatArray, JointLimits, JointState
 from servoloop.simulation.acts import (
     Act,
     Cancel,
+    FollowPlan,
+    FollowWaypoints,
+    Grip,
     GuideArm,
     Jog,
     Move,
     MoveHand,
-    Plan,
     Reactivate,
     SocketAct,
     Stream,
     Switch,
-    Waypoints,
 )
+from servoloop.simulation.grips import GripperClient
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -97,6 +99,8 @@ class SimulatedClients:
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
         if any(isinstance(act, GuideArm) for act in acts):
             self._add_freedrive()
+        self.gripper = GripperClient(stack) if any(isinstance(act, Grip) for act in acts) else None
+        """Client of a gripper action controller, if there are such actions."""
 
     def cycle(self, state: JointState) -> None:
         """Carry out all actions that are due."""
@@ -124,6 +128,7 @@ class SimulatedClients:
             "stream": self._stream,
             "cancel": self._cancel,
             "hand": self._hand,
+            "grip": self._grip,
             "switch": self._switch,
             "reactivate": self._reactivate,
             "jog": self._jog,
@@ -150,7 +155,7 @@ class SimulatedClients:
     def _move(self, act: Move) -> None:
         self._send(TrajectoryGoal(self._arm.joints, (GoalPoint(self._all(act.positions), act.seconds),)))
 
-    def _plan(self, act: Plan) -> None:
+    def _plan(self, act: FollowPlan) -> None:
         limits = [_scaled(limit, act.scale) for limit in self._limits()]
         here = np.clip(self._here(), [one.lower for one in limits], [one.upper for one in limits])
         motion = motion_to(
@@ -159,7 +164,7 @@ class SimulatedClients:
         times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
         self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
 
-    def _waypoints(self, act: Waypoints) -> None:
+    def _waypoints(self, act: FollowWaypoints) -> None:
         names = tuple(dict.fromkeys((*act.points[0], *self._arm.joints)))
         here, points = dict(zip(self._arm.joints, self._here().tolist(), strict=True)), []
         for number, positions in enumerate(act.points, 1):
@@ -226,6 +231,12 @@ class SimulatedClients:
     def _hand(self, act: MoveHand) -> None:
         limit = self._limit_of(self._stack.hand.joints[0])
         self._stack.hand.submit([limit.lower + act.share * (limit.upper - limit.lower)])
+
+    def _grip(self, act: Grip) -> None:
+        assert self.gripper is not None, "no controller was added for this action"
+        goal, gripper = self.gripper.grip(act), self.gripper
+        if goal is not None and act.cancel_after_s > 0.0:
+            self._later(act.cancel_after_s, lambda: gripper.cancel(goal))
 
     def _switch(self, act: Switch) -> None:
         name, loop = self._arm.name, self._stack.loop

@@ -35,6 +35,7 @@ class FaultyStack(SimulatedStack):
         """Goals that ended in the latest cycle."""
         super().__init__(**options)
         self.arm = cast(JointTrajectoryController, self.controllers[self.arm.name])
+        self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
         self.adapters = {
             name: VirtualAdapter(line, self.clock, self.ports[name].name) for name, line in self.lines.items()
         }

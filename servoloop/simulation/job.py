@@ -17,7 +17,7 @@ from pick_place.settings import JobSettings
 from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import ArmFolder
-from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.pick_place import arm_jobs
 from servoloop.stack.robot_files import Files
 from sim_backend.scene.scene_check import require_scene
 
@@ -68,12 +68,16 @@ class SimulatedArm:
 class JobRecord:
     """Record of one job, with times in seconds of the simulation."""
 
+    arm: str
+    """Name of the arm, such as ``left``; empty for the only arm."""
     grade: str
     success: bool
     """Whether the job succeeded and the cube landed in its bin."""
     bin: str | None
     message: str
     duration_s: float
+    joints: tuple[str, ...]
+    """Joints of the arm, in the order of the following error."""
     following: FollowingError
     states: tuple[State, ...]
 
@@ -84,46 +88,75 @@ def require_cell(files: Files, grades: Collection[str]) -> None:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
 
-def job_settings(arm: ArmFolder, grades: Collection[str]) -> JobSettings:
-    """Return the settings of the arm's pick-and-place node. Without jobs, return the defaults without reading a file.
+def job_settings(arm: ArmFolder, grades: Collection[str]) -> dict[str, JobSettings]:
+    """Return the settings of the pick-and-place node of each arm by the name of the arm; "" for the only arm.
 
-    Raises ArmFileError.
+    Without jobs, return no settings without reading a file. Raises ArmFileError.
     """
-    return load_pick_place(arm.pick_place).settings() if grades else JobSettings()
+    return {name: job.settings() for name, job in arm_jobs(arm.pick_place).items()} if grades else {}
+
+
+class RunningJob:
+    """One job of one arm. Call ``after_cycle`` after every cycle until the cube has come to rest, then ``close``."""
+
+    def __init__(
+        self, stack: SimulatedStack, settings: JobSettings, grade: str, number: int = 1, arm: str = ""
+    ) -> None:
+        self._stack, self._settings, self._number, self._arm = stack, settings, number, arm
+        self._states: list[State] = []
+        motions = JointMotions(settings, SimulatedArm(stack, settings))
+        self._job = PickPlaceJob(number, grade, motions, self._states.append)
+        self._steps = self._job.run()
+        self._results: list[Result] = []
+        self._bins: list[str] = []
+        self._begun_s = stack.clock.now()
+
+    @property
+    def done(self) -> bool:
+        """Whether the job has ended."""
+        return bool(self._results)
+
+    def after_cycle(self) -> None:
+        """Continue the job, and look for the cube."""
+        if not self._results:
+            try:
+                self._steps.send(None)
+            except StopIteration as end:
+                self._results.append(end.value)
+        if found := self._stack.world.cube_bin(self._settings.joints[0]):
+            self._bins.append(found)
+
+    def close(self) -> None:
+        """Abandon the job if it has not ended."""
+        self._steps.close()
+
+    def record(self, ended_s: float) -> JobRecord:
+        """Return the record of the job, which ended at ``ended_s`` on the clock of the stack."""
+        no_end = Result(JobEnding.ABORTED, self._number, f"no end within {LONGEST_S:g} s")
+        result = self._results[0] if self._results else no_end
+        landed = self._bins[-1] if self._bins else None
+        return JobRecord(
+            self._arm,
+            self._job.grade,
+            result.ending is JobEnding.SUCCEEDED and landed == self._job.grade,
+            landed,
+            result.message,
+            ended_s - self._begun_s,
+            tuple(self._settings.joints),
+            self._stack.trace_of(self._settings.joints).following(since_s=self._begun_s),
+            tuple(self._states),
+        )
 
 
 def run_job(stack: SimulatedStack, settings: JobSettings, grade: str, number: int = 1) -> JobRecord:
     """Run one job until the cube has come to rest. Raises the errors of the stack, such as PortLost."""
-    begun_s = stack.clock.now()
-    states: list[State] = []
-    job = PickPlaceJob(number, grade, JointMotions(settings, SimulatedArm(stack, settings)), states.append)
-    steps, results, bins = job.run(), list[Result](), list[str]()
-
-    def after_cycle() -> None:
-        if not results:
-            try:
-                steps.send(None)
-            except StopIteration as end:
-                results.append(end.value)
-        if found := stack.world.cube_bin(settings.joints[0]):
-            bins.append(found)
-
-    stack.after_cycle = after_cycle
+    job = RunningJob(stack, settings, grade, number)
+    stack.after_cycle = job.after_cycle
     try:
-        stack.run(LONGEST_S, lambda: bool(results))
-        duration_s = stack.clock.now() - begun_s
+        stack.run(LONGEST_S, lambda: job.done)
+        ended_s = stack.clock.now()
         stack.run(FALLS_S)
     finally:
-        steps.close()
+        job.close()
         stack.after_cycle = lambda: None
-    result = results[0] if results else Result(JobEnding.ABORTED, number, f"no end within {LONGEST_S:g} s")
-    landed = bins[-1] if bins else None
-    return JobRecord(
-        job.grade,
-        result.ending is JobEnding.SUCCEEDED and landed == job.grade,
-        landed,
-        result.message,
-        duration_s,
-        stack.trace.following(since_s=begun_s),
-        tuple(states),
-    )
+    return job.record(ended_s)

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,8 @@ from servoloop.recording.bus_tap import BusTap, BusTaps
 from servoloop.recording.following_error import FollowingError
 from servoloop.recording.sampler import Sampler
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.job import JobRecord, require_cell, run_job
+from servoloop.simulation.job import JobRecord, require_cell
+from servoloop.simulation.jobs import run_jobs
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import inventory_of
@@ -87,8 +88,8 @@ SETTLED_S = 2.5
 class SimulationResult:
     """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
 
-    joints: tuple[str, ...]
-    """Joints of the arm controller. All values by joint have this order."""
+    joints: dict[str, tuple[str, ...]]
+    """Joints of each arm controller. All values by joint have this order."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int
@@ -96,7 +97,8 @@ class SimulationResult:
     unmeasured_cycles: int
     faulty_cycles: dict[str, int]
     """Number of cycles with a fault, by joint and kind of fault."""
-    following: FollowingError
+    following: dict[str, FollowingError]
+    """Following error of each arm controller."""
     digest: str
     cpu_s: float
     """Processor time, in seconds. The digest does not depend on it."""
@@ -112,14 +114,18 @@ def simulated(files: Files) -> Inventory:
     return replace(inventory_of(files), end_s=None)
 
 
-def simulate(files: Files, settings: JobSettings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
+def simulate(
+    files: Files, settings: Mapping[str, JobSettings], schedule: Schedule, record: Path | None = None
+) -> SimulationResult:
     """Activate the arm on virtual servos, run the jobs one by one, then stay active for the schedule's ``seconds``.
+
+    All arms of a robot with several arms do the jobs at the same time.
 
     Equal arguments give equal digests, with or without a recording.
 
     Args:
         files: Files of the schedule's arm.
-        settings: Settings of the pick-and-place node for this arm.
+        settings: Settings of the pick-and-place node of each arm, by the name of the arm.
         schedule: Schedule of the run.
         record: Path of a new recording, if any.
 
@@ -145,22 +151,23 @@ def simulate(files: Files, settings: JobSettings, schedule: Schedule, record: Pa
         jobs = _run(stack, settings, schedule)
     figures = stack.loop.figures
     return SimulationResult(
-        tuple(stack.arm.joints),
+        {arm.name: tuple(arm.joints) for arm in stack.arms},
         jobs,
         stack.clock.now(),
         figures.cycles,
         figures.missed,
         figures.unmeasured,
         dict(faulty),
-        stack.trace.following(since_s=SETTLED_S),
+        {arm.name: stack.trace_of(arm.joints).following(since_s=SETTLED_S) for arm in stack.arms},
         digest.of(stack.ports.values()),
         process_time() - begun_s,
     )
 
 
-def _run(stack: FaultyStack, settings: JobSettings, schedule: Schedule) -> tuple[JobRecord, ...]:
+def _run(stack: FaultyStack, settings: Mapping[str, JobSettings], schedule: Schedule) -> tuple[JobRecord, ...]:
     stack.up()
     stack.run(SETTLED_S)
-    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))
+    jobs: list[JobRecord] = []
+    run_jobs(stack, settings, schedule.job, jobs.append)
     stack.run(schedule.seconds)
-    return jobs
+    return tuple(sorted(jobs, key=lambda job: job.arm))

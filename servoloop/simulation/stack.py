@@ -10,15 +10,16 @@ from controller.interface import Controller
 from controller.manager.controllers_file import ControllersFileError
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
 from drivers.bus.bus import Bus
 from drivers.port import Port
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.components.component_lifecycle import configure_all
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.outputs import Outputs
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_outputs import ServoOutputs
 from hal.types import JointState
@@ -34,6 +35,7 @@ from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine
 from sim_backend.scene.mujoco_hardware import MujocoHardware
+from sim_backend.scene.world import World
 
 AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)
 MOVE_S = 2.0
@@ -69,7 +71,6 @@ class SimulatedStack:
         self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
-        self.trace = Trace()
         virtual = VirtualLines(self.files, build, start, self._after_step)
         self.world = virtual.world
         self.scene = virtual.scene
@@ -93,11 +94,11 @@ class SimulatedStack:
         built = [self.control_stack.factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
-        self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
-        """Indices of the arm joints, without the hand, in the position array of the world.
-
-        They are used every millisecond.
-        """
+        self.arms = tuple(one for one in built if isinstance(one, JointTrajectoryController))
+        """Trajectory controllers of all arms. ``arm`` is the first of them."""
+        self._traces = [_ArmTrace(one, self.world) for one in self.arms]
+        self.trace = self._traces[0].trace
+        """Trace of the first arm."""
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
@@ -119,6 +120,10 @@ class SimulatedStack:
         configure_all(self.loop.hardware)
         self.loop.activate(keep_alive=False)
         return self
+
+    def trace_of(self, joints: Sequence[str]) -> Trace:
+        """Return the trace of the arm with these joints."""
+        return next(one.trace for one in self._traces if one.joints == tuple(joints))
 
     def controller(self, name: str) -> Controller | None:
         """Return the controller with this name, or None."""
@@ -185,18 +190,39 @@ class SimulatedStack:
         return self.arm.submit(goal)
 
     def _after_step(self, time_s: float) -> None:
-        self.trace.world_s.append(time_s)
-        self.trace.actual.append(self.world.arrays.position.take(self._arm_at))
+        for one in self._traces:
+            one.after_step(time_s)
         self.on_step(time_s)
 
     def _on_cycle(self, state: JointState) -> None:
-        tracking = self.arm.tracking
+        for arm, one in zip(self.arms, self._traces, strict=True):
+            one.on_cycle(arm.tracking)
+        self.on_state(state)
+        self.after_cycle()
+
+
+class _ArmTrace:
+    """Trace of one arm of the simulated world."""
+
+    def __init__(self, arm: JointTrajectoryController, world: World) -> None:
+        self.joints = tuple(arm.joints)
+        self.trace = Trace()
+        places = [list(world.joints).index(joint) for joint in arm.joints]
+        self._at = np.array(world.arrays.position_at)[places]
+        """Indices of the arm joints, without the hand, in the position array of the world."""
+        self._arrays = world.arrays
+
+    def after_step(self, time_s: float) -> None:
+        """Add the positions of a millisecond."""
+        self.trace.world_s.append(time_s)
+        self.trace.actual.append(self._arrays.position.take(self._at))
+
+    def on_cycle(self, tracking: Tracking | None) -> None:
+        """Add the reference of a cycle, if the arm is controlled."""
         if tracking is not None:
             self.trace.cycle_s.append(tracking.stamp_s)
             self.trace.position.append(tracking.reference.position)
             self.trace.velocity.append(tracking.reference.velocity)
-        self.on_state(state)
-        self.after_cycle()
 
 
 def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:

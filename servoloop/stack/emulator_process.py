@@ -1,9 +1,11 @@
-"""Run ``servoloop emulate`` as a child process, for commands that are started without a port."""
+"""Choose the devices of a stack: the given ports, or virtual servos that ``servoloop emulate`` serves in a child
+process."""
 
+import logging
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -11,10 +13,14 @@ from typing import Final
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from servoloop.extras import require_extras
+from servoloop.stack import hardware
 from servoloop.stack.devices import device_paths
+from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import POLL_S, Interrupted, end, end_with_parent
-from servoloop.stack.robot_files import ServoFiles
+from servoloop.stack.robot_files import Files, ServoFiles
 from sim_backend.scene.world_feed import feed_path
+
+LOG = logging.getLogger("servoloop")
 
 START_S: Final = 300.0
 """Maximum time for the emulator to start, in seconds.
@@ -81,3 +87,36 @@ def _wait_for(
                 "and start again"
             )
         clock.sleep_until(clock.now() + POLL_S)
+
+
+@contextmanager
+def chosen_devices(
+    kind: HardwareKind | None,
+    ports: Mapping[str, str] | None,
+    files: Files,
+    signals: Callable[[], int] = lambda: 0,
+) -> Iterator[Mapping[str, str]]:
+    """Provide the devices of a stack for the duration of the context.
+
+    Args:
+        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
+        ports: Devices by bus. None: virtual servos, if a component uses servos.
+        files: Files of the robot.
+        signals: Function that returns the number of signals received so far, as for ``virtual_servos``.
+
+    Yields:
+        Device paths by bus name.
+
+    Raises:
+        DriverError: No component uses the ports, or the emulator did not start.
+        ExtraError: The extra ``sim`` is not installed.
+    """
+    kinds = [hardware.choose(kind, component) for component in files.description.components]
+    if HardwareKind.SERVOS not in kinds and ports:
+        raise DriverError("--port was given, but no component uses servos: leave out --port or --hardware")
+    if HardwareKind.SERVOS not in kinds or ports is not None:
+        yield ports or {}
+        return
+    with virtual_servos(files, signals) as devices:
+        yield devices
+    LOG.info("the virtual servos have been shut down")

@@ -5,11 +5,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from controller.manager.plugins import PluginError, why_not_loaded
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import PortError
@@ -17,11 +15,10 @@ from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from hal.compensation.gravity import Gravity
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.servo_compliance import Compliance
 from hal.components.component_set import ComponentSet
-from hal.errors import DescriptionError, HalError
-from hal.hardware import Hardware, outputs_of
+from hal.errors import DescriptionError
+from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.mock_hardware import MockHardware
 from hal.outputs import Outputs
@@ -29,10 +26,12 @@ from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import require_positions
 from hal.robot_file.robot_file import RobotFile
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_outputs import ServoOutputs
 from servoloop.stack.devices import world_feed
 from servoloop.stack.emulated_scene import EmulatedScene, Pose
+from servoloop.stack.hardware_plugins import plugin_hardware, plugin_names
 from servoloop.stack.line_rate import RatedLine
 from servoloop.stack.robot_files import Files
 from sim_backend.scene.world_feed import WorldFeedClient
@@ -61,12 +60,6 @@ PLUGINS = {
 }
 SUCCESSORS = {"fake_components/GenericSystem": "mock_components/GenericSystem"}
 """Outdated plugin names and their replacements."""
-ENTRY_POINTS = "servoloop.hardware"
-"""Entry-point group of hardware plug-ins in users' packages.
-
-An entry has the form ``package/Class = module:make``. The call ``make(component, clock)`` returns a
-hal.hardware.Hardware for the ``<ros2_control>`` block ``component``.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +86,7 @@ class HardwareSetup:
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
     """Return the hardware kind from the command line, or else the ``<plugin>`` of the component."""
     plugin = SUCCESSORS.get(component.plugin, component.plugin)
-    users = sorted(entry_points(group=ENTRY_POINTS).names)
+    users = plugin_names()
     if kind is None and plugin not in PLUGINS and plugin not in users:
         known = ", ".join([*PLUGINS, *users])
         raise DescriptionError(f"{component.name}: unknown <plugin> {plugin}: choose one of {known}")
@@ -141,13 +134,7 @@ def build(
     scene = world.scene if world else virtual.scene if virtual else EmulatedScene(feed) if feed else dict
     users = any(kind not in tuple(HardwareKind) for kind in kinds.values())
     real = users or (bool(servos) and feed is None and virtual is None)
-    rate_hz = files.controllers.update_rate_hz
-    rates_hz = {
-        joint.bus: rate_hz / divisor
-        for component, divisor in zip(components, divisors, strict=True)
-        for joint in files.robot.joints
-        if joint.name in component.joints
-    }
+    rates_hz = _rates_hz(files, divisors)
     driven = {joint for one in made if isinstance(one, ServoHardware) for joint in one.joints}
     lagging = compliances(joint for joint in files.robot.joints if joint.name in driven)
     components_set = ComponentSet(made, clock, divisors)
@@ -173,6 +160,16 @@ def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
+def _rates_hz(files: Files, divisors: Sequence[int]) -> dict[str, float]:
+    """Return the rate of reads and writes on each bus, in Hz."""
+    return {
+        joint.bus: files.controllers.update_rate_hz / divisor
+        for component, divisor in zip(files.description.components, divisors, strict=True)
+        for joint in files.robot.joints
+        if joint.name in component.joints
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class _ComponentBuilder:
     """Builder of the hardware components of one robot."""
@@ -195,7 +192,7 @@ class _ComponentBuilder:
         if kind is HardwareKind.MOCK:
             return MockHardware.of(component, self.clock, self.outputs)
         if not isinstance(kind, HardwareKind):
-            return _users(kind, component, self.clock)
+            return plugin_hardware(kind, component, self.clock)
         require_positions(component)
         if len(joints) != len(component.joints):
             raise DescriptionError(
@@ -231,39 +228,6 @@ def compensation(joints: Sequence[Joint], description: Description, guided: bool
         names = ", ".join(unknown)
         LOG.info("%s: servo stiffness unknown; sag and lag are not compensated", names)
     return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
-
-
-def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
-    """Create the hardware of an installed plug-in. Raises PluginError."""
-    (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
-    try:
-        hardware: Hardware = point.load()(component, clock)
-    except HalError:
-        raise  # The message already explains how to correct the error.
-    except Exception as error:  # A user's module may raise any exception when it is imported.
-        raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
-    _check_names(hardware, component)
-    if missing := [name for name in component.outputs if name not in outputs_of(hardware)]:
-        raise PluginError(
-            f"the hardware {plugin} has no output {', '.join(missing)}: remove this <command_interface> from its "
-            f"<ros2_control> block '{component.name}'"
-        )
-    return hardware
-
-
-def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
-    """Raise PluginError if a plug-in lacks the name, joints or command interfaces of its ``<ros2_control>`` block."""
-    pairs: tuple[tuple[str, object, object], ...] = (
-        ("name", hardware.name, component.name),
-        ("joints", tuple(hardware.joints), component.joints),
-        ("command_interfaces", tuple(hardware.command_interfaces), component.commands),
-    )
-    for attribute, has, needs in pairs:
-        if has != needs:
-            raise PluginError(
-                f"the hardware {component.plugin} has the {attribute} {has}, but its <ros2_control> block "
-                f"'{component.name}' has {needs}: copy the values from the component that is passed to the class"
-            )
 
 
 def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Protocol
 
 from controller.manager.controllers_file import ControllersFileError
-from drivers.bus.types import ServoGoal
+from drivers.port.line import BITS_PER_BYTE
+from drivers.types import ServoGoal
 from hal.robot_file.robot import Robot
-
-BITS_PER_BYTE: Final = 10
-"""Bits per byte on the wire: a start bit, eight data bits and a stop bit."""
 
 
 class RatedLine(Protocol):

@@ -105,6 +105,14 @@ def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
     return {node: _read(sections, node) for node in nodes}
 
 
+def arm_jobs(path: Path, namespace: str = "") -> dict[str, PickPlace]:
+    """Read the parameters of all nodes by the name of the arm, such as ``left``; "" for the only arm.
+
+    Raises ArmFileError.
+    """
+    return {node.removesuffix(NODE).rstrip("_"): job for node, job in load_pick_places(path, namespace).items()}
+
+
 def _read(sections: Sections, node: str) -> PickPlace:
     try:
         return PickPlace.model_validate(sections.of(node))

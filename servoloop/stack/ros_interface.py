@@ -1,10 +1,15 @@
 """Define what a running stack needs from its ROS interface, and replace it on a machine without ROS."""
 
 import time
-from collections.abc import Callable
-from typing import Final, Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final, Protocol
 
 from hal.types import JointState
+from nodes.ros_environment import RosMissing, require_ros
+
+if TYPE_CHECKING:
+    from nodes.only_one import Search
 
 POLL_S: Final = 0.02
 """Period at which ``WithoutRos.spin`` checks for the end, in seconds."""
@@ -26,7 +31,7 @@ class RosInterface(Protocol):
         ...
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True."""
+        """Serve clients until ``stop`` returns True. Raises RosError if the stack must end because of another one."""
         ...
 
     def finish(self) -> None:
@@ -59,3 +64,32 @@ class WithoutRos:
 
     def close(self) -> None:
         """Do nothing."""
+
+
+@contextmanager
+def search_for_others(name: str, message: str, namespace: str, ros: bool = True) -> Iterator["Search | None"]:
+    """Begin to search for another node with the name of a node of the stack.
+
+    Begin the search before the hardware is opened, because it takes time. The result is None without ROS.
+
+    Args:
+        name: Name of the node.
+        message: Error message if there is such a node. The braces stand for its full name.
+        namespace: Namespace of the node; empty for the root namespace.
+        ros: Whether the stack uses ROS.
+
+    Raises:
+        RosError: ROS is installed, but cannot be used.
+    """
+    try:
+        if ros:
+            require_ros()
+    except RosMissing:
+        ros = False
+    if not ros:
+        yield None
+        return
+    from nodes.only_one import Search
+
+    with Search(name, namespace, message) as search:
+        yield search

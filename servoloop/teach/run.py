@@ -5,7 +5,6 @@ The loop has its own thread; the user interface runs in the calling thread.
 
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
@@ -33,9 +32,7 @@ class TeachOperator(Protocol):
         ...
 
     def __enter__(self) -> object: ...
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
     def pressed(self) -> Sequence[str]:
         """Return the keys pressed since the last call, without waiting."""
         ...

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console, Group
@@ -50,10 +49,8 @@ class TeleopScreen(LiveTable):
         self._keys = self._entered.enter_context(self._open_keys())
         return super().__enter__()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        super().__exit__(kind, error, trace)
+    def __exit__(self, *_: object) -> None:
+        super().__exit__()
         self._entered.close()
 
     def allowed(self, now_s: float) -> bool:

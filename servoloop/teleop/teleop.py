@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
@@ -24,9 +23,7 @@ class Leading(TeleopOperator, Protocol):
         ...
 
     def __enter__(self) -> object: ...
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
 def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:

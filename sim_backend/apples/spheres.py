@@ -11,7 +11,7 @@ import mujoco
 
 from hal.errors import ArmFileError
 from sim_backend.apples.apple import Apple, draw_apple
-from sim_backend.scene.arm_names import ARMS
+from sim_backend.arm_names import ARMS
 
 DIAMETERS: Final = "apple_diameter_m"
 """Name of the element of the scene with the smallest and largest diameter of an apple, in meters."""

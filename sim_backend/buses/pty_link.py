@@ -8,7 +8,6 @@ import struct
 import termios
 import tty
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 from drivers.errors import PortBusy, PortError
@@ -97,12 +96,7 @@ class PtyLink:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -148,10 +142,5 @@ class PtyAdapter:
         self.line = PtyLink(self.link)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.unplug()

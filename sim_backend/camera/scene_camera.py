@@ -16,7 +16,7 @@ from sim_backend.camera.pinhole import FloatArray, PinholeCamera
 from sim_backend.camera.sensor import Film, Sensor
 from sim_backend.camera.skin import skin_of
 from sim_backend.camera.truth import AppleTruth, truth_of
-from sim_backend.camera.view import CameraView, Sight, mean_radiance
+from sim_backend.camera.view import FixedView, Sight, mean_radiance
 from sim_backend.scene.picture import Picture
 from sim_backend.scene.world import World, place_followers
 
@@ -54,7 +54,7 @@ class SceneCamera:
         self.camera = PinholeCamera.of(self._model, self._data, CAMERA)
         self._geom = int(self._model.geom("cube").id)
         self._at = slice(int(self._model.joint("cube").qposadr[0]), int(self._model.joint("cube").qposadr[0]) + 7)
-        self._view = CameraView(self._model, self._data, self.camera, self._light, {self._geom: skin_of(FIRST_APPLE)})
+        self._view = FixedView(self._model, self._data, self.camera, self._light, {self._geom: skin_of(FIRST_APPLE)})
         self._film = Film(sensor or Sensor(), self.camera.width, self.camera.height)
         mujoco.mj_kinematics(self._model, self._data)
         x, y, z = (float(value) for value in self._data.geom("stand").xpos)

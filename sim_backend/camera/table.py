@@ -13,7 +13,7 @@ from sim_backend.camera.pinhole import FloatArray, PinholeCamera
 from sim_backend.camera.sensor import Film, Sensor
 from sim_backend.camera.skin import skin_of
 from sim_backend.camera.truth import AppleTruth, truth_of
-from sim_backend.camera.view import CameraView, mean_radiance
+from sim_backend.camera.view import FixedView, mean_radiance
 from sim_backend.scene.picture import Picture
 
 GRAY: Final = (0.80, 0.80, 0.78)
@@ -37,7 +37,7 @@ class LyingApple:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class AppleTable:
     """The table with everything on it. The table is 0.6 m in front of the camera of ``table_camera``."""
 
     apples: Sequence[LyingApple]
@@ -74,7 +74,7 @@ def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
     raise ValueError(f"{count} apples with gaps of {gap_m} m do not fit on the table: request fewer apples")
 
 
-def render(table: Table, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:
+def render(table: AppleTable, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:
     """Return a picture (height, width, 3) of a table, and the true values of each apple in the order of
     ``table.apples``.
 
@@ -88,7 +88,7 @@ def render(table: Table, camera: PinholeCamera, light: Light, seed: int) -> tupl
     data: Any = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     skins = {geom: skin_of(lying.apple) for geom, lying in zip(geoms, table.apples, strict=True)}
-    view = CameraView(model, data, camera, light, skins, table.smooth)
+    view = FixedView(model, data, camera, light, skins, table.smooth)
     sights = list(view.sights(data))
     picture = Film(table.sensor, camera.width, camera.height).picture(mean_radiance(sights), light, seed)
     truth = [
@@ -103,7 +103,7 @@ def _apart(apple: Apple, x_m: float, y_m: float, other: LyingApple) -> float:
     return between_m - 0.0005 * (apple.diameter_mm + other.apple.diameter_mm)
 
 
-def _model(table: Table) -> tuple[Any, list[int]]:
+def _model(table: AppleTable) -> tuple[Any, list[int]]:
     """Return a model of the table, and the geoms of the apples."""
     spec: Any = mujoco.MjSpec()
     spec.worldbody.add_geom(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim_backend.camera.pinhole import PinholeCamera
 from sim_backend.camera.skin import DEFECT, RED
-from sim_backend.camera.view import CameraView, Sight
+from sim_backend.camera.view import FixedView, Sight
 
 OCCLUDED: Final = 0.98
 """Visible share below which an apple is occluded."""
@@ -41,7 +41,7 @@ class AppleTruth:
 
 
 def truth_of(
-    view: CameraView, camera: PinholeCamera, data: Any, sights: Sequence[Sight], geom: int, diameter_mm: float
+    view: FixedView, camera: PinholeCamera, data: Any, sights: Sequence[Sight], geom: int, diameter_mm: float
 ) -> AppleTruth:
     """Return the true values of the apple of a geom in a picture."""
     own = [sight.geom == geom for sight in sights]

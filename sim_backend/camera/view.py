@@ -48,7 +48,7 @@ def mean_radiance(sights: Sequence[Sight]) -> FloatArray:
     return total
 
 
-class CameraView:
+class FixedView:
     """View of a fixed camera in constant light."""
 
     def __init__(

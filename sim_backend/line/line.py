@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
+from drivers.port.line import BITS_PER_BYTE
 from sim_backend.line.rig import Rig, Stepped
 from sim_backend.packets.faults import WireFaults
 from sim_backend.packets.instructions import Instruction, Parser
 
-BITS_PER_BYTE: Final = 10
 PAUSE_S: Final = 0.02
 
 Turn = tuple[float, list[bytes]]

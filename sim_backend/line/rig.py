@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.plant import Plant
+from sim_backend.servos.generic.packet_servo import Fed
 from sim_backend.servos.sts.firmware import StsFirmware
 from sim_backend.servos.sts.kernel import step_all
 from sim_backend.servos.sts.state import STATE, SUPPLY, Supplies
@@ -22,17 +23,6 @@ class Supply:
 
     voltage_v: float = 12.0
     resistance_ohm: float = 0.1
-
-
-class Fed(Protocol):
-    """The part of a servo's firmware that a rig uses."""
-
-    voltage_v: float
-
-    @property
-    def supply_current_a(self) -> float: ...
-
-    def observe(self, angle_rad: float) -> None: ...
 
 
 class Stepped(Protocol):

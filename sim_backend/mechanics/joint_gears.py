@@ -16,6 +16,8 @@ from sim_backend.mechanics.gears import Gears, gear_table, renew_friction
 LEAST_FRICTION_NM: Final = 1e-9
 """Minimum friction. MuJoCo creates no constraint for a joint without friction, so the indices of the other constraints
 would shift."""
+FRICTION_ROW: Final = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+"""Type of a constraint that is the friction of a degree of freedom. NumPy compares numbers faster than enum members."""
 
 
 class JointGears:
@@ -51,6 +53,6 @@ class JointGears:
         data = self._data
         rows = slice(data.ne, data.ne + data.nf)
         share = np.zeros(self._model.nv)
-        joints = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        joints = data.efc_type[rows] == FRICTION_ROW
         share[data.efc_id[rows][joints]] = data.efc_force[rows][joints]
         return share[self._dofs]

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
-from sim_backend.scene.arm_names import ARMS, arm_prefixes, part_name, prefix_of
+from sim_backend.arm_names import ARMS, arm_prefixes, part_name, prefix_of
 from sim_backend.scene.cube_cell import FloatArray
 from sim_backend.scene.overview import overview_camera
 from sim_backend.scene.picture import CAMERA

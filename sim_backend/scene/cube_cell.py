@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_of_tray, resize
+from sim_backend.arm_names import arm_prefixes, part_name, prefix_of
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.scene.arm_names import arm_prefixes, part_name, prefix_of
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ LIFTED_M: Final = 0.006
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class BodyPose:
     """Pose of a body in base_link: position (m) and orientation (unit quaternion, x y z w)."""
 
     position_m: tuple[float, float, float]
@@ -113,7 +113,7 @@ class CubeCell:
             (name, self._data.site(site).xpos.copy(), self._model.site(site).size.copy()) for name, site in sites
         ]
 
-    def poses(self) -> dict[str, Pose]:
+    def poses(self) -> dict[str, BodyPose]:
         """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", by their names in the scene.
 
         The pose of a bin is that of the center of its floor.
@@ -199,8 +199,8 @@ class CubeCell:
         self._data.qpos[self.qpos] = self.home
 
 
-def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
+def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> BodyPose:
     """Convert a MuJoCo pose, whose quaternion starts with w. Everywhere else in this project, w comes last."""
     x, y, z = (float(value) for value in position)
     qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
-    return Pose((x, y, z), (qx, qy, qz, qw))
+    return BodyPose((x, y, z), (qx, qy, qz, qw))

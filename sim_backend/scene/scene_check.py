@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
-from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.arm_names import arm_prefixes
 from sim_backend.scene.cube_cell import BINS, FloatArray, cell_prefixes
 from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from hal.robot_description.link_meshes import link_meshes
 from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_diameters_mm, replace_cube
+from sim_backend.arm_names import arm_prefixes, prefix_of
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.scene.arm_names import arm_prefixes, prefix_of
 from sim_backend.scene.backlash import motor_name, with_gaps
-from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, Tray, cell_prefixes
+from sim_backend.scene.cube_cell import CUBE, BodyPose, CubeCell, FloatArray, Tray, cell_prefixes
 from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
@@ -214,7 +214,7 @@ class World:
         self.data.ctrl[:] = effort
         self.advance()
 
-    def poses(self) -> dict[str, Pose]:
+    def poses(self) -> dict[str, BodyPose]:
         """Return the poses of the objects of all cells by name, or none without a cell."""
         return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 

@@ -9,7 +9,6 @@ import json
 import socket
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 import numpy as np
@@ -36,7 +35,7 @@ class SeenPose(Protocol):
     def quaternion_xyzw(self) -> tuple[float, float, float, float]: ...
 
 
-class SeenApple(Protocol):
+class ArrivingApple(Protocol):
     """Apple that is on its way."""
 
     @property
@@ -64,7 +63,7 @@ class SeenWorld(Protocol):
     def arm_contacts(self) -> set[str]: ...
 
     @property
-    def apple(self) -> SeenApple | None: ...
+    def apple(self) -> ArrivingApple | None: ...
 
 
 def feed_path(link: Path) -> Path:
@@ -143,12 +142,7 @@ class WorldFeed:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

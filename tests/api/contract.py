@@ -3,6 +3,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -58,6 +59,25 @@ def moved(arm: Arm, action: Callable[[], object]) -> float:
     action()
     after = arm.step(3).command
     return max(abs(after[joint] - before[joint]) for joint in arm.joints)
+
+
+def policy_waits_s(arm: Arm, targets: int) -> list[float]:
+    """Stream targets at 50 Hz, check that the last target is commanded, and return the time from each target to the
+    state with its command, in seconds."""
+    arm.move_to({PAN: 0.0}, speed=0.5)
+    sent: dict[float, float] = {}
+    seen: dict[float, float] = {}
+    end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
+    with arm.stream() as stream:
+        for number in range(targets):
+            target = round(0.0004 * number, 6)
+            sent[target] = time.monotonic()
+            stream.send({PAN: target})
+            arm.sleep(0.02)
+        arm.step(2)
+        assert arm.state.command[PAN] == pytest.approx(target, abs=1e-6)
+    end()
+    return [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
 
 
 class ArmContract:

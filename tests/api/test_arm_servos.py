@@ -15,7 +15,7 @@ import pytest
 
 from servoloop import Arm, ArmEndedError, ArmError
 from servoloop.stack.processes import realtime_priority
-from tests.api.contract import PAN, ArmContract
+from tests.api.contract import PAN, ArmContract, policy_waits_s
 from tests.api.loaded_arm import FREE
 from tests.conftest import once_more
 from tests.pages import ROOT
@@ -40,20 +40,8 @@ class TestServedArm(ArmContract):
 
 def test_a_policy_at_fifty_hertz_loses_no_target_and_waits_at_most_a_cycle(served_arm: Arm) -> None:
     """Each target is commanded within one cycle after the call, plus the time until the state shows the command."""
-    arm = served_arm
-    arm.move_to({PAN: 0.0}, speed=0.5)
-    sent: dict[float, float] = {}
-    seen: dict[float, float] = {}
-    end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
-    with arm.stream() as stream:
-        for number in range(100):
-            target = round(0.0004 * number, 6)
-            sent[target] = time.monotonic()
-            stream.send({PAN: target})
-            arm.sleep(0.02)
-    end()
-    waited_s = [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
-    assert len(waited_s) > 30 and np.median(waited_s) < 1.2 / arm.rate_hz
+    waited_s = policy_waits_s(served_arm, 100)
+    assert len(waited_s) > 30 and np.median(waited_s) < 1.2 / served_arm.rate_hz
 
 
 def test_the_thread_of_the_loop_has_real_time_priority_if_the_system_grants_it(served_arm: Arm) -> None:

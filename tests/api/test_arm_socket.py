@@ -1,44 +1,29 @@
 """``Arm.connect``: the contract of all arms over the command socket of ``servoloop up``, and the end of the stack."""
 
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from servoloop import Arm, ArmBusyError, ArmEndedError, ArmSetupError, StreamEndedError
-from tests.api.contract import PAN, ArmContract
+from tests.api.contract import PAN, ArmContract, policy_waits_s
 from tests.conftest import once_more
 from tests.live.rig import runtime_folder
-from tests.servoloop.served import eventually
+from tests.servoloop.up_process import running_up
 
 pytestmark = [pytest.mark.slow, once_more]
-
-
-@contextmanager
-def running(folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run ``servoloop up`` without ROS on a virtual SO-101 until the end of the block."""
-    ready, log = folder / "ready", folder / "up.log"
-    with log.open("wb") as output:
-        command = [sys.executable, "-m", "servoloop", "up", "--no-ros", "--arm", "so101", "--ready-file", str(ready)]
-        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-    try:
-        eventually(lambda: ready.exists() or process.poll() is not None, 60.0)
-        assert process.poll() is None, log.read_text()
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60.0)
+SO101 = ("--no-ros", "--arm", "so101")
 
 
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), running(tmp_path_factory.mktemp("socket")):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        runtime_folder(patch),
+        running_up(tmp_path_factory.mktemp("socket"), *SO101),
+    ):
         yield
 
 
@@ -77,7 +62,7 @@ def test_the_end_of_the_stack_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
     with runtime_folder(monkeypatch):
         with pytest.raises(ArmSetupError, match="no stack is running"):
             Arm.connect()
-        with running(tmp_path) as process:
+        with running_up(tmp_path, *SO101) as process:
             arm = Arm.connect()
             motion = arm.move_to({PAN: 0.5}, duration=30.0, wait=False)
             process.send_signal(signal.SIGINT)
@@ -92,18 +77,5 @@ def test_the_end_of_the_stack_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_policy_at_fifty_hertz_loses_no_target(stack: None) -> None:
     """No target is refused, and each target takes effect within one cycle of the loop."""
     with Arm.connect() as arm:
-        arm.move_to({PAN: 0.0}, speed=0.5)
-        sent: dict[float, float] = {}
-        seen: dict[float, float] = {}
-        end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
-        with arm.stream() as stream:
-            for number in range(500):
-                target = round(0.0004 * number, 6)
-                sent[target] = time.monotonic()
-                stream.send({PAN: target})
-                arm.sleep(0.02)
-            arm.step(2)
-            assert arm.state.command[PAN] == pytest.approx(target, abs=1e-6)
-        end()
-        waited_s = [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
+        waited_s = policy_waits_s(arm, 500)
         assert len(waited_s) > 100 and np.median(waited_s) < 1.2 / arm.rate_hz

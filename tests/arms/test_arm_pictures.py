@@ -12,7 +12,7 @@ from hal.robot_description.kinematics import from_rpy
 from servoloop import cli
 from servoloop.arm_pictures.labels import GAP_PX, _spread
 from servoloop.arm_pictures.posed_arm import PosedArm
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, find_arm, read_arm_servos
 from sim_backend.scene.still import Solid, take
 from tests.hal.test_link_meshes import cube
@@ -47,7 +47,7 @@ def test_every_arm_has_shapes_and_an_arrow_for_each_servo_toward_greater_positio
     posed = PosedArm(files, {"elbow_flex": 0.4})
     assert list(posed.solids())
     joints = [joint.name for joint in files.robot.joints]
-    model = ArmModel(files.description.joints, joints)
+    model = DrawnArm(files.description.joints, joints)
     assert [arrow.name for arrow in posed.arrows()] == joints
     for number, arrow in enumerate(posed.arrows()):
         link = files.description.joints[arrow.name].child
@@ -58,13 +58,13 @@ def test_every_arm_has_shapes_and_an_arrow_for_each_servo_toward_greater_positio
         assert moved @ along > 0.99 * np.linalg.norm(moved) * np.linalg.norm(along)
 
 
-def _carried(model: ArmModel, link: str, point: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+def _carried(model: DrawnArm, link: str, point: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """Return the path of a point fixed to a link."""
     (before, turn), (after, turned) = _matrix(model, link, here), _matrix(model, link, there)
     return after + turned @ turn.T @ (point - before)
 
 
-def _matrix(model: ArmModel, link: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _matrix(model: DrawnArm, link: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     place, (x, y, z, w) = model.pose(link, position)
     turn = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

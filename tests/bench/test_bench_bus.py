@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from benchmarks.bus import simulator
 from benchmarks.decoder import KINDS, Kind, flood, pieces
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError
 from drivers.servos import sts
+from drivers.types import ServoGoal
 from servoloop.bench.bus import bench_bus, parse_ids
 from servoloop.cli import app
 from sim_backend.buses.feetech import VirtualBus

@@ -7,7 +7,6 @@ import pytest
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.protocol import v2 as dynamixel_wire
@@ -17,6 +16,7 @@ from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS
 from drivers.servos.indirect import block_for
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from servoloop.bench.bus import BusSpeed, measure, standing_still
 from servoloop.bench.goals import present_goals
 from sim_backend.buses.dynamixel import VirtualDynamixelBus

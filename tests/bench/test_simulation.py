@@ -8,11 +8,13 @@ import time
 import pytest
 from rich.console import Console
 
-from benchmarks import invariants, simulation, stopwatch
-from servoloop.campaign.campaign import Scenario, files_of
+from benchmarks import invariants, simulation
+from benchmarks.shared import stopwatch
+from servoloop.campaign.campaign import files_of
 from servoloop.campaign.invariants import Invariant
 from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import run_schedule
+from servoloop.campaign.scenario import Scenario
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.arm_folders import OWN, find_arm

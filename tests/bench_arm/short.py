@@ -1,6 +1,6 @@
 """``python -m tests.bench_arm.short VERB …``: run servoloop with a short bench of one joint and two goals."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from hal.types import JointLimits
 from servoloop.bench import arm as run
@@ -10,9 +10,9 @@ from servoloop.cli import main
 from servoloop.stack.pick_place import PickPlace
 
 
-def first_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[slow.Pose]:
+def first_poses(jobs: Iterable[PickPlace], limits: Mapping[str, JointLimits]) -> list[slow.Pose]:
     """Return the ready pose, a pose with one joint moved, and the ready pose again."""
-    return slow.bench_poses(pick_place, limits)[:3]
+    return slow.bench_poses(jobs, limits)[:3]
 
 
 if __name__ == "__main__":

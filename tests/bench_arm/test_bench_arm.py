@@ -106,3 +106,14 @@ def test_servos_of_two_models_on_one_bus_are_held_and_released() -> None:
     (run,) = measure_buses(lying.files, lying.lines.devices, lying.clock, lying.lines.open, cycles=20).values()
     assert len(run.took_s) == 20 and set(run.figures.faults.values()) == {0}
     assert not any(servo.memory.get(x.torque_enable) for servo in lying.servos)
+
+
+@slow
+def test_all_arms_of_a_robot_are_measured() -> None:
+    lying = Lying("bimanual_so101")
+    figures = lying.bench().figures
+    names = [joint.name for joint in lying.files.robot.joints if not joint.name.endswith("gripper")]
+    assert [one.joint for one in figures.motions] == names and len(names) == 10
+    assert all(0.0 < one.rms_moving <= one.largest < 0.1 for one in figures.motions)
+    assert figures.buses.keys() == {"left", "right"} and figures.loop.missed == 0
+    assert lying.held == 0 and lying.lines.world.position() == pytest.approx(lying.lay, abs=0.05)

@@ -10,13 +10,13 @@ from servoloop.command_socket.client import CommandClient
 from tests.command_socket.test_bad_clients import GOAL, child
 from tests.live.rig import runtime_folder
 from tests.servoloop.served import eventually
-from tests.servoloop.test_up_without_ros import stack
+from tests.servoloop.up_process import running_up
 
 pytestmark = pytest.mark.slow
 
 
 def test_the_stack_survives_its_clients_and_ends_normally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with runtime_folder(monkeypatch) as folder, stack(tmp_path, "--no-ros") as log:
+    with runtime_folder(monkeypatch) as folder, running_up(tmp_path, "--hardware", "mock", "--no-ros") as stack:
         process = child(GOAL)
         process.send_signal(signal.SIGKILL)
         process.wait(20.0)
@@ -27,4 +27,4 @@ def test_the_stack_survives_its_clients_and_ends_normally(tmp_path: Path, monkey
             assert client.request("state")["owner"].startswith("test")
             eventually(lambda: not any(one["busy"] for one in client.request("controllers")["controllers"]))
         assert list(folder.rglob("*.command"))
-    assert "Traceback" not in log.read_text()
+    assert stack.returncode == 0 and "Traceback" not in (tmp_path / "up.log").read_text()

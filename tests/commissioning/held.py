@@ -6,8 +6,8 @@ It simulates the counts and registers of the servos, but no forces.
 from collections.abc import Mapping, Sequence
 from math import tau
 
-from drivers.bus.types import Reading, ServoState
 from drivers.servos.register import Register
+from drivers.types import Reading, ServoState
 from hal.joint import Joint
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings

@@ -32,8 +32,8 @@ def take(link: Path, ways: list[tuple[str, float]]) -> None:
         time.sleep(4 * LOOK_S)
 
 
-def do(link: Path, text: str) -> str:
-    """Follow one line of instructions and return the answer to type."""
+def do(link: Path, text: str, prefix: str = "") -> str:
+    """Follow one line of instructions and return the answer to type. ``prefix`` begins the names of the joints."""
     if "then press Enter" in text:
         _connect(link, text)
         return "\n"
@@ -45,7 +45,7 @@ def do(link: Path, text: str) -> str:
         return ""
     joint = text.split(":")[0]
     if text.startswith("Move every joint"):
-        take(link, SWEEP)
+        take(link, [(prefix + joint, position) for joint, position in SWEEP])
     elif "straight above" in text:
         take(link, [(joint, 0.0487)])
     else:
@@ -58,8 +58,11 @@ def _connect(link: Path, text: str) -> None:
     tell(link, "connect", *(named if len(named) == 1 else []))
 
 
-def follow(link: Path, *arguments: str) -> tuple[int, str, str]:
-    """Run a command and follow its instructions; return its exit status, stdout and stderr."""
+def follow(link: Path, *arguments: str, prefix: str = "") -> tuple[int, str, str]:
+    """Run a command and follow its instructions; return its exit status, stdout and stderr.
+
+    ``prefix`` begins the names of the joints of the arm that the command calibrates.
+    """
     pipe = subprocess.PIPE
     command = [sys.executable, "-m", "servoloop", *arguments]
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1) as process:
@@ -67,6 +70,6 @@ def follow(link: Path, *arguments: str) -> tuple[int, str, str]:
         said: list[str] = []
         for line in process.stderr:
             said.append(line)
-            process.stdin.write(do(link, line.strip()))
+            process.stdin.write(do(link, line.strip(), prefix))
             process.stdin.flush()
         return process.wait(), process.stdout.read(), "".join(said)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from commissioning.doctor.doctor import judge
 from commissioning.doctor.findings import KINDS, SEVERITIES, Finding, FindingPlace, finding, ranked
-from commissioning.doctor.snapshot import BusSnapshot, Heard, LineFigures, ServoSnapshot, Snapshot
-from drivers.bus.types import ServoState
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, Heard, LineFigures, ServoSnapshot
+from drivers.types import ServoState
 from tests.commissioning.patient import files_of
 
 JOINTS = files_of("robot_arm").robot.joints
@@ -71,7 +71,7 @@ HEARD: list[Heard] = ["well", "unsteady", "broken", "late", "mute", "silent"]
 
 
 @st.composite
-def snapshots(draw: st.DrawFn) -> Snapshot:
+def snapshots(draw: st.DrawFn) -> ArmSnapshot:
     servos = []
     for joint in JOINTS:
         heard = draw(st.sampled_from(HEARD))
@@ -83,11 +83,11 @@ def snapshots(draw: st.DrawFn) -> Snapshot:
     line = LineFigures(
         draw(st.integers(0, 700)), *(draw(st.integers(0, 20)) for _ in range(4)), draw(st.floats(0.0, 0.1)), 0.00015
     )
-    return Snapshot((BusSnapshot("", "/dev/ttyACM0", 1_000_000, tuple(servos), (), line),))
+    return ArmSnapshot((BusSnapshot("", "/dev/ttyACM0", 1_000_000, tuple(servos), (), line),))
 
 
 @given(snapshots())
-def test_any_snapshot_is_judged_without_an_exception(snapshot: Snapshot) -> None:
+def test_any_snapshot_is_judged_without_an_exception(snapshot: ArmSnapshot) -> None:
     for one in judge(snapshot):
         assert one.symptom and one.cause
         assert KINDS[one.id].severity == one.severity
@@ -100,7 +100,7 @@ def test_silent_servos_are_named_or_explained_by_one_cause(count: int) -> None:
         ServoSnapshot(joint, "silent" if at < count else "well", {}, () if at < count else (STATE,))
         for at, joint in enumerate(JOINTS)
     )
-    found = judge(Snapshot((BusSnapshot("", "port", 1_000_000, servos),)))
+    found = judge(ArmSnapshot((BusSnapshot("", "port", 1_000_000, servos),)))
     assert {one.place.servo_id for one in found if one.id == "servo_absent"} == set(range(1, count + 1))
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from commissioning.doctor.doctor import judge
 from commissioning.doctor.findings import Finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot
 from drivers.bus.bus import Bus
 from drivers.errors import ServoRefused
 from drivers.servos import x
@@ -22,7 +22,7 @@ JOINT = files_of("robot_arm_dynamixel").robot.joints[0]
 
 def judged(servo: ServoSnapshot, *others: ServoSnapshot) -> list[Finding]:
     bus: BusSnapshot = replace(BUS, servos=(servo, *others))
-    return list(judge(Snapshot((bus,), perfect(tuple(one.joint for one in bus.servos)))))
+    return list(judge(ArmSnapshot((bus,), perfect(tuple(one.joint for one in bus.servos)))))
 
 
 def test_the_sdk_lists_the_same_numbers() -> None:

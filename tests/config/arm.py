@@ -1,12 +1,14 @@
 """Files of the arm for the tests of config/moveit."""
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
 from hal.robot_description.description import parse_urdf
+from servoloop.moveit.surroundings import CollisionShape, Objects
 
 ROOT: Final = Path(__file__).parents[2]
 CONFIG: Final = ROOT / "config"
@@ -52,3 +54,25 @@ def states() -> dict[tuple[str, str], dict[str, float]]:
         }
         for state in SRDF.findall("group_state")
     }
+
+
+def read_objects(request: Mapping[str, Any]) -> Objects:
+    """Return the objects of a request to /apply_planning_scene."""
+    found: Objects = {}
+    for item in request["scene"]["world"]["collision_objects"]:
+        found[item["id"]] = [
+            CollisionShape(
+                primitive["type"],
+                tuple(map(float, primitive["dimensions"])),
+                tuple(float(pose["position"][axis]) for axis in "xyz"),
+                tuple(float(pose.get("orientation", {"w": 1.0}).get(axis, 0.0)) for axis in "xyzw"),
+            )
+            for primitive, pose in zip(item["primitives"], item["primitive_poses"], strict=True)
+        ]
+    return found
+
+
+def read_padding_m(folder: Path) -> float:
+    """Return the padding that a folder with MoveIt's files sets, in m."""
+    padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
+    return padding

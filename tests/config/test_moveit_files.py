@@ -1,6 +1,7 @@
 """Tests that `servoloop arms moveit` writes the files for any arm, and that MoveIt can plan from each of its poses."""
 
 import re
+import shutil
 import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -14,11 +15,12 @@ import yaml
 from hal.errors import ArmFileError
 from servoloop import cli
 from servoloop.motion_planning.collision_matrix import Pair, pair
-from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
+from servoloop.moveit.files import MOVEIT, moveit_files
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.stack.arm_folders import ARMS, ArmFolder, find_arm, read_arm, read_arm_files
 from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
+from tests.config.arm import read_objects, read_padding_m
 
 SAMPLES: Final = 2000
 """Number of random poses for the collision matrix. Pairs of links that matter touch in at least one of a hundred
@@ -190,8 +192,26 @@ def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
         moveit_files(read_arm(folder), 100)
 
 
-def test_a_robot_with_several_arms_is_refused() -> None:
-    with pytest.raises(
-        ArmFileError, match=r"bimanual_so101 has several trajectory controllers, .* `servoloop plan-ser"
-    ):
-        moveit_files(find_arm("bimanual_so101"))
+def test_a_robot_with_several_arms_has_settings_for_each_group(tmp_path: Path) -> None:
+    arm = find_arm("bimanual_so101")
+    for name, text in moveit_files(arm).items():
+        (tmp_path / name).write_text(text)
+    model = padded(arm, tmp_path)
+    poses = {**rest_poses(arm), **working_poses(arm)}
+    assert {"park, hand closed, limp", "left bins.A, hand open", "right poses.pick, hand closed"} <= poses.keys()
+    assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
+    assert ElementTree.tostring(semantic(tmp_path)) == ElementTree.tostring(semantic(arm.folder))
+    assert {*read(tmp_path / "kinematics.yaml")} == {"left_arm", "right_arm"}
+    planners = read(tmp_path / "ompl_planning.yaml")
+    assert {"left_arm", "right_arm", "both", "left_hand", "right_hand"} <= planners.keys() and "arm" not in planners
+    assert planners["right_arm"]["planner_configs"] == planners["both"]["planner_configs"]
+    manager = read(tmp_path / "moveit_controllers.yaml")["moveit_simple_controller_manager"]
+    assert manager["controller_names"] == ["left_arm_controller", "right_arm_controller"]
+    assert len(read(tmp_path / "joint_limits.yaml")["joint_limits"]) == 12
+    assert "Planning Group: left_arm\n" in (tmp_path / "moveit.rviz").read_text()
+
+
+def test_a_robot_with_several_arms_needs_an_srdf(tmp_path: Path) -> None:
+    folder = shutil.copytree(ARMS / "bimanual_so101", tmp_path / "two", ignore=shutil.ignore_patterns("*.srdf"))
+    with pytest.raises(ArmFileError, match=r"two has several trajectory controllers, but no SRDF .*: put two\.srdf"):
+        moveit_files(read_arm(folder))

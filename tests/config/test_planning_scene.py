@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from hal.errors import ArmFileError
-from servoloop.moveit.files import read_objects
 from servoloop.moveit.plannable import PaddedArm
 from servoloop.moveit.surroundings import ROOM_M, surroundings
 from sim_backend.scene.cube_cell import BINS
 from sim_backend.scene.world import SCENE, World
-from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, states
+from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, read_objects, states
 
 REQUEST: Final = read(MOVEIT / "planning_scene.yaml")
 PADDING: Final = read(MOVEIT / "joint_limits.yaml")["default_robot_padding"]

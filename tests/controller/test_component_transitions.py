@@ -16,10 +16,10 @@ from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError, LifecycleError, PartLost
 from hal.lifecycle import LifecycleState
-from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
 from tests.controller.test_loop import Puppet
+from tests.hal.failing_mock import FailingMock
 from tests.hal.faults import fault_texts
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
@@ -29,44 +29,25 @@ GONE = "/dev/hand is gone"
 SPEED_RAD_S = 2.0
 
 
-class Breakable(MockHardware):
-    """Mock hardware that records its calls, and whose calls can be made to fail."""
+class Breakable(FailingMock):
+    """Mock hardware that also records its commands and the way in which it was deactivated."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)
-        self.failing: dict[str, Exception] = {}
-        self.calls: list[str] = []
         self.written: list[FloatArray] = []
 
-    def _call(self, what: str) -> None:
-        self.calls.append(what)
-        if what in self.failing:
-            raise self.failing[what]
-
-    def configure(self) -> None:
-        self._call("configure")
-        super().configure()
-
-    def activate(self) -> None:
-        self._call("activate")
-        super().activate()
-
     def deactivate(self, relax: bool) -> Sequence[str]:
-        self._call("relax" if relax else "hold")
+        self.call("relax" if relax else "hold")
         return super().deactivate(relax)
 
-    def cleanup(self) -> None:
-        super().cleanup()
-        self._call("cleanup")
-
     def read(self) -> JointState:
-        self._call("read")
+        self.call("read")
         return super().read()
 
     def write(self, command: JointCommand) -> None:
         self.written.append(command.values.copy())
         super().write(command)
-        self._call("write")
+        self.call("write")
 
     def changes(self) -> list[str]:
         """Return the recorded calls that change the life-cycle state."""
@@ -250,7 +231,7 @@ def test_a_lost_component_resumes_at_its_measured_positions() -> None:
 def test_a_component_whose_cleanup_fails_is_finalized() -> None:
     two = Two().up()
     two.hand.failing = {"read": PortLost(GONE), "cleanup": RuntimeError("a defect")}
-    two.hand.cleanup = lambda: two.hand._call("cleanup")  # type: ignore[method-assign]
+    two.hand.cleanup = lambda: two.hand.call("cleanup")  # type: ignore[method-assign]
     two.cycle(2)
     assert two.components.components[1].state is FINALIZED
     written = len(two.hand.written)
@@ -501,7 +482,7 @@ class Limping(Breakable):
         return self.lost
 
     def reactivate(self) -> frozenset[str]:
-        self._call("reactivate")
+        self.call("reactivate")
         again, self.lost = self.lost, frozenset()
         return again
 
@@ -515,7 +496,7 @@ class Asking(Limping):
         self.unanswered: list[frozenset[str]] = []
 
     def ask_for_torque(self) -> frozenset[str]:
-        self._call("ask")
+        self.call("ask")
         self.lost = self.limp
         return self.unanswered.pop(0) if self.unanswered else frozenset()
 

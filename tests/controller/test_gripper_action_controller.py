@@ -165,6 +165,17 @@ def test_a_stall_counts_only_after_the_timeout() -> None:
     assert cycles[0.3] < cycles[1.0]
 
 
+def test_single_counts_of_the_encoder_do_not_hide_a_stall() -> None:
+    fingers = Fingers(gripper(stall_timeout=1.0, goal_tolerance=0.01), wall=0.02, says_velocity=False)
+    handle = fingers.send(0.05)
+    for cycle in range(400):
+        fingers.cycle()
+        fingers.position += 0.0015 * (cycle // 4 % 2)
+        if handle.done:
+            break
+    assert handle.state.stalled and handle.status is GoalStatus.ABORTED
+
+
 @pytest.mark.parametrize("says_velocity", [True, False])
 def test_slow_fingers_are_not_stalled(says_velocity: bool) -> None:
     fingers = Fingers(gripper(stall_timeout=0.2), says_velocity=says_velocity)

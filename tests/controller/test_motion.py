@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop, segment, stretched
+from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to, plan_stop, segment, stretched
 from hal.types import FloatArray, JointLimits
 
 LOWER, UPPER = -3.0, 3.0
@@ -35,20 +35,20 @@ def at_rest(*position: float) -> Kinematics:
     return Kinematics.at_rest(np.array(position))
 
 
-def through(start: Kinematics, points: list[tuple[Kinematics, float]], limits: list[JointLimits]) -> Motion:
+def through(start: Kinematics, points: list[tuple[Kinematics, float]], limits: list[JointLimits]) -> RuckigMotion:
     """Join segments through states at their times."""
     before_s, trajectories = 0.0, []
     for state, time_s in points:
         trajectories.append(segment(start, state, limits, time_s - before_s))
         start, before_s = state, time_s
-    return Motion.of(trajectories, before_s)
+    return RuckigMotion.of(trajectories, before_s)
 
 
-def samples(motion: Motion, count: int = 200) -> list[Kinematics]:
+def samples(motion: RuckigMotion, count: int = 200) -> list[Kinematics]:
     return [motion.sample(t) for t in np.linspace(0.0, motion.duration_s, count)]
 
 
-def assert_within(motion: Motion, limits: list[JointLimits]) -> None:
+def assert_within(motion: RuckigMotion, limits: list[JointLimits]) -> None:
     velocity = np.array([limit.velocity for limit in limits])
     acceleration = np.array([limit.acceleration for limit in limits])
     jerk = np.array([limit.jerk for limit in limits])

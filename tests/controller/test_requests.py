@@ -4,11 +4,11 @@ import threading
 
 import pytest
 
-from controller.manager.requests import Requests
+from controller.manager.requests import LoopRequests
 
 
 def test_requests_are_served_in_order_by_the_loop() -> None:
-    requests, done = Requests(), list[str]()
+    requests, done = LoopRequests(), list[str]()
     first = requests.ask(lambda: done.append("first"))
     second = requests.ask(lambda: len(done))
     assert not first.done and done == []
@@ -19,7 +19,7 @@ def test_requests_are_served_in_order_by_the_loop() -> None:
 
 
 def test_an_error_is_raised_to_the_client_of_the_request() -> None:
-    requests = Requests()
+    requests = LoopRequests()
     broken, sound = requests.ask(lambda: 1 // 0), requests.ask(lambda: "sound")
     requests.serve()
     with pytest.raises(ZeroDivisionError):
@@ -28,7 +28,7 @@ def test_an_error_is_raised_to_the_client_of_the_request() -> None:
 
 
 def test_requests_after_the_end_are_refused() -> None:
-    requests = Requests()
+    requests = LoopRequests()
     early = requests.ask(lambda: "early")
     requests.end()
     for request in (early, requests.ask(lambda: "late")):
@@ -38,7 +38,7 @@ def test_requests_after_the_end_are_refused() -> None:
 
 
 def test_requests_from_many_threads_run_in_the_thread_of_the_loop() -> None:
-    requests, where = Requests(), list[int]()
+    requests, where = LoopRequests(), list[int]()
     threads = [
         threading.Thread(target=lambda: [requests.ask(lambda: where.append(threading.get_ident())) for _ in range(50)])
         for _ in range(8)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoGoal
+from drivers.types import Reading, ServoGoal
 
 
 def exchange(

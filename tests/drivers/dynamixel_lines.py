@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.servos import x
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.register import ServoModel
+from drivers.types import Reading, ServoFault, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

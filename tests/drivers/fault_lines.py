@@ -10,11 +10,11 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.counters import ServoCounters
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ByteOrder, Register, ServoModel
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort

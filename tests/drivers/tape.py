@@ -1,6 +1,7 @@
-"""A port that records requests of the SDKs and of the bus."""
+"""Ports that record requests of the SDKs and of the bus."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from sim_backend.clock import SimulatedClock
 
@@ -52,3 +53,59 @@ class SilentTape(Tape):
 
     def getBaudRate(self) -> int:
         return self.baud
+
+
+class ScriptedPort(Tape):
+    """A port that answers each write at once with the next of ``answers``, and is silent after the last one."""
+
+    def __init__(self, clock: SimulatedClock, *answers: bytes) -> None:
+        super().__init__()
+        self.clock = clock
+        self.answers = list(answers)
+        self.input = b""
+        self.reads = 0
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        self.input += self.answers.pop(0) if self.answers else b""
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self.reads += 1
+        if len(self.input) < size:
+            self.clock.sleep_until(deadline_s)
+        data, self.input = self.input[:size], self.input[size:]
+        return data
+
+    def discard_input(self) -> None:
+        self.input = b""
+
+
+class SdkPackets:
+    """Packets for several servos that an official SDK sends."""
+
+    def __init__(self, sdk: Any, handler: Any) -> None:
+        self.sdk, self.handler = sdk, handler
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> bytes:
+        tape = Tape()
+        group = self.sdk.GroupSyncRead(tape, self.handler, address, size)
+        for servo_id in servo_ids:
+            assert group.addParam(servo_id)
+        assert group.txPacket() == self.sdk.COMM_SUCCESS
+        return tape.sent
+
+    def sync_write(self, address: int, size: int, data: Mapping[int, bytes]) -> bytes:
+        tape = Tape()
+        group = self.sdk.GroupSyncWrite(tape, self.handler, address, size)
+        for servo_id, content in data.items():
+            assert group.addParam(servo_id, list(content))
+        assert group.txPacket() == self.sdk.COMM_SUCCESS
+        return tape.sent
+
+
+def one_bit_flipped(data: bytes) -> Iterator[bytes]:
+    """Yield the data with each of its bits flipped in turn."""
+    for bit in range(len(data) * 8):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        yield bytes(flipped)

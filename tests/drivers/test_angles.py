@@ -42,15 +42,6 @@ def test_the_shortest_distance_reaches_the_end_within_half_a_turn(start: int, en
     assert -TURN // 2 <= way < TURN // 2
 
 
-@given(turns, st.lists(st.integers(-TURN // 2, TURN // 2 - 1), max_size=50))
-def test_unwrapped_readings_follow_the_motion(start: int, steps: list[int]) -> None:
-    way = [start]
-    for step in steps:
-        way.append(way[-1] + step)
-    whole_turns = start - start % TURN  # a reading does not show in which turn the sweep began
-    assert angles.unwrapped(count % TURN for count in way) == [count - whole_turns for count in way]
-
-
 @given(turns, turns, turns)
 def test_the_offset_fits_the_register_and_gives_the_wanted_reading(actual: int, wanted: int, old: int) -> None:
     offset = angles.offset_for(actual, wanted)
@@ -65,50 +56,22 @@ def test_reading_and_actual_position_are_inverse_functions(actual: int, offset: 
     assert angles.actual_of(angles.reading_of(actual, offset), offset) == actual % TURN
 
 
-@st.composite
-def sweeps(draw: st.DrawFn) -> tuple[int, int, int, list[int]]:
-    """Generate an offset, the ends of a travel in actual counts, and the readings of a sweep over the travel."""
-    lower, span, offset = draw(counts), draw(st.integers(0, TURN - 2) | st.just(TURN - 2)), draw(offsets)
-    start = draw(st.integers(0, span))
-    step = draw(st.integers(1, TURN // 2 - 1))
-    corners = [start, span, 0, draw(st.integers(0, span))]
-    way = [start]
-    for target in corners:
-        while way[-1] != target:
-            way.append(way[-1] + max(-step, min(step, target - way[-1])))
-    return offset, lower, lower + span, [angles.reading_of(lower + at, offset) for at in way]
-
-
-@given(sweeps())
-def test_a_sweep_gives_its_range_wherever_the_wrap_is(sweep: tuple[int, int, int, list[int]]) -> None:
-    offset, lower, upper, readings = sweep
-    travel = angles.travel_of(readings)
-    assert travel.span == upper - lower
-    assert travel.lower % TURN == angles.reading_of(lower, offset)
-
-
-@given(sweeps())
-def test_the_new_offset_keeps_the_wrap_outside_the_travel(sweep: tuple[int, int, int, list[int]]) -> None:
-    offset, lower, upper, readings = sweep
-    travel = angles.travel_of(readings)
-    new = angles.offset_for_travel(travel, offset)
+@given(counts, st.integers(0, TURN - 2) | st.just(TURN - 2), offsets)
+def test_the_new_offset_keeps_the_wrap_outside_the_travel(lower: int, span: int, offset: int) -> None:
+    begin = angles.reading_of(lower, offset)
+    new = angles.offset_for_travel(Travel(begin, begin + span), offset)
     sts.homing_offset.encode(new, "little")
-    there = angles.moved(travel, offset, new)
+    there = angles.moved(Travel(begin, begin + span), offset, new)
     assert 0 <= there.lower <= there.upper < TURN
     middle = (there.lower + there.upper) // 2
     assert middle == TURN // 2 or (middle, new) == (TURN // 2 - 1, -LARGEST_OFFSET)
-    assert (there.lower, there.upper) == (angles.reading_of(lower, new), angles.reading_of(upper, new))
+    assert (there.lower, there.upper) == (angles.reading_of(lower, new), angles.reading_of(lower + span, new))
 
 
 @given(turns, st.integers(TURN - 1, 3 * TURN), offsets)
 def test_a_travel_that_fills_the_turn_is_refused(lower: int, span: int, offset: int) -> None:
     with pytest.raises(ValueError, match="the wrap cannot be outside it"):
         angles.offset_for_travel(Travel(lower, lower + span), offset)
-
-
-def test_a_sweep_without_readings_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least one reading"):
-        angles.travel_of([])
 
 
 @settings(max_examples=40)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.protocol.v1 import SYNC_WRITE
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.faults import Disturbance
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line, Truth, every_kind, every_servo

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.bus.late_replies import HELD_S
-from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.catalog import series_of
+from drivers.types import ServoState
 from sim_backend.line.line import DelayedReply
 from sim_backend.servos.dynamixel.servo import VirtualXServo
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
 from tests.drivers.cycles import exchange

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pytest
 
 from drivers.bus.confirm import AGREE_COUNTS, READINGS, confirmed_states
-from drivers.bus.types import Reading, ServoFault, ServoState, fault
+from drivers.types import Reading, ServoFault, ServoState, fault
 
 SILENT = fault(1, "silent")
 

@@ -9,11 +9,11 @@ from fastcrc.crc16 import umts as crc16
 from drivers.bus.bus import Bus
 from drivers.bus.fast_read import FAST_TRIES, fast_plan
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos import x
 from drivers.servos.dynamixel import X
 from drivers.servos.series import StateBlock
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
@@ -22,6 +22,7 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets.dynamixel import Code, InstructionParser
 from sim_backend.packets.instructions import Instruction
 from tests.drivers.cycles import exchange
+from tests.drivers.tape import one_bit_flipped
 
 IDS = (1, 2, 3, 4)
 BLOCK = X.blocks[0]
@@ -184,13 +185,11 @@ def test_a_silent_servo_does_not_hide_others(silent: int) -> None:
 
 def test_every_flipped_bit_is_detected_and_every_request_counted_once() -> None:
     packet = fast_reply()
-    for bit in range(len(packet) * 8):
-        spoiled = bytearray(packet)
-        spoiled[bit // 8] ^= 1 << bit % 8
-        assert whole(bytes(spoiled), IDS, BLOCK) is None
+    for spoiled in one_bit_flipped(packet):
+        assert whole(spoiled, IDS, BLOCK) is None
         line = ready()
         before = {i: account.replies for i, account in line.bus.counters.servos.items()}
-        line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
+        line.spoil = lambda packet, spoiled=spoiled: spoiled  # type: ignore[misc]
         assert right(line.cycle())
         assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
         assert line.bus.counters.noise == 1  # the fault cannot be attributed to a servo

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoError, ServoRefused
 from drivers.protocol import v2 as wire
 from drivers.servos import indirect, x, xl320
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.indirect import AT_208, AT_224, MAP, block_for
 from drivers.servos.register import Register
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.faults import Disturbance
 from sim_backend.packets.dynamixel import Code
 from sim_backend.servos.dynamixel.indirect import windows_of

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoRefused
 from drivers.protocol import v2 as wire
 from drivers.servos import x as x_series
@@ -16,6 +15,7 @@ from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import XL, X
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from drivers.bus.bus import Bus
 from drivers.bus.fast_read import fast_plan
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
 from drivers.servos import x as x_series
 from drivers.servos import xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import XL, X
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from sim_backend.clock import SimulatedClock
 from tests.drivers.tape import SilentTape, Tape
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from drivers.bus.types import ServoFault
 from drivers.servos import x
 from drivers.servos.register import ServoModel
+from drivers.types import ServoFault
 from tests.drivers.dynamixel_lines import TrueLine
 
 ALIKE: Mapping[int, ServoModel] = {i: (x.XM430_W350, x.XL430_W250)[i % 2] for i in range(1, 8)}

@@ -10,9 +10,9 @@ from drivers.bus.fast_read import FastReads
 from drivers.bus.group_read import GroupRead
 from drivers.bus.late_replies import OPEN_S
 from drivers.bus.read_plan import ReadPlan
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos import x
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.packets.dynamixel import Code
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth

@@ -11,39 +11,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
 from drivers.protocol.decoder import Reply
 from drivers.servos import x as x_series
 from drivers.servos.x import XL430_W250
+from drivers.types import ServoGoal
 from sim_backend.clock import SimulatedClock
 from sim_backend.packets.dynamixel import InstructionParser, status_packet
-from tests.drivers.tape import Tape
+from tests.drivers.tape import SdkPackets, Tape
 
 # The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
+SDK = SdkPackets(sdk, sdk.PacketHandler(2.0))
 
 PATTERN = b"\xff\xff\xfd"
 ids = st.lists(st.integers(0, wire.LARGEST_ID), min_size=1, max_size=20, unique=True)
 addresses = st.integers(0, 0xFFFF)
-
-
-def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
-    tape = Tape()
-    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), address, size)
-    for servo_id in servo_ids:
-        assert group.addParam(servo_id)
-    assert group.txPacket() == sdk.COMM_SUCCESS
-    return tape.sent
-
-
-def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
-    tape = Tape()
-    group = sdk.GroupSyncWrite(tape, sdk.PacketHandler(2.0), address, size)
-    for servo_id, content in data.items():
-        assert group.addParam(servo_id, list(content))
-    assert group.txPacket() == sdk.COMM_SUCCESS
-    return tape.sent
 
 
 @pytest.mark.parametrize(
@@ -74,7 +57,7 @@ def test_the_checksum_equals_that_of_the_sdk(data: bytes) -> None:
 def test_sync_reads_equal_those_of_the_sdk(servo_ids: list[int], address: int, size: int) -> None:
     ours = wire.sync_read(servo_ids, address, size)
     if PATTERN not in ours[3:]:  # the SDK computes the stuffing but sends the packet without it
-        assert ours == sdk_sync_read(servo_ids, address, size)
+        assert ours == SDK.sync_read(servo_ids, address, size)
 
 
 @given(ids, addresses, st.integers(1, 10), st.data())
@@ -82,7 +65,7 @@ def test_sync_writes_equal_those_of_the_sdk(servo_ids: list[int], address: int, 
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
     ours = wire.sync_write(address, size, b"".join(bytes((i,)) + data for i, data in contents.items()))
     if PATTERN not in ours[3:]:
-        assert ours == sdk_sync_write(address, size, contents)
+        assert ours == SDK.sync_write(address, size, contents)
 
 
 @given(st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x01"]), max_size=40).map(b"".join))
@@ -106,14 +89,14 @@ def test_goals_equal_those_of_the_sdk(goals: dict[int, tuple[int, int]]) -> None
         units = -(-velocity * 60_000 // (229 * 4096))
         contents[i] = units.to_bytes(4, "little") + position.to_bytes(4, "little")
     if contents:
-        assert tape.sent == sdk_sync_write(112, 8, contents)
+        assert tape.sent == SDK.sync_write(112, 8, contents)
 
 
 @given(ids)
 def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
     tape = Tape()
     Bus(tape, SimulatedClock(), {1: XL430_W250}).read_states(servo_ids[:1])
-    assert tape.sent == sdk_sync_read(servo_ids[:1], x_series.present_pwm.address, 23)
+    assert tape.sent == SDK.sync_read(servo_ids[:1], x_series.present_pwm.address, 23)
 
 
 def pieces(data: bytes, cuts: Sequence[int]) -> list[bytes]:

@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import ServoRefused
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts
 from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import Access, Register, ServoModel
+from drivers.types import ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.buses.port import VirtualPort

@@ -8,18 +8,19 @@ import pytest
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
 from drivers.servos.register import Register
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.sts.memory import StsMemory
 from tests.drivers.cycles import exchange
+from tests.drivers.tape import ScriptedPort
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 
@@ -37,36 +38,6 @@ class Line:
 
     def held(self, servo_id: int, register: Register) -> int:
         return self.servos.servo(servo_id).memory.get(register)
-
-
-class ScriptedPort:
-    """A port that answers each write at once with the next of ``answers``, and is silent after the last one."""
-
-    name = "scripted"
-    baud = 1_000_000
-
-    def __init__(self, clock: SimulatedClock, *answers: bytes) -> None:
-        self.clock = clock
-        self.answers = list(answers)
-        self.input = b""
-        self.reads = 0
-        self.sent: list[bytes] = []
-
-    def write(self, data: bytes) -> None:
-        self.sent.append(data)
-        self.input += self.answers.pop(0) if self.answers else b""
-
-    def read(self, size: int, deadline_s: float) -> bytes:
-        self.reads += 1
-        if len(self.input) < size:
-            self.clock.sleep_until(deadline_s)
-        data, self.input = self.input[:size], self.input[size:]
-        return data
-
-    def discard_input(self) -> None:
-        self.input = b""
-
-    def close(self) -> None: ...
 
 
 def scripted(*answers: bytes) -> tuple[Bus, ScriptedPort, SimulatedClock]:
@@ -147,14 +118,14 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
         bus.write(1, sts.torque_limit, -1)
     with pytest.raises(ValueError, match="goal_position"):
         bus.write_goals({1: ServoGoal(40_000)})
-    assert port.sent == []
+    assert port.sent == b""
 
 
 def test_more_goals_than_a_packet_holds_are_refused() -> None:
     bus, port, _ = scripted()
     with pytest.raises(ValueError, match="32 goals do not fit into a packet, which holds at most 31"):
         bus.write_goals({i: ServoGoal(0) for i in range(1, 33)})
-    assert port.sent == []
+    assert port.sent == b""
 
 
 @pytest.mark.parametrize("cycles_before", [0, 3])

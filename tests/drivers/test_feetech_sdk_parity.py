@@ -1,7 +1,6 @@
 """Group packets equal those of the official SDK, byte for byte."""
 
 import importlib
-from collections.abc import Sequence
 from typing import Any
 
 from hypothesis import example, given
@@ -9,41 +8,24 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
-from tests.drivers.tape import SilentTape, Tape
+from drivers.types import ServoGoal
+from tests.drivers.tape import SdkPackets, SilentTape, Tape
 
 # The module is imported by name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
+SDK = SdkPackets(sdk, sdk.PacketHandler(0))
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
 positions = st.integers(0, 4095) | st.integers(-32767, 32767)
 """Positions within a turn, or in several turns, which may be negative."""
 
 
-def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
-    tape = Tape()
-    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(0), address, size)
-    for servo_id in servo_ids:
-        assert group.addParam(servo_id)
-    assert group.txPacket() == sdk.COMM_SUCCESS
-    return tape.sent
-
-
-def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
-    tape = Tape()
-    group = sdk.GroupSyncWrite(tape, sdk.PacketHandler(0), address, size)
-    for servo_id, content in data.items():
-        assert group.addParam(servo_id, list(content))
-    assert group.txPacket() == sdk.COMM_SUCCESS
-    return tape.sent
-
-
 @given(ids, st.integers(0, 255), st.integers(1, 255))
 def test_sync_read(servo_ids: list[int], address: int, size: int) -> None:
-    assert wire.sync_read(servo_ids, address, size) == sdk_sync_read(servo_ids, address, size)
+    assert wire.sync_read(servo_ids, address, size) == SDK.sync_read(servo_ids, address, size)
 
 
 @given(ids, st.integers(0, 255), st.integers(1, 10), st.data())
@@ -51,7 +33,7 @@ def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.Data
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
     assert wire.sync_write(
         address, size, b"".join(bytes((i,)) + data for i, data in contents.items())
-    ) == sdk_sync_write(address, size, contents)
+    ) == SDK.sync_write(address, size, contents)
 
 
 @example({1: (-1, 0)})
@@ -68,14 +50,14 @@ def test_goals_equal_those_of_the_sdk(goals: dict[int, tuple[int, int]]) -> None
     for i, (position, velocity) in goals.items():
         raw = sdk.SCS_TOSCS(position, 15)
         contents[i] = bytes((sts.GOAL_ACCELERATION, low(raw), high(raw), 0, 0, low(velocity), high(velocity)))
-    assert tape.sent == sdk_sync_write(sts.acceleration.address, 7, contents)
+    assert tape.sent == SDK.sync_write(sts.acceleration.address, 7, contents)
 
 
 @given(ids)
 def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
     tape = Tape()
     Bus(tape, MonotonicClock()).read_states(servo_ids)
-    assert tape.sent == sdk_sync_read(servo_ids, sts.present_position.address, 8)
+    assert tape.sent == SDK.sync_read(servo_ids, sts.present_position.address, 8)
 
 
 @given(ids)
@@ -87,4 +69,4 @@ def test_torque_off_equals_that_of_the_sdk(servo_ids: list[int]) -> None:
     for _ in range(ATTEMPTS):
         for servo_id in servo_ids:
             sdk.PacketHandler(0).write1ByteTxOnly(theirs, servo_id, 40, 0)
-    assert ours.sent == sdk_sync_write(40, 1, dict.fromkeys(servo_ids, b"\0")) + theirs.sent
+    assert ours.sent == SDK.sync_write(40, 1, dict.fromkeys(servo_ids, b"\0")) + theirs.sent

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.errors import ServoSilent
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
+from drivers.types import Reading, ServoGoal, ServoState
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drivers.bus.types import ServoState
+from drivers.types import ServoState
 from sim_backend.buses.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, READ_EACH, Kind, Line
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.clock import MonotonicClock
 from drivers.errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port.line import GAP_S
@@ -16,37 +15,15 @@ from drivers.servos import scs, sts
 from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.clock import SimulatedClock
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, Kind, Line
 from tests.drivers.fault_lines import READ_EACH as KINDS
-from tests.drivers.tape import Tape
+from tests.drivers.tape import ScriptedPort, Tape
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 ax_and_scs = pytest.mark.parametrize("kind", (KINDS[0], KINDS[2]), ids=lambda kind: kind.name)
-
-
-class ScriptedPort(Tape):
-    """A port that answers each write with the next of ``answers`` at once and is silent afterwards."""
-
-    def __init__(self, clock: SimulatedClock, *answers: bytes) -> None:
-        super().__init__()
-        self.clock = clock
-        self.answers = list(answers)
-        self.input = b""
-
-    def write(self, data: bytes) -> None:
-        super().write(data)
-        self.input += self.answers.pop(0) if self.answers else b""
-
-    def read(self, size: int, deadline_s: float) -> bytes:
-        if len(self.input) < size:
-            self.clock.sleep_until(deadline_s)
-        data, self.input = self.input[:size], self.input[size:]
-        return data
-
-    def discard_input(self) -> None:
-        self.input = b""
 
 
 def scripted(kind: Kind, *answers: bytes) -> tuple[Bus, ScriptedPort, SimulatedClock]:

@@ -3,12 +3,12 @@ their length."""
 
 import pytest
 
-from drivers.bus.types import ServoFault, ServoState
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.feetech import SCS
 from drivers.servos.series import Series
+from drivers.types import ServoFault, ServoState
 from tests.drivers.fault_lines import IDS, READ_EACH, Line
 
 

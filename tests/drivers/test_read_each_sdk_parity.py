@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.protocol.v1 import READ, bulk_read, packet
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs
 from drivers.servos.register import ServoModel
-from tests.drivers.tape import Tape
+from drivers.types import ServoGoal
+from tests.drivers.tape import SdkPackets, Tape
 
 # The modules are imported by name, because they have no types.
 feetech: Any = importlib.import_module("scservo_sdk")
@@ -39,12 +39,7 @@ def words_of_the_sdk() -> Iterator[None]:
 
 def sdk_sync_write(sdk: str, address: int, size: int, data: dict[int, bytes]) -> bytes:
     module, handler = HANDLERS[sdk]
-    tape = Tape()
-    group = module.GroupSyncWrite(tape, handler(), address, size)
-    for servo_id, content in data.items():
-        assert group.addParam(servo_id, list(content))
-    assert group.txPacket() == module.COMM_SUCCESS
-    return tape.sent
+    return SdkPackets(module, handler()).sync_write(address, size, data)
 
 
 def bus_of(models: dict[int, ServoModel]) -> tuple[Bus, Tape]:

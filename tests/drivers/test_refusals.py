@@ -8,11 +8,11 @@ import pytest
 
 from drivers.bus.fast_read import FAST_TRIES
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.types import ServoFault, ServoState
 from drivers.errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x
+from drivers.types import ServoFault, ServoState
 from sim_backend.buses.port import VirtualPort
 from sim_backend.line.line import DelayedReply
 from sim_backend.packets.dynamixel import status_packet

@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoRefused
 from drivers.servos import x
+from drivers.types import ServoFault, ServoGoal, ServoState
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits

@@ -3,7 +3,7 @@ rate."""
 
 import pytest
 
-from drivers.bus.types import ServoFault
+from drivers.types import ServoFault
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 
 SLOW_S = 0.04

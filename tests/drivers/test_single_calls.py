@@ -7,12 +7,12 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
-from drivers.bus.types import ServoState
 from drivers.errors import ServoCorrupt, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
+from drivers.types import ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock

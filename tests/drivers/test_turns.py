@@ -4,8 +4,8 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.turns import Turns
-from drivers.bus.types import ServoGoal, ServoState, fault
 from drivers.servos import x
+from drivers.types import ServoGoal, ServoState, fault
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -31,7 +31,7 @@ from tests.pages import code
 
 def life(*texts: str, seconds: float = 0.3) -> RunReport:
     faults = tuple(map(parse, texts))
-    return run_schedule(files_of("robot_arm"), JobSettings(), Schedule(seconds=seconds, faults=faults))
+    return run_schedule(files_of("robot_arm"), {"": JobSettings()}, Schedule(seconds=seconds, faults=faults))
 
 
 def test_fault_times_count_from_when_the_arm_is_up_by_default(tmp_path: Path) -> None:

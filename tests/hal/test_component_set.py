@@ -10,45 +10,28 @@ from hal.components.component_lifecycle import activate_all, clean_up_all, confi
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
-from hal.mock_hardware import MockHardware
 from hal.types import JointCommand, JointState
 from sim_backend.clock import SimulatedClock
+from tests.hal.failing_mock import FailingMock
 from tests.hal.faults import fault_texts
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 NAMES = ("first", "second", "third")
 
 
-class Failing(MockHardware):
-    """Mock that raises an error in the given calls."""
+class Failing(FailingMock):
+    """Mock hardware that also records its commands and the way in which it was deactivated."""
 
     def __init__(self, name: str, clock: SimulatedClock, commands: Sequence[str] | None = None) -> None:
         super().__init__(name, (f"{name}_joint",), clock, command_interfaces=commands)
-        self.failing: dict[str, Exception] = {}
         self.relaxed: list[bool] = []
         self.written: list[JointCommand] = []
 
-    def _call(self, what: str) -> None:
-        if what in self.failing:
-            raise self.failing[what]
-
-    def configure(self) -> None:
-        self._call("configure")
-        super().configure()
-
-    def activate(self) -> None:
-        self._call("activate")
-        super().activate()
-
     def deactivate(self, relax: bool) -> Sequence[str]:
-        self._call("deactivate")
+        self.call("deactivate")
         self.relaxed.append(relax)
         super().deactivate(relax)
         return [f"{self.name}: one servo does not answer"]
-
-    def cleanup(self) -> None:
-        super().cleanup()
-        self._call("cleanup")
 
     def write(self, command: JointCommand) -> None:
         self.written.append(command)

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.port.latency import latency_advice
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, xl320
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
+from drivers.types import Reading, ServoFault
 from hal.servos.diagnose import BAUD_RATES, TRIES, diagnose
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus

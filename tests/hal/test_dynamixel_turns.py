@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoState
 from drivers.errors import DriverError
 from drivers.servos import x
+from drivers.types import ServoState
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware

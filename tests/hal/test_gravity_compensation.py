@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from drivers.servos.catalog import MODELS
 from hal.compensation.gravity import Gravity
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.joint_offset import LARGEST_LOAD
 from hal.compensation.limit_cycle import GIVE_WAY_RAD
 from hal.robot_description.description import parse_urdf
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.types import FloatArray, JointLimits
 from servoloop.stack.robot_files import URDF, read_files
 

@@ -11,9 +11,9 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import Reading, ServoState
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
+from drivers.types import Reading, ServoState
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError

@@ -14,7 +14,7 @@ from drivers.servos.register import Register, ServoModel
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
-from hal.servos.servo_setup import check_reach
+from hal.servos.servo_settings import check_reach
 from hal.types import JointLimits
 from tests.drivers.fault_lines import KINDS, Line
 from tests.hal.bench import IDS, JOINTS, Bench

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from drivers.bus.types import ServoFault
 from drivers.errors import ServoSilent
+from drivers.types import ServoFault
 from hal.joint import Joint
 from hal.servos.servo_hardware import READ_SHARE, ServoHardware
 from hal.types import JointCommand, JointLimits

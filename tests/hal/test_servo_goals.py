@@ -5,8 +5,8 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus.types import ServoGoal
 from drivers.servos import sts
+from drivers.types import ServoGoal
 from hal.joint import Joint
 from hal.servos.servo_goals import ServoGoals
 from hal.types import JointLimits

@@ -9,8 +9,8 @@ import pytest
 
 from drivers.errors import PortLost
 from drivers.servos import sts
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.lifecycle import LifecycleState
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_faults import RESET_S
 from hal.servos.servo_goals import GAINED_S
 from hal.servos.servo_hardware import ServoHardware

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.servos import ax_mx, sts, x
 from drivers.servos.catalog import MODELS, registers_of, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.voltage import voltage_range
+from drivers.types import ServoGoal, ServoState
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.servo_models import load_servo_models

@@ -7,10 +7,10 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.bus.types import ServoState
 from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.register import Register
+from drivers.types import ServoState
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState

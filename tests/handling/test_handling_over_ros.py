@@ -25,7 +25,7 @@ from controller_manager_msgs.srv import SwitchController
 
 from controller.guided_motion import HORIZON_S
 from hal.types import JointLimits
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from servoloop.command_socket.client import CommandClient
 from servoloop.manual.joints_now import HandlingError, JointsNow, MovableRobot
 from servoloop.manual.robot import LiveRobot

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from servoloop.recording.mcap import RecordingError
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sources import PlayedRecording
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
@@ -16,13 +15,10 @@ from tests.stack.rig import READY
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
     """Record more than a minute, with one goal at the start and another soon after."""
     path, rig = tmp_path_factory.mktemp("run") / "run.mcap", Rig()
-    file = RecordingFile(path, rig.messages)
     for seconds, joint1 in ((1.0, 0.2), (80.0, 0.0)):
         rig.stack.go([joint1, *READY[1:]], 1.0)
         rig.run(seconds)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close((), failed=False)
+    rig.record(path)
     return rig, path
 
 

@@ -10,7 +10,6 @@ from textual.pilot import Pilot
 from servoloop.dashboard.terminal import MonitorApp
 from servoloop.dashboard.terminal_chart import AXIS, BLANK
 from servoloop.recording import sources as live_source
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import SPEEDS, LiveSource, Playback, PlayedRecording
 from sim_backend.clock import SimulatedClock
@@ -21,17 +20,12 @@ from tests.live.rig import LiveRig, runtime_folder
 from tests.monitor.rig import FixedSource, on_screen, words
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
-from tests.stack.rig import READY
-from tests.view.rig import watched
+from tests.view.rig import moved_rig, watched
 
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    rig = Rig()
-    rig.run(1.0)
-    rig.stack.go([0.2, *READY[1:]], 1.0)
-    rig.run(2.5)
-    return rig
+    return moved_rig()
 
 
 @pytest.fixture(scope="module")
@@ -165,10 +159,7 @@ def test_a_signal_ends_it(seen: ObservedRobot) -> None:
 
 @pytest.mark.slow
 def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path) -> None:
-    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close()
+    rig.record(tmp_path / "run.mcap")
     clock = SimulatedClock()
     playback = Playback(PlayedRecording(tmp_path / "run.mcap"), clock)
 

@@ -10,7 +10,6 @@ import pytest
 
 from servoloop.dashboard.tables import STRIPS
 from servoloop.dashboard.terminal import AT_FIRST, KEYS
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sources import SPEEDS
 from tests.complaint import complaint
 from tests.monitor.terminal import in_terminal
@@ -24,13 +23,9 @@ LIVE, PLAYED, _ = commands("monitor.md")
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Write ``job.mcap`` into a folder."""
-    rig, path = Rig(), tmp_path / "job.mcap"
+    rig = Rig()
     rig.run(0.5)
-    file = RecordingFile(path, rig.messages)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close()
-    return path
+    return rig.record(tmp_path / "job.mcap")
 
 
 @pytest.mark.runs(PLAYED)

@@ -14,7 +14,7 @@ from controller.manager.manager import ControllerManager
 from controller.manager.settings import ManagerSettings
 from drivers.clock import MonotonicClock
 from hal.errors import ArmFileError
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.shapes import scene_shapes, shapes, thing_shapes
 from servoloop.moveit.surroundings import surroundings
 from servoloop.stack.arm_folders import ARMS, OWN, arms, find_arm, read_arm_files, read_arm_servos
@@ -61,7 +61,7 @@ def read_urdf(arm: str) -> Callable[[Path], None]:
 def drawn(files: Files, urdf: Path) -> None:
     """Read a robot description as the page of ``servoloop view`` does."""
     shapes(files.description.xml, urdf.parent)
-    model = ArmModel(dict(files.description.joints), files.component.joints)
+    model = DrawnArm(dict(files.description.joints), files.component.joints)
     list(model.fixed())
     list(model.moving(np.zeros(len(files.component.joints))))
     for link in model.links:

@@ -41,10 +41,6 @@ class Outcome:
     wrong: str
     cpu_s: float
 
-    @property
-    def has_line(self) -> bool:
-        return PLACE.search(self.refused) is not None
-
 
 @cache
 def good(kind: str) -> list[bytes]:

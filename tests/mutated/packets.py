@@ -46,7 +46,7 @@ def _of_v2(model: ServoModel) -> Make:
 def _boxed() -> ServoLine[Any]:
     """Return factory-new servos, which all have the same ID."""
     box = VirtualBox([sts.STS3215, sts.STS3215])
-    box.connect_all()
+    box.connect(0, 1)
     return box.line
 
 

@@ -111,7 +111,7 @@ def good_recording() -> list[bytes]:
     job = load_pick_place(find_arm(SO101).pick_place)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.mcap"
-        simulate(files_of(SO101), job.settings(), Schedule(arm=SO101, job=job.grades[:1]), path)
+        simulate(files_of(SO101), {"": job.settings()}, Schedule(arm=SO101, job=job.grades[:1]), path)
         return [path.read_bytes()]
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from nodes.sorting_monitor import SortingMonitor
+from nodes.clients.sorting_monitor import SortingMonitor
 
 
 def apples(stamp_s: float, *grades: str) -> SimpleNamespace:
@@ -48,10 +48,17 @@ def test_an_apple_that_arrives_after_the_start_is_found(monitor: SortingMonitor)
     assert monitor.jobs[0].picture_to_goal_s == pytest.approx(0.1)
 
 
-def test_other_grades_and_later_pictures_are_not_the_cause(monitor: SortingMonitor) -> None:
-    monitor._on_apples(apples(10.0, "C"))
+def test_a_monitor_that_missed_the_picture_knows_the_values_of_the_next_one(monitor: SortingMonitor) -> None:
     monitor._on_state(state(1, 10.1, "start"))
     monitor._on_apples(apples(10.2, "A"))
+    assert monitor.jobs[0].apple is not None and monitor.jobs[0].apple.stamp_s == pytest.approx(10.2)
+    assert monitor.jobs[0].picture_to_goal_s is None
+
+
+def test_other_grades_and_much_later_pictures_are_not_the_cause(monitor: SortingMonitor) -> None:
+    monitor._on_apples(apples(10.0, "C"))
+    monitor._on_state(state(1, 10.1, "start"))
+    monitor._on_apples(apples(10.7, "A"))
     assert monitor.jobs[0].apple is None
     monitor._on_state(state(1, 11.0, "error"))
     assert monitor.jobs[0].ended and not monitor.jobs[0].success

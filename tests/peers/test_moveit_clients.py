@@ -1,6 +1,7 @@
 """Programs of other projects that were written for MoveIt, unchanged, with the plan server."""
 
 import json
+import subprocess
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,12 +12,15 @@ pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 
 from nodes.namespace import namespace_arguments
+from tests.pages import blocks
 from tests.ros.planned_stack import planned_stack, program
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 CLIENTS = Path(__file__).parent / "moveit_clients"
 SUCCESS = 1
+(RENAMING,) = (block.commands for block in blocks("several-arms.md") if "--ros-args $rules" in block.text)
+"""Lines that start a program whose names start with a slash in the namespace ``/left``."""
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +43,19 @@ def test_pymoveit2_plans_moves_and_changes_the_scene(arguments: list[str]) -> No
     assert all(found.values()), found
 
 
-@pytest.mark.parametrize("namespace", [""], scope="module")  # all its names start with a slash
-def test_moveit2_commander_plans_moves_and_changes_the_scene(arguments: list[str]) -> None:
+def remapped() -> list[str]:
+    """Return the ROS arguments of the page for a program whose names start with a slash."""
+    lines = "\n".join([*RENAMING[:-1], RENAMING[-1].replace("python program.py", "echo")])
+    return subprocess.run(["sh", "-c", lines], capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.runs(*RENAMING)
+@pytest.mark.parametrize("namespace", ["", "/left"], scope="module")
+def test_moveit2_commander_plans_moves_and_changes_the_scene(arguments: list[str], namespace: str) -> None:
     if find_spec("moveit2_commander") is None:
         pytest.skip("moveit2_commander is not installed")
-    found = json.loads(program(str(CLIENTS / "drive_moveit2_commander.py"), *arguments).splitlines()[-1])
+    rules = remapped() if namespace else []
+    found = json.loads(program(str(CLIENTS / "drive_moveit2_commander.py"), *rules).splitlines()[-1])
     assert found == {
         "joint goal": SUCCESS,
         "scaled trajectory": SUCCESS,

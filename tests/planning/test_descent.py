@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planning.kinematics.descent import EXACT_M2, Effort, descend
+from planning.kinematics.descent import EXACT_M2, DescentEffort, descend
 from tests.planning.chains import around, chain, random_positions
 
 
@@ -11,7 +11,9 @@ def reached(arm: str, seed: int) -> int:
     one, positions = chain(arm), random_positions(arm, 1, seed)[0]
     ends = np.random.default_rng(seed).permutation(len(positions))[:2]
     positions[ends] = one.upper[ends]
-    found = descend(one, around(arm, positions), random_positions(arm, 64, seed=99), 0.0, Effort(steps=40, enough=64))
+    found = descend(
+        one, around(arm, positions), random_positions(arm, 64, seed=99), 0.0, DescentEffort(steps=40, enough=64)
+    )
     assert ((found.positions >= one.lower) & (found.positions <= one.upper)).all()
     return int(np.count_nonzero(found.cost_m2 <= EXACT_M2))
 

@@ -1,10 +1,12 @@
 """Simulated stack with a sampler and the other parts of a recording."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from hal.types import JointState
 from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.messages import Messages
+from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sampler import CycleSample, Sampler
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import servo_ids
@@ -30,6 +32,14 @@ class Rig:
         begun = len(self.samples)
         self.stack.run(seconds)
         return self.samples[begun:]
+
+    def record(self, path: Path) -> Path:
+        """Write all cycles so far to a file."""
+        file = RecordingFile(path, self.messages)
+        for sample in self.samples:
+            file.write(sample)
+        file.close()
+        return path
 
     def _on_state(self, state: JointState) -> None:
         self.samples.append(self.sampler.sample(state))

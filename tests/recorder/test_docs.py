@@ -80,7 +80,7 @@ def ended_after(seconds: float) -> Iterator[None]:
 
 @pytest.mark.slow
 def test_documented_topics_match_a_recording(tmp_path: Path) -> None:
-    simulate(read_files(), JobSettings(), Schedule(job=("B",)), tmp_path / "job.mcap")
+    simulate(read_files(), {"": JobSettings()}, Schedule(job=("B",)), tmp_path / "job.mcap")
     found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}
     first_cells = [row.split("|")[1] for row in TEXT.splitlines() if row.startswith("| `/")]
     assert {name for cell in first_cells for name in re.findall("`(.*?)`", cell)} == found
@@ -92,7 +92,7 @@ def test_documented_repair_of_a_truncated_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    simulate(read_files(), JobSettings(), Schedule(seconds=60.0), tmp_path / "all.mcap")
+    simulate(read_files(), {"": JobSettings()}, Schedule(seconds=60.0), tmp_path / "all.mcap")
     data = (tmp_path / "all.mcap").read_bytes()
     Path("killed.mcap").write_bytes(data[: len(data) * 3 // 4])
     exec(compile(RECOVERING, "recordings.md", "exec"), {})

@@ -30,7 +30,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record a job in which a servo is silent for some time."""
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     schedule = Schedule(seed=1, job=("B",), faults=(parse("silent id=3 at=4s for=0.3s"),))
-    simulate(read_files(), JobSettings(), schedule, record=path)
+    simulate(read_files(), {"": JobSettings()}, schedule, record=path)
     return path
 
 

@@ -43,7 +43,7 @@ TOPICS = {
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[SimulationResult, Path]:
     path = tmp_path_factory.mktemp("recording") / "job.mcap"
-    return simulate(read_files(), JobSettings(), SCHEDULE, path), path
+    return simulate(read_files(), {"": JobSettings()}, SCHEDULE, path), path
 
 
 @pytest.fixture(scope="module", params=[by_rosbags, by_mcap])
@@ -53,7 +53,7 @@ def read(request: pytest.FixtureRequest, run: tuple[SimulationResult, Path]) -> 
 
 @pytest.mark.slow
 def test_the_digest_is_the_same_with_and_without_a_recording(run: tuple[SimulationResult, Path]) -> None:
-    assert simulate(read_files(), JobSettings(), SCHEDULE).digest == run[0].digest
+    assert simulate(read_files(), {"": JobSettings()}, SCHEDULE).digest == run[0].digest
 
 
 def test_both_readers_find_all_topics(read: Read, run: tuple[SimulationResult, Path]) -> None:

@@ -1,13 +1,22 @@
-"""Stack and client that the tests of the controller manager share."""
+"""Marker of the tests over ROS, and the stack and client that the tests of the controller manager share."""
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:  # These tests are skipped without rclpy.
+if TYPE_CHECKING:
     from tests.ros.manager_client import ManagerClient
     from tests.ros.stack_process import StackProcess
+
+collect_ignore_glob = [] if find_spec("rclpy") else ["test_*.py"]
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark every test of this folder."""
+    item.add_marker(pytest.mark.ros)
+
 
 # Fixtures for the tests of the controller manager. Modules that need a different stack or more cleanup have their own
 # fixtures.

@@ -1,5 +1,6 @@
 """A stack with a plan server, each in its own process, for programs that plan."""
 
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -26,6 +27,17 @@ def planned_stack(folder: Path, *arguments: str, arm: str = "robot_arm", namespa
             yield server
         finally:
             server.end()
+
+
+@contextmanager
+def planning_up(folder: Path, command: str) -> Iterator[StackProcess]:
+    """Run a ``servoloop up --plan`` until the end of the block."""
+    stack = StackProcess(folder / "up.log", *shlex.split(command)[1:])
+    try:
+        wait_for_planner(stack)
+        yield stack
+    finally:
+        assert stack.end() == 0, stack.words
 
 
 def wait_for_planner(server: StackProcess, namespace: str = "") -> None:

@@ -12,9 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from apple_quality_msgs.msg import AppleQualityArray
 from diagnostic_msgs.msg import DiagnosticArray
@@ -26,8 +23,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from perception.camera_view import pose_text
 from perception.intrinsics import intrinsics_text
 from tests.perception import painted
-
-pytestmark = pytest.mark.ros
 
 DEADLINE_S = 30.0
 TOPICS = {

@@ -4,9 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import JointState
 
 from servoloop.stack.arm_folders import find_arm
@@ -15,7 +12,7 @@ from tests.ros.stack_process import StackProcess, until
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 DEMO_S = 180.0
 INTERRUPTED = 130

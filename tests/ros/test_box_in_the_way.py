@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -22,7 +21,7 @@ from tests.planning.robots import robot_arm
 from tests.ros.plan_client import READY, PlanClient, box, joint_goal, remove
 from tests.ros.planned_stack import planned_stack
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 TRIALS = 20
 ARRIVALS = 18

@@ -10,9 +10,6 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.msg import DynamicJointState
 from sensor_msgs.msg import JointState
 
@@ -21,8 +18,6 @@ from tests.ros.deaf import deaf_client
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import running
 from tests.ros.two_components import ARM, FOLLOWER, HAND, JOINT, block
-
-pytestmark = pytest.mark.ros
 
 PERIOD_S = 0.05
 IN_A_ROW = 20

@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -23,8 +20,6 @@ from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.ros_time import RosTime
 from tests.ros.stack_process import until
 from tests.ros.stamps import time_message
-
-pytestmark = pytest.mark.ros
 
 CYCLE_S = 0.05
 

@@ -3,17 +3,12 @@
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from control_msgs.msg import DynamicJointState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from tests.ros.stack_process import running, until
-
-pytestmark = pytest.mark.ros
 
 CONTROLLERS = """
 controller_manager:

@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.msg import DynamicJointState
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -17,8 +14,6 @@ from std_msgs.msg import String
 from nodes.publishing import LATCHED
 from tests.ros.onlooker import Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
-
-pytestmark = pytest.mark.ros
 
 HAND = "hand_right_joint"
 CONTROLLERS = """

@@ -7,9 +7,6 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from geometry_msgs.msg import Transform
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -19,8 +16,6 @@ from nodes.publishing import LATCHED
 from servoloop.stack.robot_files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
-
-pytestmark = pytest.mark.ros
 
 PERIOD_S = 0.05
 LINKS = "/robot_state_publisher"

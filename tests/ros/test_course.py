@@ -11,15 +11,14 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
 from tests.pages import ROOT, blocks, code
-from tests.ros.planned_stack import wait_for_planner
-from tests.ros.stack_process import PATIENCE_S, StackProcess, until
+from tests.ros.planned_stack import planning_up
+from tests.ros.stack_process import PATIENCE_S, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 PAGE = "course.md"
 SHELLS = [block.commands for block in blocks(PAGE) if block.language == "sh"]
@@ -63,12 +62,8 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    process = StackProcess(tmp_path_factory.mktemp("up") / "up.log", *shlex.split(UP)[1:])
-    try:
-        wait_for_planner(process)
+    with planning_up(tmp_path_factory.mktemp("up"), UP):
         yield
-    finally:
-        assert process.end() == 0, process.words
 
 
 @contextmanager
@@ -125,5 +120,6 @@ def test_program_plans_around_the_box(stack: None, tmp_path: Path, environment: 
 
 @pytest.mark.runs(UP_WITH_FILES)
 def test_stack_starts_with_the_files_of_a_user(ros_domain: int, tmp_path: Path, environment: dict[str, str]) -> None:
-    with running(UP_WITH_FILES, tmp_path / "up", "ready: robot_arm", environment):
+    other_domain = {**environment, "ROS_DOMAIN_ID": str(ros_domain + 1)}  # The stack of the other tests is running.
+    with running(UP_WITH_FILES, tmp_path / "up", "ready: robot_arm", other_domain):
         pass

@@ -7,9 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from control_msgs.action import ParallelGripperCommand
 from rclpy.action import ActionClient, ActionServer
@@ -23,8 +20,6 @@ from std_srvs.srv import Trigger
 
 from nodes.rclpy_patches.cycle_executor import CycleExecutor
 from nodes.surface import Surface
-
-pytestmark = pytest.mark.ros
 
 PATIENCE_S = 30.0
 

@@ -9,13 +9,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-pytest.importorskip("rclpy")
-
 from servoloop.demo.cell import cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 SILENCE_S = 3.0
 

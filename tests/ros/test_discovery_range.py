@@ -10,12 +10,10 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from nodes.discovery import PROFILES, RANGE
 from tests.ros.stack_process import READY, StackProcess, arm_client, running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 LOOPBACK = "127.0.0.1"
 
@@ -78,7 +76,7 @@ def test_clients_search_only_this_machine(unset: int) -> None:
     """Each client runs in its own process and inspects its own sockets."""
     program = (
         "import os, sys\nfrom tests.ros.test_discovery_range import receiving_on\n"
-        "from nodes.client_node import client_node\nfrom servoloop.commands.shared.options import set_network\n"
+        "from nodes.clients.client_node import client_node\nfrom servoloop.commands.shared.options import set_network\n"
         "set_network('--network' in sys.argv)\n"
         f"with client_node('look'): print(*sorted(receiving_on(os.getpid(), {unset})))"
     )

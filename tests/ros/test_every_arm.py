@@ -9,16 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from typer.testing import CliRunner
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from servoloop.cli import app, main
 from servoloop.dashboard.browser import show
 from servoloop.dashboard.move_panel import MovePanel, Mover
@@ -32,8 +29,6 @@ from tests.live.rig import runtime_folder
 from tests.ros.stack_process import until
 from tests.servoloop.test_emulator_process import given, read_again
 from tests.view.view_process import viewing
-
-pytestmark = pytest.mark.ros
 
 QUICK = "koch"
 """Arm of the quick tests. The joints and servos of this arm differ from those of the default arm."""

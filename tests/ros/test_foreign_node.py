@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.stack_process import running
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 def test_third_party_node_sorts_its_cubes(ros_domain: int, tmp_path: Path) -> None:

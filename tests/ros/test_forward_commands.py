@@ -5,16 +5,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import JointState
 
 from servoloop.stack.robot_files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 HAND = "hand_right_joint"
 CONTROLLERS = """

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.emulator import couplings
 from sim_backend.buses.mounting import Mounting
@@ -21,7 +19,7 @@ from tests.commissioning.practice import UPRIGHT, follow, take, tell
 from tests.pages import commands
 from tests.ros.stack_process import StackProcess, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 PAGE = "getting-started-so101.md"
 PORT = "--port /dev/ttyACM0"

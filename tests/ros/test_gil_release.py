@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from action_msgs.msg import GoalStatusArray
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.srv import QueryTrajectoryState
@@ -24,10 +21,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.rclpy_patches.gil_release import replacements
-
-pytestmark = pytest.mark.ros
 
 PATIENCE_S = 30.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

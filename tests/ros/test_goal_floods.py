@@ -6,9 +6,6 @@ import sys
 import time
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile, qos_profile_services_default
@@ -17,8 +14,6 @@ from nodes.publishing import EVERY_CALL
 from tests.ros.manager_client import ManagerClient
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.ros.test_large_messages import ACTION, trajectory
-
-pytestmark = pytest.mark.ros
 
 FLOOD_HZ, FLOOD_S = 500, 4
 PATIENT_S = 10.0
@@ -29,7 +24,7 @@ FLOODER = f"""
 import json, sys, time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.publishing import EVERY_CALL
 from tests.ros.stack_process import JOINTS, READY, PATIENCE_S
 from trajectory_msgs.msg import JointTrajectoryPoint

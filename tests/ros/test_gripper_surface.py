@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from action_msgs.msg import GoalStatus
 from control_msgs.action import GripperCommand, ParallelGripperCommand
@@ -21,8 +18,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 HAND = "hand_right_joint"
 CONTROLLERS = """

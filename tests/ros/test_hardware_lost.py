@@ -7,9 +7,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
@@ -19,7 +16,7 @@ from tests.ros.hardware_plugin import DEFECT, Orders, install
 from tests.ros.stack_process import READY, StackProcess, arm_client, running
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 

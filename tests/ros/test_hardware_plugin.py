@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.msg import DynamicJointState, JointTrajectoryControllerState
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
@@ -17,8 +14,6 @@ from tests.ros.hardware_client import activate, components, controllers, interfa
 from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
 from tests.ros.stack_process import READY, ArmClient, StackProcess, arm_client, running
 from tests.ros.two_components import HAND, add_states, write_urdf
-
-pytestmark = pytest.mark.ros
 
 ABORTED = 6  # action_msgs/msg/GoalStatus
 HZ = 20

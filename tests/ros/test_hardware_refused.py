@@ -5,15 +5,11 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from servoloop.stack.robot_files import CONTROLLERS
 from tests.complaint import complaint
 from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.ros.two_components import MOCK, write_urdf
-
-pytestmark = pytest.mark.ros
 
 HARDWARE = f"<hardware>{MOCK}</hardware>"
 COMMAND = '<command_interface name="position"/>'

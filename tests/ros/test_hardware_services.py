@@ -4,9 +4,6 @@ import math
 from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces, SetHardwareComponentState
 from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
@@ -14,8 +11,6 @@ from sensor_msgs.msg import JointState
 from tests.ros.hardware_client import activate, ask, components, controllers, set_state
 from tests.ros.stack_process import READY, ArmClient, StackProcess, arm_client, running
 from tests.ros.two_components import ARM, HAND, write_urdf
-
-pytestmark = pytest.mark.ros
 
 ABORTED = 6  # action_msgs/msg/GoalStatus
 

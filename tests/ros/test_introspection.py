@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("pal_statistics_msgs")
 
 import rclpy
@@ -17,8 +16,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from servoloop.stack.robot_files import CONTROLLERS
 from tests.ros.stack_process import running, until
-
-pytestmark = pytest.mark.ros
 
 INTERFACES, TIMES = "/controller_manager/introspection_data", "/controller_manager/statistics"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -17,8 +14,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from nodes.publishing import LATCHED
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import JOINTS, PATIENCE_S, READY, StackProcess
-
-pytestmark = pytest.mark.ros
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 LIMIT = "max_message_size"

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
 from tests.monitor.terminal import in_terminal
@@ -20,7 +18,7 @@ from tests.monitor.test_docs import LIVE
 from tests.recorder.reading import by_mcap, stamp_s
 from tests.ros.stack_process import PICK, arm_client, emulating, running
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 
 @contextmanager

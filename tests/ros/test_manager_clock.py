@@ -7,9 +7,6 @@ from statistics import median
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 from controller_manager_msgs.msg import ControllerManagerActivity
 from controller_manager_msgs.srv import ListHardwareComponents
@@ -23,8 +20,6 @@ from servoloop.stack.robot_files import CONTROLLERS
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import PICK, READY, StackProcess, running
 from tests.ros.trajectory_client import TrajectoryClient, goal_of, point, trajectory
-
-pytestmark = pytest.mark.ros
 
 RATE_HZ = 50
 NODES = (MANAGER, "/arm_controller", "/hand_controller", "/joint_state_broadcaster", "/robot_arm")

@@ -5,9 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.msg import ControllerManagerActivity
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -17,8 +14,6 @@ from std_msgs.msg import Float64MultiArray
 from tests.ros.manager_bench import DONE, FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
-
-pytestmark = pytest.mark.ros
 
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HAND = "hand_right_joint"

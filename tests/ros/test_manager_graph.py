@@ -4,9 +4,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -16,8 +13,6 @@ from std_msgs.msg import Float64MultiArray
 from tests.ros.manager_bench import manager_stack
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import StackProcess
-
-pytestmark = pytest.mark.ros
 
 ARM = "/arm_controller"
 NODES = ("controller_manager", "arm_controller", "hand_controller", "joint_state_broadcaster", "robot_arm")

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.manager_bench import FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
-pytestmark = [pytest.mark.ros, pytest.mark.row("cm-late-parameters")]
+pytestmark = pytest.mark.row("cm-late-parameters")
 
 EMPTY = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
 TRAJECTORY = "joint_trajectory_controller/JointTrajectoryController"

@@ -3,9 +3,6 @@
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from controller_manager_msgs.srv import ListControllers, LoadController, ReloadControllerLibraries, SwitchController
 from lifecycle_msgs.msg import TransitionEvent
@@ -17,7 +14,7 @@ from tests.ros.manager_client import MANAGER, STRICT, ManagerClient
 from tests.ros.stack_process import PICK, ArmClient, StackProcess
 
 NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
-pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
+pytestmark = pytest.mark.parametrize("namespace", NAMESPACES, scope="module")
 
 
 def refused(case: str, verb: str, name: str, expected: str) -> Any:

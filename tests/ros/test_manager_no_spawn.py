@@ -4,13 +4,9 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.manager_client import manager_client
 from tests.ros.stack_process import running
 from tests.ros.test_manager_spawner import Spawner
-
-pytestmark = pytest.mark.ros
 
 
 @pytest.mark.row("cm-spawner")

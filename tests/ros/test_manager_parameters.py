@@ -4,9 +4,6 @@ import math
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
@@ -21,8 +18,6 @@ from rclpy.parameter import Parameter
 from tests.ros.manager_bench import AT_START, FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess
-
-pytestmark = pytest.mark.ros
 
 ARM = "/arm_controller"
 COMPONENT = "/robot_arm"

@@ -3,9 +3,6 @@
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.srv import ListHardwareComponents, SetHardwareComponentState
 from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
@@ -17,8 +14,6 @@ from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import running
 from tests.servoloop.test_own_hardware import PAGE
 from tests.servoloop.test_own_hardware import URDF as BELT
-
-pytestmark = pytest.mark.ros
 
 INTERFACE_NODE = """
 from rcl_interfaces.msg import ParameterDescriptor

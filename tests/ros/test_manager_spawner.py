@@ -14,9 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Duration
 from controller_manager_msgs.srv import (
     ConfigureController,
@@ -31,7 +28,7 @@ from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
 NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
-pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
+pytestmark = pytest.mark.parametrize("namespace", NAMESPACES, scope="module")
 
 FORWARD = "forward_command_controller/ForwardCommandController"
 EMPTY = "controller_manager: {ros__parameters: {update_rate: 20}}\n"

@@ -3,9 +3,6 @@
 from itertools import groupby
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.msg import ControllerManagerActivity
 from controller_manager_msgs.srv import ListControllerTypes, ListHardwareComponents
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,8 +14,6 @@ from servoloop.stack.robot_files import URDF
 from tests.ros.manager_bench import AT_START, FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess
-
-pytestmark = pytest.mark.ros
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 INACTIVE, ACTIVE = (2, "inactive"), (3, "active")

@@ -5,15 +5,12 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
-
 from tests.ros.manager_bench import AT_START, DONE, restore
 from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, STRICT, ManagerClient
 from tests.ros.stack_process import StackProcess
 
 NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
-pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
+pytestmark = pytest.mark.parametrize("namespace", NAMESPACES, scope="module")
 
 NOTHING = "After checking the controllers, no controllers need to be activated or deactivated."
 NOPE = "Could not activate controller with name 'nope' because no controller with this name exists"

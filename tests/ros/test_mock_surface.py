@@ -6,9 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.msg import DynamicJointState
 from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces
 from sensor_msgs.msg import JointState
@@ -18,8 +15,6 @@ from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.mock_robot import FOLLOWER, MULTIPLIER, OFFSET_M, PERIOD_S, write_mocks
 from tests.ros.stack_process import running
 from tests.ros.two_components import HAND
-
-pytestmark = pytest.mark.ros
 
 
 @dataclass(frozen=True, slots=True)

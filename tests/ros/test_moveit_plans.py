@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from controller.trajectory.goal import GoalPoint
 from hal.types import FloatArray, JointLimits
 from tests.controller.moveit_plans import Curve, curved, off_line, plan, straight
@@ -28,7 +26,7 @@ from tests.ros.trajectory_client import (
 )
 from tests.ros.trajectory_stacks import PERIOD_S, client_of
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
 """Velocity and acceleration limits of config/moveit/joint_limits.yaml."""

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 
 from nodes.planning_client.scene_watch import SceneWatch
@@ -14,8 +13,6 @@ from planning.scene import Sphere
 from tests.pages import ROOT
 from tests.ros.planned_stack import planned_stack, program, servoloop
 from tests.ros.stack_process import until
-
-pytestmark = pytest.mark.ros
 
 COURSE = Path(__file__).with_name("moveit_course.py")
 MOVEIT_PY = str(ROOT / "integrations" / "moveit_py")

@@ -4,17 +4,12 @@ import math
 from collections.abc import Sequence
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 
 from hal.robot_description.description import Mimic, UrdfJoint
 from hal.robot_description.kinematics import child_pose
 from nodes.transforms import MovingTransforms, fixed_transforms
-
-pytestmark = pytest.mark.ros
 
 STAMP = Time(sec=3, nanosec=7)
 

@@ -3,9 +3,6 @@
 from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.srv import ListControllers, SetHardwareComponentState
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
@@ -14,14 +11,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from nodes.clients.stack_monitor import StackMonitor
 from nodes.publishing import LATCHED
-from nodes.stack_monitor import StackMonitor
 from servoloop.api.arm import Arm
 from servoloop.recording.stream import LiveError, find_stack
 from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import running
-
-pytestmark = pytest.mark.ros
 
 LEFT = """
 lab/left:

@@ -6,9 +6,6 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
@@ -21,7 +18,7 @@ from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import emulating, running
 from tests.view.view_process import viewing
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 LIFT = "shoulder_lift"
 GOAL_RAD, OFF_RAD = -0.3, 0.06

@@ -4,9 +4,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from control_msgs.msg import DynamicJointState
 from controller_manager_msgs.srv import ListHardwareInterfaces
@@ -16,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from servoloop.stack.arm_folders import find_arm, read_arm
 from tests.ros.stack_process import running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 LAMP = (
     '<gpio name="lamp"><param name="joint">gripper</param><command_interface name="led"/>'

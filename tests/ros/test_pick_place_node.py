@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
@@ -19,8 +16,6 @@ from rosgraph_msgs.msg import Clock
 from tests.ros.fake_arm import SILENT_SERVO, Plan
 from tests.ros.pick_place_cell import FEEDBACK, STORY, Cell, wait_until
 from tests.ros.stack_process import StackProcess, until
-
-pytestmark = pytest.mark.ros
 
 NODE = "vision_pick_place_controller"
 JOINTS = ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6"]

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -13,7 +12,7 @@ from moveit_msgs.srv import GetPlanningScene
 
 from tests.ros.plan_client import READY, PlanClient, joint_goal, planning_stack
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 CONTROLLERS = """
 controller_manager:

@@ -7,15 +7,11 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
 from tests.pages import ROOT, code, commands
-from tests.ros.planned_stack import program, servoloop, wait_for_planner
-from tests.ros.stack_process import StackProcess
-
-pytestmark = pytest.mark.ros
+from tests.ros.planned_stack import planning_up, program, servoloop
 
 PAGE = "plan-over-ros.md"
 UP, *CLIENTS, _DEMO = commands(PAGE)
@@ -31,12 +27,8 @@ OUTPUT = {
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    process = StackProcess(tmp_path_factory.mktemp("up") / "up.log", *shlex.split(UP)[1:])
-    try:
-        wait_for_planner(process)
+    with planning_up(tmp_path_factory.mktemp("up"), UP):
         yield
-    finally:
-        assert process.end() == 0, process.words
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
@@ -30,8 +29,6 @@ from std_msgs.msg import String
 from nodes.publishing import LATCHED
 from tests.ros.plan_client import READY, PlanClient, box, joint_constraints, joint_goal, planning_stack, remove
 from tests.ros.stack_process import StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 SUCCESS = MoveItErrorCodes.SUCCESS
 

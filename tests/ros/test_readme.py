@@ -11,12 +11,8 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.pages import commands
 from tests.ros.stack_process import PATIENCE_S, emulating, until
-
-pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).parents[2]
 NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/vision_pick_place_controller.yaml"

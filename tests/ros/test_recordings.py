@@ -8,9 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
@@ -22,8 +19,6 @@ from sim_backend.control import ask, control_path
 from tests.pages import commands
 from tests.recorder.reading import Messages, by_mcap, by_rosbags, faults, stamp_s
 from tests.ros.stack_process import PICK, StackProcess, arm_client, emulating, running, until
-
-pytestmark = pytest.mark.ros
 
 DEMO_S = 110.0
 OWN = "servoloop_msgs"
@@ -119,7 +114,7 @@ def test_simulated_time_is_recorded(ros_domain: int, tmp_path: Path, monkeypatch
 
 def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
     path, read = tmp_path / "job.mcap", set()
-    simulate(read_files(), JobSettings(), Schedule(job=("B",)), path)
+    simulate(read_files(), {"": JobSettings()}, Schedule(job=("B",)), path)
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema is not None

@@ -7,9 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
@@ -26,8 +23,6 @@ from nodes.surface import Surface
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import ARM, PICK
 from tests.stack.trip import TripRecorder
-
-pytestmark = pytest.mark.ros
 
 PATIENCE_S = 30.0
 GOAL = ["trajectory_goals", "parameter_node", "rcl_calls", "fair_rate"]

@@ -4,9 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from typer.testing import CliRunner
 
 from drivers.errors import DriverError
@@ -14,9 +11,9 @@ from servoloop import Arm
 from servoloop.cli import app
 from tests.live.rig import runtime_folder
 from tests.ros.planned_stack import servoloop
-from tests.servoloop.test_up_without_ros import stack
+from tests.servoloop.up_process import running_up
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.mark.slow
@@ -36,7 +33,7 @@ def test_both_arms_sort_three_cubes_each_at_the_same_time(ros_domain: int, tmp_p
 
 @pytest.mark.slow
 def test_one_stack_moves_both_arms_for_its_clients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with runtime_folder(monkeypatch), stack(tmp_path, "--no-ros", "--arm", "bimanual_so101"):
+    with runtime_folder(monkeypatch), running_up(tmp_path, "--hardware", "mock", "--no-ros", "--arm", "bimanual_so101"):
         with Arm.connect("bimanual_so101") as arm:
             arm.move_to({"left_shoulder_lift": -1.2, "right_shoulder_lift": -1.3}, duration=2.0)
             position = arm.state.position

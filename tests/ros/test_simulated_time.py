@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from mujoco_ros2_control_msgs.srv import SetPause, StepSimulation
@@ -27,8 +24,6 @@ from servoloop.stack.robot_files import CONFIG
 from tests.pages import commands
 from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until
-
-pytestmark = pytest.mark.ros
 
 NODES = ("controller_manager", "arm_controller", "robot_arm", "robot_state_publisher", "ros2_control_node")
 PERIOD_S = 0.05
@@ -174,7 +169,7 @@ def test_three_cubes_are_sorted_at_maximum_speed(client: ManagerClient, picker: 
 
 
 def test_ctrl_c_ends_a_paused_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
-    with running(tmp_path, "--hardware", "mock", "--step") as stack:
+    with running(tmp_path, "--hardware", "mock", "--step", "--namespace", "other") as stack:
         assert stack.end() == 0
     assert "0.0 s simulated in 0.0 s" in stack.words
 

@@ -8,9 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.task import Future
@@ -20,7 +17,7 @@ from drivers.servos import sts
 from servoloop.stack.robot_files import CONFIG, CONTROLLERS, read_files
 from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, StackProcess, arm_client, emulating, running, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 IDS = range(1, 8)
 ZERO_COUNTS = 2048

@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from controller_manager_msgs.srv import ListControllers, ListHardwareComponents, ListHardwareInterfaces
 from rclpy.action import get_action_names_and_types
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -15,8 +12,6 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from tests.ros.stack_process import ArmClient, StackProcess, arm_client, running, until
-
-pytestmark = pytest.mark.ros
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

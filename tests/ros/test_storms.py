@@ -10,14 +10,12 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from benchmarks import storms
 from benchmarks.ros import stack
 from benchmarks.storm_watch import Watch
 from benchmarks.storms import STORMS, goals, run
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 SECONDS = 3.0
 

@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
@@ -20,8 +17,6 @@ from nodes.topic_host.topics import COMMANDS, STATES
 from tests.pages import commands
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.topic_host.plugin import TopicSystem
-
-pytestmark = pytest.mark.ros
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 JOINT = "shoulder_pan"
@@ -150,6 +145,7 @@ def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: P
 
 @pytest.mark.parametrize("topic", ["robot states", COMMANDS])
 def test_a_wrong_topic_is_refused_in_one_sentence(topic: str, ros_domain: int, tmp_path: Path) -> None:
-    host = StackProcess(tmp_path / "log", "topic-host", "--hardware", "mock", "--states-topic", topic)
+    options = ("--hardware", "mock", "--namespace", "other")  # The host of the other tests is running.
+    host = StackProcess(tmp_path / "log", "topic-host", *options, "--states-topic", topic)
     assert host.process.wait(PATIENCE_S) == 1
     assert topic in host.words and "Traceback" not in host.words

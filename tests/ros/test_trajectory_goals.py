@@ -10,9 +10,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 from std_msgs.msg import String
 
@@ -30,8 +27,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, MOCK, case, client_of, largest_step_rad
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 NAN, INF = math.nan, math.inf

@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
@@ -23,8 +20,6 @@ from tests.controller.bench import ARM, Bench
 from tests.ros.stack_process import PATIENCE_S
 from tests.ros.stamps import time_message
 from tests.ros.trajectory_client import goal_of, point, stamp_s, trajectory
-
-pytestmark = pytest.mark.ros
 
 
 class Behind:

@@ -8,9 +8,6 @@ import time
 from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from action_msgs.msg import GoalStatusArray
 from controller_manager_msgs.srv import CleanupController, ConfigureController
 from sensor_msgs.msg import JointState
@@ -30,8 +27,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, MOCK, client_of, largest_step_rad
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 MANAGER, NAME = "/controller_manager", "arm_controller"

@@ -4,12 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.trajectory_client import TrajectoryClient, goal_of, point, seconds, stamp_s, trajectory
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, largest_step_rad, plain_client
-
-pytestmark = pytest.mark.ros
 
 
 @pytest.fixture

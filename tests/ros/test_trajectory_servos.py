@@ -5,8 +5,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.trajectory_client import (
     CANCELED,
     REACHED,
@@ -20,8 +18,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import PERIOD_S, case, client_of, largest_step_rad
-
-pytestmark = pytest.mark.ros
 
 DEVIATION_RAD = 0.01
 """Value of MoveIt's allowed_start_tolerance, in rad."""

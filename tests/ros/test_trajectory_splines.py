@@ -9,18 +9,13 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 import numpy as np
+import pytest
 from numpy.polynomial import Polynomial
 
 from tests.ros.stack_process import JOINTS
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, ZERO, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import FASTEST_RAD_S, LARGEST_STEP_RAD, PERIOD_S, case, largest_step_rad, plain_client
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 V, A = (0.8,) * 6, (1.0,) * 6
@@ -77,7 +72,6 @@ def test_positions_are_joined_by_lines_and_commanded_a_period_ahead(at_zero: Tra
         assert list(held.reference.velocities) == list(ZERO)
 
 
-CUBIC = ((0.3, 0.8), (0.3, 0.8))
 CURVES = [
     case("velocities", (P(0.3, 0.4, V), P(1.0, 1.0, ZERO)), (0.8,), rows=["jtc-20", "golden-velocities"]),
     case(

@@ -13,8 +13,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.trajectory_client import (
     REACHED,
     SUCCEEDED,
@@ -28,8 +26,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, PERIOD_S, largest_step_rad, plain_client
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 CLOCK_S = 0.02

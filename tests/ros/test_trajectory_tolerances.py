@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.trajectory_client import (
     ABORTED,
     CANCELED,
@@ -27,8 +25,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, PERIOD_S, case, largest_step_rad, plain_client
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 PATH = (ABORTED, -4, "Aborted due to path tolerance violation")

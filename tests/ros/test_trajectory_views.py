@@ -4,9 +4,6 @@ from collections.abc import Collection, Iterator
 from itertools import pairwise
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
@@ -23,8 +20,6 @@ from tests.ros.trajectory_client import (
     trajectory,
 )
 from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, MOCK, PERIOD_S, client_of, largest_step_rad
-
-pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 

@@ -5,14 +5,12 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.pages import code, commands
 from tests.ros.manager_client import manager_client
 from tests.servoloop.test_own_hardware import URDF
 from tests.users_folder import UsersFolder
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 CONTROLLER, HARDWARE = "write-a-controller.md", "hardware.md"
 INSTALL = "pip install --no-build-isolation ."

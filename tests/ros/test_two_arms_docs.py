@@ -10,16 +10,14 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.live.rig import runtime_folder
 from tests.pages import ROOT, code, commands
 from tests.ros.stack_process import until
 
 _DEMO, COMBINE, CHECK, MIXED, UP, *REST = commands("two-arms.md")
-CALIBRATE_LEFT, CALIBRATE_RIGHT, VIRTUAL, NODE, PICK, LEADERS, TELEOP = REST
+CALIBRATE_LEFT, CALIBRATE_RIGHT, VIRTUAL, NODE, PICK, _SIMULATE, LEADERS, TELEOP = REST
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.timeout(280)
 PORTS = ("/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyACM2", "/dev/ttyACM3")
 
 

@@ -12,12 +12,10 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.pages import ROOT, commands
 from tests.ros.stack_process import until
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 DOMAIN, LEFT, RIGHT, STOP, NODE, PICK, *_ = commands("several-arms.md")
 

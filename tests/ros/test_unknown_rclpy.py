@@ -7,9 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.action import FollowJointTrajectory
 from controller_manager_msgs.srv import ListHardwareComponents
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,8 +15,6 @@ from std_msgs.msg import Float64MultiArray
 
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import PICK, READY, StackProcess, arm_client, running
-
-pytestmark = pytest.mark.ros
 
 HAND = "hand_right_joint"
 
@@ -103,6 +98,7 @@ def test_diagnostics_are_published_once_per_second(stack: StackProcess) -> None:
 
 @pytest.mark.slow
 def test_signal_ends_the_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
-    with running(tmp_path, "--hardware", "mock", module="tests.ros.unknown_rclpy") as stack:
+    arguments = ("--hardware", "mock", "--namespace", "other")  # The stack of the other tests is running.
+    with running(tmp_path, *arguments, module="tests.ros.unknown_rclpy") as stack:
         assert stack.end(signal.SIGTERM) == 0
         assert "Traceback" not in stack.words

@@ -4,9 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
@@ -15,7 +12,7 @@ from tests.ros.stack_process import JOINTS, READY, StackProcess
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 ROBOT = ("--robot", str(CONFIG / "robot_arm_two_buses.yaml"))
 HAND = "hand_right_joint"

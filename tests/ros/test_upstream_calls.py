@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from control_msgs.msg import DynamicJointState, JointTrajectoryControllerState
 from rclpy.duration import Duration
 from rclpy.time import Time
@@ -15,8 +12,6 @@ from tf2_msgs.msg import TFMessage
 from nodes.publishing import LATCHED
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import StackProcess, running
-
-pytestmark = pytest.mark.ros
 
 TRAJECTORY = "joint_trajectory_controller/JointTrajectoryController"
 HAND = """

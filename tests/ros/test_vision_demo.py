@@ -13,19 +13,18 @@ from mcap.reader import make_reader
 from PIL import Image
 from rich.console import Console
 
-pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage
 
-from nodes.camera_pictures import PICTURES
+from nodes.clients.camera_pictures import PICTURES
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
 from servoloop.demo.sort_apples import sort_apples
 from servoloop.demo.sorting_report import print_sorting, write_sorting
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 COMMAND = "servoloop demo --vision"

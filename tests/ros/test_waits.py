@@ -10,15 +10,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.ros.fake_arm import Plan
 from tests.ros.hardware_plugin import Orders, install
 from tests.ros.pick_place_cell import Cell
 from tests.ros.stack_process import StackProcess, running, until
 from tests.ros.two_components import add_states, write_urdf
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses after two simultaneous signals, either of which may be handled first."""

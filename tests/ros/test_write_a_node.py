@@ -7,12 +7,10 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.pages import code, commands
 from tests.ros.stack_process import running
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 PAGE = "write-a-node.md"
 OFF_RAD = 0.06

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from controller import shutdown
+from controller.action_goals import GoalStatus
 from controller.forward.forward_command_controller import ForwardCommandController
+from controller.gripper.goal import GripperHandle
+from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, motion_to
 from controller.trajectory import active_goal, execution, goal_planner
 from controller.trajectory.active_goal import ActiveGoal
-from controller.trajectory.execution import Execution
+from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
@@ -21,7 +24,7 @@ from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import excess
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal
+from drivers.types import ServoFault, ServoGoal
 from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
@@ -111,7 +114,7 @@ def fault_timeout_never_elapses(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("cancels are followed")
 def cancels_are_ignored(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Execution, "cancel", lambda execution, handle: None)
+    patch.setattr(GoalExecution, "cancel", lambda execution, handle: None)
 
 
 @detected_by("aborts are true")
@@ -257,6 +260,17 @@ def sign_left_out_of_velocities(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ServoStates, "update", wrong)
 
 
+@detected_by("motion is true")
+def efforts_are_zero(patch: pytest.MonkeyPatch) -> None:
+    update = ServoStates.update
+
+    def wrong(states: ServoStates, *more: Any) -> JointState:
+        state = update(states, *more)
+        return replace(state, effort=np.zeros_like(state.effort))
+
+    patch.setattr(ServoStates, "update", wrong)
+
+
 @detected_by("health is true")
 def alarms_are_dropped(patch: pytest.MonkeyPatch) -> None:
     receive = Bus.receive
@@ -296,15 +310,15 @@ def stamps_in_the_future_are_ignored(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("replaced goals end", "every goal ends")
 def replaced_goals_continue(patch: pytest.MonkeyPatch) -> None:
-    end = Execution._end
+    end = GoalExecution._end
 
-    def wrong(execution: Execution, active: ActiveGoal, result: GoalResult) -> None:
+    def wrong(execution: GoalExecution, active: ActiveGoal, result: GoalResult) -> None:
         if "preempted" in result.text.lower():
             execution.active = None
         else:
             end(execution, active, result)
 
-    patch.setattr(Execution, "_end", wrong)
+    patch.setattr(GoalExecution, "_end", wrong)
 
 
 @detected_by("forwarded values are followed")
@@ -325,3 +339,21 @@ def silent_streams_continue(patch: pytest.MonkeyPatch) -> None:
 @detected_by("cancels are followed")
 def motions_of_dead_programs_continue(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(StackRequests, "disconnect", lambda requests, client: None)
+
+
+@detected_by("gripper goals are followed")
+def gripper_goals_succeed_at_once(patch: pytest.MonkeyPatch) -> None:
+    def wrong(controller: GripperActionController, handle: GripperHandle, *_: Any) -> None:
+        controller._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
+
+    patch.setattr(GripperActionController, "_check_goal", wrong)
+
+
+@detected_by("gripper goals are followed")
+def stalled_grippers_are_not_detected(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GripperActionController, "_stalls", lambda *_: False)
+
+
+@detected_by("gripper goals are followed")
+def cancels_of_gripper_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GripperActionController, "cancel", lambda controller, handle: None)

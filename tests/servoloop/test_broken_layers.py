@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.protocol.decoder import Reply
+from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from hal.gate import Gated, SafetyGate
 from hal.servos.activation import Activation
 from hal.types import FloatArray
-from servoloop.campaign.campaign import Scenario, run_schedule_of, run_seed
+from servoloop.campaign.campaign import run_schedule_of, run_seed
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule
 

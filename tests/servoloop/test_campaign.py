@@ -11,15 +11,9 @@ from typer.testing import CliRunner
 from hal.gate import Gated, SafetyGate
 from hal.types import FloatArray
 from servoloop import cli
-from servoloop.campaign.campaign import (
-    Scenario,
-    ScenarioError,
-    campaign,
-    read_scenario,
-    run_schedule_of,
-    schedule_of,
-)
+from servoloop.campaign.campaign import campaign, read_scenario, run_schedule_of, schedule_of
 from servoloop.campaign.invariants.watch import ALL
+from servoloop.campaign.scenario import Scenario, ScenarioError
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 from sim_backend.faults.text import parse

@@ -6,7 +6,8 @@ import pytest
 
 from hal.errors import ArmFileError
 from servoloop.campaign import shrink as minimizing
-from servoloop.campaign.campaign import Scenario, ScenarioError, read_scenario, schedule_of
+from servoloop.campaign.campaign import read_scenario, schedule_of
+from servoloop.campaign.scenario import Scenario, ScenarioError
 from servoloop.campaign.shrink import shrink, violated
 from servoloop.simulation.acts import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
@@ -90,7 +91,8 @@ CHANGE = ": change the scenario or remove the promise"
         ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: add at least one item, or remove the key"),
         (
             "clients: [jobs]\n",
-            "1: clients.0: must be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs', 'guides' or 'sockets'",
+            "1: clients.0: must be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs', 'guides', 'grips' or "
+            "'sockets'",
         ),
         ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
         (

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from servoloop.campaign import kept_violation, report, shrink
-from servoloop.campaign.campaign import Scenario
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.kept_violation import AS_DRAWN, UNSEEN, keep
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.shrink import smallest, violated_apart
 from servoloop.campaign.supervised import Loss
 from servoloop.campaign.tally import Tally

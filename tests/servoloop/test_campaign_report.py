@@ -17,8 +17,9 @@ from hal.gate import Gated, SafetyGate
 from hal.types import FloatArray, JointState
 from servoloop import cli
 from servoloop.campaign import report as reports
-from servoloop.campaign.campaign import Scenario, campaign, run_schedule_of
+from servoloop.campaign.campaign import campaign, run_schedule_of
 from servoloop.campaign.kept_violation import BEFORE_S, CYCLES_BEHIND
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.tally import INVARIANTS, Tally
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text

@@ -19,10 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servoloop.campaign import supervised, workers
-from servoloop.campaign.campaign import Scenario, campaign, run_seed, schedule_of
+from servoloop.campaign.campaign import campaign, run_seed, schedule_of
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
 from servoloop.campaign.run import RunReport
+from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.supervised import ON_TIME, Loss, Supervisor, WorkerError
 from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, in_order, in_processes, run_all
 from servoloop.simulation.schedule import Schedule

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.errors import DriverError
-from servoloop.stack import device_choice
+from servoloop.stack import emulator_process
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.device_choice import chosen_devices
+from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.hardware import HardwareKind
 
 FILES = read_arm_files(find_arm("so101"))
@@ -22,7 +22,7 @@ def emulator(monkeypatch: pytest.MonkeyPatch) -> None:
     def served(files: object, signals: Callable[[], int]) -> Iterator[Mapping[str, str]]:
         yield {"": "virtual"}
 
-    monkeypatch.setattr(device_choice, "virtual_servos", served)
+    monkeypatch.setattr(emulator_process, "virtual_servos", served)
 
 
 @pytest.mark.parametrize(

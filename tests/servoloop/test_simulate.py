@@ -32,7 +32,7 @@ SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 @pytest.mark.slow
 def test_two_processes_print_the_same_digest_and_another_arm_a_different_one() -> None:
     once = subprocess.run([sys.executable, "-m", "servoloop", *SHORT], capture_output=True, text=True, check=True)
-    here, other = (simulate(read_files(), JobSettings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
+    here, other = (simulate(read_files(), {"": JobSettings()}, Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
     assert json.loads(once.stdout)["digest"] == here.digest != other.digest
     assert here.cycles == pytest.approx(4.0 * 20, abs=2) and here.missed_cycles == 0
 
@@ -122,7 +122,7 @@ def test_an_error_in_a_schedule_is_reported_with_its_line(tmp_path: Path) -> Non
 def test_a_fault_that_the_arm_does_not_support_is_refused_before_the_start() -> None:
     schedule = Schedule(seconds=1.0, faults=(parse("silent id=12 at=1s"),))
     with pytest.raises(FaultError, match="there is no servo 12"):
-        simulate(read_files(), JobSettings(), schedule)
+        simulate(read_files(), {"": JobSettings()}, schedule)
 
 
 def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from hal.errors import ArmFileError
-from servoloop.simulation.job import job_settings, run_job
+from servoloop.simulation.job import run_job
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.pick_place import load_pick_place
 from sim_backend.buses.build import Build
 from sim_backend.scene.world import World
 
@@ -20,7 +21,7 @@ PAUSE_S = 3.0
 def test_every_apple_goes_to_its_bin(name):
     arm = find_arm(name)
     stack = SimulatedStack(files=read_arm_files(arm), build=Build(1.0, 1, apples=5)).up()
-    settings, cell, diameters_mm = job_settings(arm, ["A"]), stack.world.cell, set()
+    settings, cell, diameters_mm = load_pick_place(arm.pick_place).settings(), stack.world.cell, set()
     for number, grade in enumerate("ABC"):
         stack.run(PAUSE_S)
         assert cell.fed == number and cell.cube_on_stand()

@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault
 from drivers.servos import sts
+from drivers.types import ServoFault
 from sim_backend.box import VirtualBox, plugged
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
@@ -51,14 +51,6 @@ def test_unplugging_a_servo_resets_its_ram() -> None:
     line.box.connect(0)
     held = [line.bus.read(1, register) for register in (sts.position_p, sts.position_d, sts.torque_enable, sts.lock)]
     assert held == [32, 40, 0, 1]
-
-
-def test_connecting_the_chain_connects_all_servos() -> None:
-    line = Line()
-    for number, servo_id in enumerate((1, 2, 3)):
-        line.servo(number).memory.save(sts.servo_id, servo_id)
-    line.box.connect_all()
-    assert [line.answers(servo_id) for servo_id in (1, 2, 3, 4)] == ["ok", "ok", "ok", "silent"]
 
 
 def test_factory_limits_and_delays_of_new_servos() -> None:

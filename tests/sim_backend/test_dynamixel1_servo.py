@@ -2,16 +2,13 @@
 
 import pytest
 
-from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos.register import Register
-from sim_backend.buses.feetech import VirtualBus
-from sim_backend.buses.port import VirtualPort
-from sim_backend.clock import SimulatedClock
+from drivers.types import ServoGoal
 from sim_backend.mechanics.plant import BenchPlant
+from tests.sim_backend.read_each_bench import ReadEachBench
 
 IDS = (1, 2, 3)
 every_model = pytest.mark.parametrize("model", dxl.MODELS)
@@ -19,24 +16,13 @@ both_kinds = pytest.mark.parametrize("model", [dxl.AX_12A.name, dxl.MX_28.name])
 """One model with compliance and one with gains. ``test_every_model.py`` moves all models."""
 
 
-class Bench:
+class Bench(ReadEachBench):
+    """Three servos with the load of an arm."""
+
     def __init__(self, model: str) -> None:
-        self.clock = SimulatedClock(10.0)
-        self.plant = BenchPlant(IDS, inertia_kg_m2=0.024, friction_nm=0.06, damping_nm_s=0.0)
-        self.servos = VirtualBus.of(self.plant, dxl.MODELS[model])
-        self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, dxl.MODELS[model]))
+        plant = BenchPlant(IDS, inertia_kg_m2=0.024, friction_nm=0.06, damping_nm_s=0.0)
+        super().__init__(dxl.MODELS[model], IDS, plant)
         self.servo = self.servos.servo(1)
-
-    def run(self, seconds: float) -> ServoState:
-        self.clock.sleep_until(self.clock.now() + seconds)
-        reading = self.bus.read_states(IDS)[1]
-        assert isinstance(reading, ServoState)
-        return reading
-
-    def ask(self, packet: bytes) -> bytes:
-        now_s = self.clock.now()
-        self.clock.sleep_until(now_s + 0.01)
-        return b"".join(reply.data for reply in self.servos.receive(packet, now_s))
 
 
 def ids_in(replies: bytes, size: int) -> list[int]:

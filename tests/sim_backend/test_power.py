@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoState
 from drivers.servos import sts, x
+from drivers.types import ServoFault, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort

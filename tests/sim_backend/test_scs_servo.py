@@ -1,43 +1,26 @@
 """Virtual SCS servos: a different table, big endian, a potentiometer, no sync read, and the common physics."""
 
 from math import pi
-from typing import Any
 
 import pytest
 
-from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal, ServoState
 from drivers.eeprom import eeprom
 from drivers.protocol import v1 as wire
 from drivers.servos import feetech as models
 from drivers.servos import scs
-from sim_backend.buses.feetech import VirtualBus
-from sim_backend.buses.port import VirtualPort
-from sim_backend.clock import SimulatedClock
-from sim_backend.line.line import ServoLine
+from drivers.types import ServoGoal
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.generic.scs_servo import VirtualScsServo
+from tests.sim_backend.read_each_bench import ReadEachBench
 
 IDS = (1, 2)
 
 
-class Bench:
+class Bench(ReadEachBench):
+    """Two servos without load."""
+
     def __init__(self, model: str = "scs0009") -> None:
-        self.clock = SimulatedClock(10.0)
-        self.plant = BenchPlant(IDS)
-        self.servos: ServoLine[Any] = VirtualBus.of(self.plant, scs.MODELS[model])
-        self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, scs.MODELS[model]))
-
-    def run(self, seconds: float) -> ServoState:
-        self.clock.sleep_until(self.clock.now() + seconds)
-        reading = self.bus.read_states(IDS)[1]
-        assert isinstance(reading, ServoState)
-        return reading
-
-    def ask(self, packet: bytes) -> bytes:
-        now_s = self.clock.now()
-        self.clock.sleep_until(now_s + 0.01)
-        return b"".join(reply.data for reply in self.servos.receive(packet, now_s))
+        super().__init__(scs.MODELS[model], IDS, BenchPlant(IDS))
 
 
 def test_only_single_reads_are_answered() -> None:

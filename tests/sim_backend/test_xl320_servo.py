@@ -7,10 +7,10 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.sdk_adapter import SdkAdapter
-from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.port.line import Line
 from drivers.servos import x, xl320
 from drivers.servos.register import Access, Register
+from drivers.types import ServoFault, ServoGoal, ServoState
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

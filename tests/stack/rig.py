@@ -1,5 +1,6 @@
 """Poses of the pick-and-place job, and the job as another node might send it, without waiting for the hand."""
 
+from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle
 from pick_place.settings import JobSettings
 from servoloop.simulation.stack import SimulatedStack
@@ -20,7 +21,7 @@ class UnpacedJob:
     """Pick-and-place job that sends the arm goal immediately after the hand command."""
 
     def __init__(self, rig: SimulatedStack, grade: str, settings: JobSettings = ROBOT_ARM) -> None:
-        self._rig = rig
+        self._rig, self._grade = rig, grade
         self._steps = [
             (None, settings.ready_rad),
             (settings.hand_open_m, settings.pick_rad),
@@ -40,6 +41,11 @@ class UnpacedJob:
             if hand_m is not None:
                 assert self._rig.hand.submit([hand_m]) is None
             self.handles.append(self._rig.go(pose))
+
+    def check(self) -> None:
+        """Check that every goal has succeeded and that the cube lies in the bin of its grade."""
+        assert [handle.status for handle in self.handles] == [GoalStatus.SUCCEEDED] * 4
+        assert self._rig.world.cube_bin() == self._grade
 
     def run(self, longest_s: float = 20.0) -> None:
         """Run the whole job."""

@@ -2,7 +2,6 @@
 
 import pytest
 
-from controller.action_goals import GoalStatus
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import CONFIG, read_files
 from tests.stack.rig import BINS, UnpacedJob
@@ -17,8 +16,7 @@ def test_cube_lands_in_its_bin(grade: str) -> None:
     job.run()
     rig.run(1.0)
     largest, rms = rig.trace.following_error()
-    assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
-    assert rig.world.cube_bin() == grade
+    job.check()
     assert rig.loop.figures.missed == 0
     assert largest.max() < LARGEST_RAD
     assert rms.max() < RMS_RAD

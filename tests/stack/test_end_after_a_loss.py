@@ -53,6 +53,22 @@ def test_unreachable_arm_keeps_its_torque(fault: str) -> None:
     assert torque(ended(fault)) == {1}
 
 
+def test_reconnected_arm_with_a_silent_servo_is_released_where_it_is(caplog: pytest.LogCaptureFixture) -> None:
+    """The arm cannot be activated, so it cannot be parked."""
+    caplog.set_level("INFO")
+    stack = ended("adapter_unplugged at=0.5s for=0.2s", "silent id=3 at=0.6s")
+    on = {servo.servo_id for servo in stack.bus.servos if servo.memory.get(sts.torque_enable)}
+    assert on == {3}
+    assert caplog.messages[-1].startswith("robot_arm was lost and may still be under torque: servo 3")
+
+
+def test_second_signal_releases_a_reconnected_arm_at_once() -> None:
+    stack = up("adapter_unplugged at=0.5s for=0.2s")
+    stack.control_stack.end(hurry=lambda: True)
+    assert torque(stack) == {0}
+    assert max(parked(stack).values()) > 0.5
+
+
 def test_arm_that_has_sunk_is_not_moved() -> None:
     """A person may be touching the arm, and no client has requested a motion."""
     stack = up("adapter_unplugged at=0.5s for=0.5s", "cable_cut at=0.6s for=0.2s")

@@ -9,10 +9,10 @@ import pytest
 
 from drivers.servos import sts, x
 from hal.compensation.gravity import Gravity
-from hal.compensation.gravity_compensation import GravityCompensation
 from hal.compensation.joint_offset import JointOffset
 from hal.joint import Joint
 from hal.robot_description.description import Description
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.types import FloatArray
 from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack

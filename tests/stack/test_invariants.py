@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.bus.types import ServoGoal
+from drivers.types import ServoGoal
 from hal.gate import Gated, SafetyGate
 from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses
@@ -29,7 +29,7 @@ FILES = read_files()
 
 def run(*faults: str, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
     schedule = Schedule(seed=3, seconds=2.0, faults=tuple(map(parse, faults)))
-    return run_schedule(FILES, JobSettings(), schedule, prepare=prepare)
+    return run_schedule(FILES, {"": JobSettings()}, schedule, prepare=prepare)
 
 
 def violated(report: RunReport) -> set[str]:
@@ -186,6 +186,6 @@ def test_a_planted_bug_is_detected_and_its_schedule_passes_without_the_bug(
     monkeypatch: pytest.MonkeyPatch, bug: str, invariant: str, clients: tuple[Act, ...], faults: tuple[str, ...]
 ) -> None:
     schedule = Schedule(seconds=6.0, clients=clients, faults=tuple(map(parse, faults)))
-    assert run_schedule(FILES, JobSettings(), schedule).violations == ()
+    assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
     BUGS[bug][0](monkeypatch)
-    assert invariant in violated(run_schedule(FILES, JobSettings(), schedule))
+    assert invariant in violated(run_schedule(FILES, {"": JobSettings()}, schedule))

@@ -7,8 +7,8 @@ import pytest
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.servos.register import ServoModel
+from drivers.types import ServoGoal
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.joint import Joint

@@ -14,11 +14,11 @@ from controller.parameters import Parameters
 from controller.shutdown import shut_down
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, PortLost
 from drivers.protocol import v1
 from drivers.servos import sts
 from drivers.servos.register import Register
+from drivers.types import ServoGoal
 from hal.errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState

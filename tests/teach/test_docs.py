@@ -16,7 +16,6 @@ import pytest
 
 from controller.teach.hand_path import BEFORE_S, GRID_S, TOLERANCE, WINDOW
 from servoloop.manual.robot import LiveRobot
-from servoloop.recording.recorder import RecordingFile
 from servoloop.stack.arm_folders import ARMS
 from servoloop.teach.play import APPROACH
 from servoloop.teach.record import HANDS_S
@@ -139,11 +138,9 @@ def test_ctrl_c_saves_the_motion_and_the_arm_holds_its_position(folder: Path) ->
 @pytest.mark.runs(REPLAY[0])
 def test_documented_replay_moves_the_virtual_arm(tmp_path: Path) -> None:
     rig = Rig((0.0, 0.0, -0.6, -0.8, -0.95, -1.68))
-    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
     rig.stack.go((0.4, 0.1, -0.4, -0.8, -0.95, -1.68))
-    for sample in rig.run(2.4):
-        file.write(sample)
-    file.close((), failed=False)
+    rig.run(2.4)
+    rig.record(tmp_path / "run.mcap")
     onto, _, shown = REPLAY
     assert shlex.split(shown) == shlex.split(onto)[:3]
     with started("servoloop emulate ./bus", tmp_path, "ready"):

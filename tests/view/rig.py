@@ -6,6 +6,7 @@ from servoloop.recording.mcap_messages import Received
 from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sampler import CycleSample
 from tests.recorder.rig import Rig
+from tests.stack.rig import READY
 
 
 def received(rig: Rig, samples: Sequence[CycleSample]) -> Iterator[Received]:
@@ -23,3 +24,12 @@ def watched(rig: Rig) -> ObservedRobot:
     for message in received(rig, rig.samples):
         found.take(message)
     return found
+
+
+def moved_rig() -> Rig:
+    """Return a stack that has moved joint1 to 0.2 rad."""
+    rig = Rig()
+    rig.run(1.0)
+    rig.stack.go([0.2, *READY[1:]], 1.0)
+    rig.run(2.5)
+    return rig

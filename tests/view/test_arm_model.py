@@ -11,12 +11,12 @@ import trimesh
 from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.page import known_arm
 from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
 from servoloop.dashboard.shapes import GRAY, DrawnShape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
-from sim_backend.scene.arm_names import arm_prefixes
+from sim_backend.arm_names import arm_prefixes
 from sim_backend.scene.scene_file import scene_model
 from tests.stack.rig import PICK, READY
 
@@ -26,12 +26,12 @@ ARM = MEASURED[:6]
 
 
 @pytest.fixture
-def model() -> ArmModel:
-    return ArmModel(parse_urdf(XML).joints, MEASURED)
+def model() -> DrawnArm:
+    return DrawnArm(parse_urdf(XML).joints, MEASURED)
 
 
 @pytest.mark.parametrize("pose", [(0.0,) * 7, (*READY, 0.01), (*PICK, 0.05)])
-def test_the_links_are_at_their_places_in_mujoco(model: ArmModel, pose: tuple[float, ...]) -> None:
+def test_the_links_are_at_their_places_in_mujoco(model: DrawnArm, pose: tuple[float, ...]) -> None:
     scene = mujoco.MjModel.from_xml_path(str(find_arm().scene))
     data = mujoco.MjData(scene)
     for joint, position in zip((*MEASURED, "hand_left_joint"), (*pose, pose[-1]), strict=True):
@@ -43,13 +43,13 @@ def test_the_links_are_at_their_places_in_mujoco(model: ArmModel, pose: tuple[fl
         np.testing.assert_allclose(model.place(link, np.array(pose)), data.body(link).xpos, atol=1e-9)
 
 
-def test_a_link_is_below_its_parents_in_the_tree_and_knows_its_joint(model: ArmModel) -> None:
+def test_a_link_is_below_its_parents_in_the_tree_and_knows_its_joint(model: DrawnArm) -> None:
     assert model.branch("link2") == "/base_link/link1/link2"
     joints = [model.joint_of(link) for link in ("base_link", "link2", "hand_left_link")]
     assert joints == [None, "joint2", "hand_right_joint"], "the left finger follows the right one"
 
 
-def test_the_path_of_the_tool_starts_at_the_initial_pose_and_passes_all_points(model: ArmModel) -> None:
+def test_the_path_of_the_tool_starts_at_the_initial_pose_and_passes_all_points(model: DrawnArm) -> None:
     start, points = np.array([*READY, 0.0]), np.array([PICK, [0.4, *PICK[1:]]])
     path = model.path(ARM, points, start)
     places = [model.place("gripper_base_link", np.array([*pose, 0.0])) for pose in (READY, *points)]
@@ -58,7 +58,7 @@ def test_the_path_of_the_tool_starts_at_the_initial_pose_and_passes_all_points(m
     np.testing.assert_allclose(model.path(ARM, points, None)[[0, -1]], places[1:])
 
 
-def test_a_goal_for_some_joints_does_not_move_the_others(model: ArmModel) -> None:
+def test_a_goal_for_some_joints_does_not_move_the_others(model: DrawnArm) -> None:
     path = model.path(("joint3", "joint1"), np.array([[-0.5, 0.3]]), np.array([*READY, 0.0]))
     expected = np.array([0.3, READY[1], -0.5, *READY[3:], 0.0])
     np.testing.assert_allclose(path[-1], model.place("link3", expected))
@@ -67,13 +67,13 @@ def test_a_goal_for_some_joints_does_not_move_the_others(model: ArmModel) -> Non
 @pytest.mark.parametrize(("name", "reach_m"), [("robot_arm", 0.748), ("so101", 0.489), ("koch", 0.347)])
 def test_the_reach_of_each_arm_is_known(name: str, reach_m: float) -> None:
     joints = parse_urdf(find_arm(name).urdf.read_text()).joints
-    assert ArmModel(joints, ()).reach_m == pytest.approx(reach_m, abs=1e-3)
+    assert DrawnArm(joints, ()).reach_m == pytest.approx(reach_m, abs=1e-3)
 
 
 def test_the_tool_is_the_last_link_fixed_to_the_chain() -> None:
     so101 = parse_urdf(find_arm("so101").urdf.read_text())
     joints = [name for name, joint in so101.joints.items() if joint.kind == "revolute"]
-    model = ArmModel(so101.joints, joints)
+    model = DrawnArm(so101.joints, joints)
     tool = model.tool_link(joints[:-1])
     assert model.joint_of(tool) == joints[-2] and not any(
         joint.parent == tool and joint.kind == "fixed" for joint in so101.joints.values()

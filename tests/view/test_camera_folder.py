@@ -13,7 +13,6 @@ from servoloop.dashboard.server import PageServer
 from servoloop.demo.camera_recording import CameraRecording
 from servoloop.recording.mcap_messages import Received
 from servoloop.recording.pictures import CameraPicture
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import PlayedRecording
 from tests.recorder.rig import Rig
@@ -68,10 +67,7 @@ def test_an_encoding_that_no_browser_shows_is_left_out(server: PageServer) -> No
 def test_the_pictures_of_a_recording_follow_the_playback(tmp_path: Path) -> None:
     rig, path = Rig(), tmp_path / "run.mcap"
     rig.run(1.0)
-    file = RecordingFile(path, rig.messages)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close((), failed=False)
+    rig.record(path)
     begin_ns = round(rig.samples[0].state.stamp_s * 1e9)
     pictures = CameraRecording(path, TOPIC)
     for number, at_s in ((1, 0.2), (2, 0.7)):

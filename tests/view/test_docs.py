@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from servoloop.dashboard.scene import COLD_C, HOT_C
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sources import SPEEDS
 from tests.pages import DOCS, commands
 from tests.recorder.rig import Rig
@@ -22,13 +21,9 @@ _, PLAYED, _, OTHERS, _ = commands("view.md")
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Write ``job.mcap`` into the working folder."""
     monkeypatch.chdir(tmp_path)
-    rig, path = Rig(), tmp_path / "job.mcap"
+    rig = Rig()
     rig.run(0.5)
-    file = RecordingFile(path, rig.messages)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close((), failed=False)
-    return path
+    return rig.record(tmp_path / "job.mcap")
 
 
 @pytest.mark.slow

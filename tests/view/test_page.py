@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hal.robot_description.link_meshes import PLACES
-from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.page import Page
 from servoloop.dashboard.scene import CELL, COMMANDED, HOT_C, MEASURED, PATH, TEMPERATURE, THINGS, color_of
 from servoloop.dashboard.server import PageServer
@@ -76,7 +76,7 @@ def test_the_path_is_drawn_while_its_goal_is_active(server: PageServer) -> None:
     seen = watched(rig)
     page.show_arm(seen)
     points, snapshot = node(server, PATH).points, seen.state.snapshot
-    model = ArmModel(rig.stack.files.description.joints, snapshot.joints)
+    model = DrawnArm(rig.stack.files.description.joints, snapshot.joints)
     end = model.place("gripper_base_link", np.array([0.4, *READY[1:], 0.0]))
     np.testing.assert_allclose(points[-1, 1], end, atol=1e-3)
     rig.run(3.0)

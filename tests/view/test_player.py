@@ -9,7 +9,6 @@ import pytest
 
 from servoloop.dashboard.player import Player
 from servoloop.dashboard.server import PageServer
-from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sources import PlayedRecording
 from sim_backend.clock import SimulatedClock
 from tests.recorder.rig import Rig
@@ -38,10 +37,7 @@ class Playing:
 def playing(tmp_path: Path) -> Iterator[Playing]:
     rig = Rig()
     rig.run(4.0)
-    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
-    for sample in rig.samples:
-        file.write(sample)
-    file.close((), failed=False)
+    rig.record(tmp_path / "run.mcap")
     server = PageServer(port=0)
     yield Playing(server, tmp_path / "run.mcap")
     server.stop()

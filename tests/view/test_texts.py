@@ -13,19 +13,14 @@ from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import parse
 from tests.recorder.rig import Rig
-from tests.stack.rig import READY
-from tests.view.rig import watched
+from tests.view.rig import moved_rig, watched
 
 COLUMNS = {strip.columns[0]: strip.columns for strip in STRIPS}
 
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    rig = Rig()
-    rig.run(1.0)
-    rig.stack.go([0.2, *READY[1:]], 1.0)
-    rig.run(2.5)
-    return rig
+    return moved_rig()
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 
-from nodes.sorting_monitor import SortingJob, SortingMonitor
+from nodes.clients.sorting_monitor import SortingJob, SortingMonitor
 from pick_place.job import JobPhase
 from servoloop.demo import sorting
 from servoloop.demo.sorting import Sorter

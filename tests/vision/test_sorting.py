@@ -6,9 +6,10 @@ import pytest
 
 from drivers.clock import MonotonicClock
 from perception.grading.grader import GradedApple, Grader
-from servoloop.simulation.job import job_settings, run_job
+from servoloop.simulation.job import run_job
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.pick_place import load_pick_place
 from servoloop.virtual_camera import VirtualCamera
 from sim_backend.buses.build import Build
 from sim_backend.camera.scene_camera import SceneCamera
@@ -25,7 +26,8 @@ def test_apples_are_sorted_by_what_the_camera_sees(name: str, tmp_path: Path) ->
     arm = find_arm(name)
     stack = SimulatedStack(files=read_arm_files(arm), build=Build(1.0, 1, apples=SEED)).up()
     source = VirtualCamera(tmp_path / "bus", arm.scene, MonotonicClock())
-    camera, grader, settings = SceneCamera(arm.scene), Grader(source.view, source.settings), job_settings(arm, ["A"])
+    camera, grader = SceneCamera(arm.scene), Grader(source.view, source.settings)
+    settings = load_pick_place(arm.pick_place).settings()
     cell = stack.world.cell
     assert cell is not None
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 pytest.importorskip("rclpy")
 
 from hal.errors import ArmFileError
-from nodes.sorting_monitor import SeenApple, SortingJob
+from nodes.clients.sorting_monitor import SeenApple, SortingJob
 from servoloop.cli import app
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, write
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, on, write
 from hal.robot_file.calibration_file import CalibrationFile
 from hal.servos.activation import counted_turns
 from hal.types import far_outside
 
 
-def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
+def check_arm(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Find problems of the arm as a whole."""
     for bus in snapshot.buses:
         offsets = _wrong_offsets(bus)
@@ -32,7 +32,7 @@ def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
                       _calibrate(snapshot, snapshot.buses[0]))  # fmt: skip
 
 
-def _calibrate(snapshot: Snapshot, bus: BusSnapshot) -> str:
+def _calibrate(snapshot: ArmSnapshot, bus: BusSnapshot) -> str:
     return f"servoloop calibrate --arm {snapshot.arm} --port {bus.port}"
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, release, show
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, on, release, show
 from drivers.servos.catalog import series_of
 
 WARM_C: Final = 8
@@ -44,7 +44,7 @@ CAUSES: Final = {
 }
 
 
-def check_health(snapshot: Snapshot) -> Iterator[Finding]:
+def check_health(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo that sent a state."""
     for bus in snapshot.buses:
         for servo in bus.servos:

@@ -5,13 +5,13 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot
 from drivers.servos.catalog import known_as, series_of, unsupported
 
 VERSIONS: Final = (("firmware_major", "firmware_minor"), ("firmware_version",))
 
 
-def check_identity(snapshot: Snapshot) -> Iterator[Finding]:
+def check_identity(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo that answers."""
     for bus in snapshot.buses:
         for servo in bus.servos:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, LineFigures, Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, LineFigures
 from drivers.port.latency import HELD_BACK
 
 TOLERATED_SHARE: Final = 0.002
@@ -15,7 +15,7 @@ direction.
 """
 
 
-def check_line(snapshot: Snapshot) -> Iterator[Finding]:
+def check_line(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every bus on which requests could be sent."""
     for bus in snapshot.buses:
         if bus.line is not None and bus.line.asked:

@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, write
+from commissioning.doctor.snapshot import ArmSnapshot, ServoSnapshot, write
 from commissioning.drive_trial import STUCK_SHARE, TrialMotion
 from hal.joint import Joint
 
@@ -20,7 +20,7 @@ The other gears of an STS3215 are 1.8 times (1:191) and 2.3 times (1:147) faster
 """
 
 
-def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
+def check_motion(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every joint that was moved."""
     known = {servo.joint.name: (place_of(bus, servo), servo) for bus in snapshot.buses for servo in bus.servos}
     if snapshot.not_moved:

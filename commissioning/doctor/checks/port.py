@@ -5,7 +5,7 @@ from pathlib import PurePath
 from typing import Final
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, PortProblem, Snapshot
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, PortProblem
 from commissioning.ports.adapters import Adapter, Complaint, PortsReport
 
 UNPLUGGED: Final = "the adapter's port does not exist"
@@ -25,7 +25,7 @@ COMPLAINTS: Final = {
 """Problems of adapters whose ports can still be opened."""
 
 
-def check_ports(snapshot: Snapshot, report: PortsReport | None) -> Iterator[Finding]:
+def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[Finding]:
     """Check the port of every bus; ``report`` describes the adapters of the machine, or is None if unknown."""
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on, write
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, Stranger, on, write
 from drivers.servos.catalog import series_of
 from drivers.servos.x import PAIRS
 
@@ -15,7 +15,7 @@ def place_of(bus: BusSnapshot, servo: ServoSnapshot) -> FindingPlace:
     return FindingPlace(bus.name, servo.joint.name, servo.joint.servo_id)
 
 
-def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
+def check_presence(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every bus that could be opened."""
     for bus in snapshot.buses:
         silent = [servo for servo in bus.servos if servo.heard == "silent"]

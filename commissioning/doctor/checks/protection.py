@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, show, write
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, show, write
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 
@@ -16,7 +16,7 @@ ACTING: Final = {name: bit for bit, name in sts.STATUS_BITS.items() if name in (
 TEMPERATURE_LIMITS: Final = ("max_temperature", "temperature_limit")
 
 
-def check_protection(snapshot: Snapshot) -> Iterator[Finding]:
+def check_protection(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo whose registers could be read."""
     for bus in snapshot.buses:
         for servo in bus.servos:

@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, counts_turns, on, write
+from commissioning.doctor.snapshot import ArmSnapshot, ServoSnapshot, counts_turns, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
@@ -13,8 +13,7 @@ from drivers.servos.register import Register
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
 from hal.servos.servo_gains import foreign_gains, wanted_gains
-from hal.servos.servo_settings import mode_mistake, settings_of, wanted_mode
-from hal.servos.servo_setup import check_reach
+from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wanted_mode
 
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
@@ -26,7 +25,7 @@ millisecond per servo and cycle.
 """
 
 
-def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
+def check_settings(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo whose registers could be read."""
     for bus in snapshot.buses:
         for servo in bus.servos:

@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, write
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, write
 from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
@@ -27,7 +27,7 @@ def voltage_limits(registers: Mapping[str, int]) -> tuple[float, float] | None:
     return None
 
 
-def check_voltage(snapshot: Snapshot) -> Iterator[Finding]:
+def check_voltage(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo that sent a state, and compare the servos of each bus."""
     lowest = {motion.joint.name: motion.lowest_v for motion in snapshot.motions}
     for bus in snapshot.buses:

@@ -15,6 +15,9 @@ class ServoloopRobotConfig(RobotConfig):
 
     arm: str | None = None
     """Name of the arm, its folder, or the process ID of the stack. None selects the only running stack."""
+    namespace: str | None = None
+    """ROS namespace of the stack, as in ``servoloop up --namespace``; empty for the root namespace. None selects any
+    namespace."""
     joints: list[str] = field(default_factory=lambda: list(SO_JOINTS))
     """Joints that LeRobot reads and moves."""
     use_degrees: bool = True

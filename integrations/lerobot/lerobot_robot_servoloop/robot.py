@@ -71,7 +71,8 @@ class ServoloopRobot(Robot):
         """
         config = self.config
         with connecting():
-            self._arm = ConnectedArm(ArmChoice(config.arm, config.joints, config.use_degrees), "LeRobot, robot")
+            choice = ArmChoice(config.arm, config.joints, config.use_degrees, config.namespace)
+            self._arm = ConnectedArm(choice, "LeRobot, robot")
             try:
                 self._arm.take(config.max_age_s)
                 for camera in self.cameras.values():

@@ -28,6 +28,8 @@ class ArmChoice(NamedTuple):
     """Joints that LeRobot reads and moves."""
     use_degrees: bool
     """Whether values are in degrees instead of -100 to 100."""
+    namespace: str | None = None
+    """ROS namespace of the stack; empty for the root namespace. None selects any namespace."""
 
 
 class ConnectedArm:
@@ -46,7 +48,7 @@ class ConnectedArm:
         Raises:
             StackError: No stack matches, the stack does not accept this client, or a joint does not exist.
         """
-        self._stack = find_stack_connection(choice.arm, name)
+        self._stack = find_stack_connection(choice.arm, choice.namespace, name)
         try:
             self._scales = joint_scales(self._stack.request("arm"), choice.joints, choice.use_degrees)
         except StackError:

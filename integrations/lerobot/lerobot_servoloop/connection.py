@@ -41,8 +41,11 @@ class StackConnection:
         """
         self.pid = path.stem.rpartition("-")[2]
         """Process ID of the stack."""
-        self.arm = path.stem.rpartition("-")[0]
+        owner, separator, arm = path.stem.rpartition("-")[0].rpartition("@")
+        self.arm = arm
         """Name of the arm."""
+        self.namespace = f"/{owner.replace('.', '/')}" if separator else ""
+        """ROS namespace of the stack, such as ``/left``; empty for the root namespace."""
         self.lost = ""
         """Reason why this client has lost the motion; empty if it has not lost the motion."""
         self._number = 0
@@ -65,7 +68,8 @@ class StackConnection:
     @property
     def label(self) -> str:
         """Description of the stack for messages."""
-        return f"{self.arm} (process {self.pid})"
+        place = f" in {self.namespace}" if self.namespace else ""
+        return f"{self.arm}{place} (process {self.pid})"
 
     def request(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> dict[str, Any]:
         """Send a message and return the reply.
@@ -136,11 +140,13 @@ class StackConnection:
         return StackError("ended", text)
 
 
-def find_stack_connection(arm: str | None, name: str) -> StackConnection:
-    """Connect to the only running stack, or to the stack of a given arm.
+def find_stack_connection(arm: str | None, namespace: str | None, name: str) -> StackConnection:
+    """Connect to the only running stack, or to the stack of a given arm or namespace.
 
     Args:
-        arm: Name of the arm, its folder, or the process ID of the stack. None selects the only running stack.
+        arm: Name of the arm, its folder, or the process ID of the stack. None matches every arm.
+        namespace: ROS namespace of the stack, such as ``left``; empty for the root namespace. None matches every
+            namespace.
         name: Name of this program, for messages to other clients.
 
     Raises:
@@ -148,7 +154,7 @@ def find_stack_connection(arm: str | None, name: str) -> StackConnection:
     """
     refused: list[StackError] = []
     connected = list(_connections(name, refused))
-    found = [one for one in connected if arm is None or _is_of(one, arm)]
+    found = [one for one in connected if _is_of(one, arm, namespace)]
     for one in connected:
         if len(found) != 1 or one is not found[0]:
             one.close()
@@ -160,10 +166,13 @@ def find_stack_connection(arm: str | None, name: str) -> StackConnection:
     if not connected:
         raise StackError("not_found", "no servoloop stack is running: start one with `servoloop up`")
     if not found:
-        raise StackError("not_found", f"no stack of {arm} is running. Running stacks: {names}")
+        wanted = "" if arm is None else f" of {arm}"
+        wanted += "" if namespace is None else f" in the namespace {_absolute(namespace) or '/'}"
+        raise StackError("not_found", f"no stack{wanted} is running. Running stacks: {names}")
     raise StackError(
         "not_found",
-        f"several stacks are running: {names}. Choose one with the option `arm` (name, folder or process ID)",
+        f"several stacks are running: {names}. Choose one with the option `arm` (name, folder or process ID) or "
+        "`namespace`",
     )
 
 
@@ -179,8 +188,17 @@ def _connections(name: str, refused: list[StackError]) -> Iterator[StackConnecti
                 refused.append(error)
 
 
-def _is_of(stack: StackConnection, arm: str) -> bool:
-    """Return whether a stack runs the given arm, which is a name, a folder or a process ID."""
+def _absolute(namespace: str) -> str:
+    """Return a namespace with a slash at its start; empty for the root namespace."""
+    return f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+
+
+def _is_of(stack: StackConnection, arm: str | None, namespace: str | None) -> bool:
+    """Return whether a stack runs the given arm (a name, a folder or a process ID) in the given namespace."""
+    if namespace is not None and stack.namespace != _absolute(namespace):
+        return False
+    if arm is None:
+        return True
     if "/" in arm:
         return stack.folder is not None and Path(stack.folder) == Path(arm).resolve()
     return arm in (stack.arm, stack.pid)

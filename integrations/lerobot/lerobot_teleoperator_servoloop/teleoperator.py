@@ -56,7 +56,8 @@ class ServoloopTeleoperator(Teleoperator):
         """
         config = self.config
         with connecting():
-            self._arm = ConnectedArm(ArmChoice(config.arm, config.joints, config.use_degrees), "LeRobot, leader")
+            choice = ArmChoice(config.arm, config.joints, config.use_degrees, config.namespace)
+            self._arm = ConnectedArm(choice, "LeRobot, leader")
             try:
                 if config.release_torque:
                     self._arm.release_torque()

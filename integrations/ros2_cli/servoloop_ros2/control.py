@@ -9,7 +9,7 @@ from controller_manager_msgs import srv
 from lifecycle_msgs.msg import State
 
 from servoloop_ros2.errors import Ros2Error
-from servoloop_ros2.session import Session, session
+from servoloop_ros2.session import RosSession, session
 
 app = typer.Typer(no_args_is_help=True, help="List and switch controllers and hardware components.")
 Manager = Annotated[str, typer.Option("--controller-manager", "-c", help="Name of the controller manager.")]
@@ -19,7 +19,7 @@ SWITCH_S: Final = 5
 """Maximum time for a switch, in seconds."""
 
 
-def _ask(found: Session, manager: str, name: str, request: Any = None) -> Any:
+def _ask(found: RosSession, manager: str, name: str, request: Any = None) -> Any:
     """Call a service of the manager. ``name`` is the name of its type, without a request its default request."""
     kind = getattr(srv, name)
     snake = "".join(f"_{one.lower()}" if one.isupper() else one for one in name).lstrip("_")
@@ -138,7 +138,7 @@ def set_hardware_component_state(
     print(f"Successfully set {name} to {answer.state.label}")
 
 
-def _switch(found: Session, manager: str, activate: Sequence[str], deactivate: Sequence[str]) -> None:
+def _switch(found: RosSession, manager: str, activate: Sequence[str], deactivate: Sequence[str]) -> None:
     kind = srv.SwitchController.Request
     request = kind(
         activate_controllers=list(activate),

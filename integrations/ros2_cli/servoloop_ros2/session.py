@@ -9,7 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from nodes.client_node import client_node
+from nodes.clients.client_node import client_node
 from nodes.ros_process import spin_until_done
 from servoloop_ros2.errors import Ros2Error
 
@@ -22,7 +22,7 @@ HIDDEN: Final = "/_"
 """Part of the names of an action's topics and services, which are not listed."""
 
 
-class Session:
+class RosSession:
     """The node of a command and its executor."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
@@ -61,10 +61,10 @@ class Session:
 
 
 @contextmanager
-def session() -> Iterator[Session]:
+def session() -> Iterator[RosSession]:
     """Provide a session until the end of the block."""
     with client_node("ros2_command") as (node, executor):
-        yield Session(node, executor)
+        yield RosSession(node, executor)
 
 
 def print_names(names: Mapping[str, list[str]], show_types: bool) -> None:

@@ -8,7 +8,7 @@ import typer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from servoloop_ros2.errors import Ros2Error
-from servoloop_ros2.session import SERVER_S, Session, print_names, session
+from servoloop_ros2.session import SERVER_S, RosSession, print_names, session
 from servoloop_ros2.values import as_yaml, fill, find_type, read_values
 
 app = typer.Typer(no_args_is_help=True, help="List, show and publish topics.")
@@ -87,7 +87,7 @@ def pub(
             found.spin(LINGER_S if number == count else 1.0 / rate)
 
 
-def _subscribed(found: Session, topic: str, kind: str | None) -> list[Any]:
+def _subscribed(found: RosSession, topic: str, kind: str | None) -> list[Any]:
     """Subscribe to a topic, and return the list that receives its messages."""
     if not found.spin_until(
         lambda: kind is not None or topic in dict(found.node.get_topic_names_and_types()), SERVER_S
@@ -99,7 +99,7 @@ def _subscribed(found: Session, topic: str, kind: str | None) -> list[Any]:
     return messages
 
 
-def _profile(found: Session, topic: str) -> QoSProfile:
+def _profile(found: RosSession, topic: str) -> QoSProfile:
     """Return the strictest profile that all publishers of a topic offer."""
     profiles = [publisher.qos_profile for publisher in found.node.get_publishers_info_by_topic(topic)]
     reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in profiles)

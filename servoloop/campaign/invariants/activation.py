@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Final
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import JointState
@@ -31,8 +32,8 @@ class ActivatedAsConfigured(Invariant):
 
     name = "activated as configured"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files)
         self._was_active = False
 

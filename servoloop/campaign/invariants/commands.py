@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
@@ -39,8 +40,8 @@ class SafeWire(Invariant):
 
     name = "safe wire"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._cycles_off = Counter[str]()
         self._limp: set[str] = set()
         self._off_cycles = {
@@ -81,8 +82,8 @@ class SafeCommands(Invariant):
 
     name = "safe commands"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._last: FloatArray | None = None
         limits = stack.loop.limits
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
@@ -24,8 +25,8 @@ class EndsAsChosen(Invariant):
 
     name = "ends as chosen"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False

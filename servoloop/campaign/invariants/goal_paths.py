@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from controller.action_goals import GoalStatus
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -35,17 +36,18 @@ class PathIsAsSent(Invariant):
     """The path of a goal that succeeds passes through all points of its client, and does not end before their times."""
 
     name = "path is as sent"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._paths = defaultdict[int, list[FloatArray]](list)
         """References of each open goal, in each cycle on its path."""
         self._begun_s: dict[int, float] = {}
         limits = dict(zip(self.commanded, stack.loop.limits, strict=True))
-        self._bounded = {joint for joint in stack.arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
+        self._bounded = {joint for joint in arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
 
     def on_state(self, state: JointState) -> None:
-        arm, tracking = self.stack.arm, self.stack.arm.tracking
+        arm, tracking = self.arm, self.arm.tracking
         if tracking is not None and tracking.stamp_s == state.stamp_s:
             for logged in (*self.stack.goals.open, *self.stack.ended_goals):
                 if logged.controller == arm.name and (tracking.on_goal or self._paths[id(logged)]):
@@ -66,7 +68,7 @@ class PathIsAsSent(Invariant):
                 f"a goal sent at {logged.sent_s:.2f} s succeeded {early_s:.2f} s before the time of its last point"
             )
         joints = [joint for joint in goal.joints if joint in self._bounded]
-        columns = [self.stack.arm.joints.index(joint) for joint in joints]
+        columns = [self.arm.joints.index(joint) for joint in joints]
         places = [goal.joints.index(joint) for joint in joints]
         path, before = path[:, columns], 0
         for number, point in enumerate(goal.points):
@@ -98,19 +100,20 @@ class ReplacedGoalsEnd(Invariant):
     """
 
     name = "replaced goals end"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._cycles = 0
 
     def on_state(self, state: JointState) -> None:
-        goals = [logged for logged in self.stack.goals.open if logged.controller == self.stack.arm.name]
+        goals = [logged for logged in self.stack.goals.open if logged.controller == self.arm.name]
         self.examined += bool(goals) and bool(self.stack.ended_goals)
         manager = self.stack.manager
-        takes = manager.cycle.at_rest(manager.registry.loaded[self.stack.arm.name].index)
+        takes = manager.cycle.at_rest(manager.registry.loaded[self.arm.name].index)
         self._cycles = self._cycles + 1 if len(goals) > 1 and takes else 0
         if self._cycles > REPLACED_CYCLES:
-            self.say(f"{len(goals)} goals of {self.stack.arm.name} continue at the same time")
+            self.say(f"{len(goals)} goals of {self.arm.name} continue at the same time")
 
 
 class ForwardedIsFollowed(Invariant):
@@ -118,8 +121,8 @@ class ForwardedIsFollowed(Invariant):
 
     name = "forwarded values are followed"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
         """Latest values of each forward controller, and the time for which they have been valid."""
 

@@ -1,19 +1,16 @@
-"""Invariants on goals: each goal ends in time, with a correct result and correct feedback."""
+"""Invariants on goals: each goal is accepted or rejected correctly, and ends in time, also after a cancel."""
 
 import math
-import re
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from controller.action_goals import NOT_RUNNING, GoalStatus
 from controller.trajectory.goal import TrajectoryGoal
-from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import JointLimits, JointState
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
@@ -27,20 +24,10 @@ FAULT_ENDS_S: Final = 1.5
 """Time within which a goal with an unmeasured joint ends, in seconds: the fault timeout and one second to stop."""
 RELIEF_S: Final = 6.0
 """Time within which a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
-OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
-DEVIATION: Final = 0.1
-"""Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
-DEVIATES_S: Final = 0.6
-"""Time within which a goal with a larger deviation ends, in seconds."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
 SILENT_CYCLES: Final = 2
 """Number of cycles within which a stream ends after its newest target has become too old."""
-HISTORY: Final = 150
-"""Number of cycles before the end of a goal that are searched for a deviation.
-
-The goal ends only once its joints are at rest and relieved.
-"""
 
 
 class GoalsEnd(Invariant):
@@ -55,9 +42,10 @@ class GoalsEnd(Invariant):
     """
 
     name = "every goal ends"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._on_path_s: dict[int, float] = defaultdict(float)
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
@@ -67,8 +55,8 @@ class GoalsEnd(Invariant):
     def on_state(self, state: JointState) -> None:
         self._watch_stream()
         for logged in self.stack.goals.open:
-            tracking = self.stack.arm.tracking
-            if logged.controller == self.stack.arm.name and tracking is not None:
+            tracking = self.arm.tracking
+            if logged.controller == self.arm.name and tracking is not None:
                 self.examined += 1
                 self._count(logged, state, tracking)
 
@@ -89,7 +77,7 @@ class GoalsEnd(Invariant):
             self.say(f"a stream continues although its client has been silent for {silent_s:.2f} s")
 
     def _count(self, logged: LoggedGoal, state: JointState, tracking: Tracking) -> None:
-        arm, period_s, key = self.stack.arm, self.stack.loop.period_s, id(logged)
+        arm, period_s, key = self.arm, self.stack.loop.period_s, id(logged)
         faulty = self._faulty_s[key]
         self._faulty_s[key] = {j: faulty.get(j, 0.0) + period_s for j in arm.joints if j in state.faults}
         for joint, lasted_s in self._faulty_s[key].items():
@@ -105,52 +93,15 @@ class GoalsEnd(Invariant):
 
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
         """Return the time within which a goal on its path must end, in seconds."""
-        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.stack.arm.parameters.constraints.goal_time)
+        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
         limits = dict(zip(self.commanded, self.stack.loop.limits, strict=True))
         return min(longest_s(logged.goal, limits), tracking.path.duration_s) + goal_time_s + REST_S
 
     def _waits_s(self) -> float:
-        parameters = self.stack.arm.parameters
+        parameters = self.arm.parameters
         return parameters.wait_for_timeout if parameters.wait_for else 0.0
-
-
-class AbortsAreTrue(Invariant):
-    """A joint that is named in an abort actually deviates from its path or is actually not measured."""
-
-    name = "aborts are true"
-
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
-
-    def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
-        if tracking is not None:
-            wanted = dict(zip(self.stack.arm.joints, tracking.reference.position.tolist(), strict=True))
-            self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
-        for logged in self.stack.ended_goals:
-            handle = logged.handle
-            if handle.status is GoalStatus.ABORTED and logged.controller == self.stack.arm.name:
-                self._examine(handle.error_code, handle.error_text)
-
-    def _examine(self, code: int, text: str) -> None:
-        found = OFF.search(text)
-        if found is not None:
-            self.examined += 1
-            joint, off = found[1], float(found[2])
-            if not self.deceived(joint) and self._largest_deviation(joint) < 0.5 * off:
-                self.say(
-                    f"a goal was aborted ({text}), but {joint} deviated by at most {self._largest_deviation(joint):.3f}"
-                )
-        elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
-            self.examined += 1
-            if not any(faults for _, _, faults in self._history):
-                self.say(f"a goal was aborted ({text}), but every joint was measured")
-
-    def _largest_deviation(self, joint: str) -> float:
-        return max((abs(wanted[joint] - true[joint]) for wanted, true, _ in self._history), default=math.inf)
 
 
 class CancelsAreFollowed(Invariant):
@@ -161,8 +112,8 @@ class CancelsAreFollowed(Invariant):
 
     name = "cancels are followed"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._done: set[int] = set()
 
     def on_state(self, state: JointState) -> None:
@@ -185,89 +136,13 @@ class CancelsAreFollowed(Invariant):
             self.say(f"a goal canceled at {logged.cancel_s:.2f} s did not end within {RELIEF_S:g} s")
 
 
-class FeedbackIsTrue(Invariant):
-    """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
-
-    name = "feedback is true"
-
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        names = stack.loop.hardware.joints
-        self._places = [names.index(joint) for joint in stack.arm.joints]
-        self._last_s = -math.inf
-        self._path: Any = None
-        self._elapsed_s = 0.0
-
-    def on_state(self, state: JointState) -> None:
-        tracking = self.stack.arm.tracking
-        if tracking is None or tracking.stamp_s != state.stamp_s:
-            return
-        self.examined += 1
-        measured: FloatArray = state.position[self._places]
-        if not np.array_equal(tracking.feedback_position, measured, equal_nan=True):
-            self.say("the position in the feedback differs from the measurement of the cycle")
-        error = tracking.reference.position - measured
-        turn = np.round((error - tracking.error) / math.tau) * math.tau
-        if not np.allclose(error - turn, tracking.error, atol=1e-9, equal_nan=True):
-            self.say("the error in the feedback is not the reference minus the measurement")
-        if tracking.stamp_s <= self._last_s:
-            self.say(
-                f"the time of the feedback does not increase: {tracking.stamp_s:.3f} s follows {self._last_s:.3f} s"
-            )
-        if tracking.path is self._path and tracking.elapsed_s < self._elapsed_s:
-            self.say("the time on the path decreases")
-        self._last_s, self._path, self._elapsed_s = tracking.stamp_s, tracking.path, tracking.elapsed_s
-
-
-class DeviationEnds(Invariant):
-    """A goal ends if a joint deviates from the path by more than its tolerance for some time.
-
-    The deviation is measured in the simulated world. The allowed lag of a moving joint is added to its tolerance.
-    """
-
-    name = "deviation ends a goal"
-
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        self._off_s = defaultdict[str, float](float)
-        self._reference = read_reference(stack.files)
-
-    def on_state(self, state: JointState) -> None:
-        arm, period_s = self.stack.arm, self.stack.loop.period_s
-        open_goals = [logged for logged in self.stack.goals.open if logged.controller == arm.name]
-        tracking = arm.tracking
-        on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s
-        if tracking is None or not on_path or not open_goals or state.faults:
-            self._off_s.clear()
-            return
-        true, reference = self.true_positions(), tracking.reference
-        defaults, asked = arm.parameters.tolerances(), open_goals[-1].goal.tolerances.path
-        for place, joint in enumerate(arm.joints):
-            allowed = asked.get(joint) or defaults.path.get(joint, 0.0)
-            lag = abs(float(reference.velocity[place])) * defaults.lag_time_s.get(joint, 0.0)
-            if allowed <= 0.0 or self.deceived(joint):
-                continue
-            self.examined += 1
-            off = self._deviation(joint, float(reference.position[place]), true[joint]) > allowed + lag + DEVIATION
-            self._off_s[joint] = self._off_s[joint] + period_s if off else 0.0
-            if self._off_s[joint] > DEVIATES_S:
-                wanted = f"its reference is at {reference.position[place]:.3f}"
-                self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
-
-    def _deviation(self, joint: str, wanted: float, true: float) -> float:
-        """Return the smallest distance between the reference and a position that the servo may report."""
-        known = self._reference.get(joint)
-        readings = [true] if known is None else known.readings(true, 0.0)
-        return min(abs(wanted - reading) for reading in readings)
-
-
 class GoalsAreJudged(Invariant):
     """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted."""
 
     name = "goals are judged"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files)
         self._sent = self._rejected = 0
 
@@ -291,7 +166,7 @@ class GoalsAreJudged(Invariant):
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
-                if known is None and joint in self.stack.arm.joints and share > 0.0:
+                if known is None and share > 0.0 and any(joint in arm.joints for arm in self.stack.arms):
                     continue  # The reference reader cannot read its limits.
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
@@ -301,8 +176,8 @@ class GoalsAreJudged(Invariant):
         return ""
 
     def _complete(self, goal: TrajectoryGoal, reason: str) -> bool:
-        whole = set(goal.joints) == set(self.stack.arm.joints) and len(goal.points[0].positions) == len(goal.joints)
-        return whole and reason != NOT_RUNNING
+        whole = any(set(goal.joints) == set(arm.joints) for arm in self.stack.arms)
+        return whole and len(goal.points[0].positions) == len(goal.joints) and reason != NOT_RUNNING
 
 
 def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:

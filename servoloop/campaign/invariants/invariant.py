@@ -4,11 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.goal_log import LoggedGoal
 
 DECEIVING: Final = frozenset(
     {
@@ -49,13 +51,19 @@ class Invariant:
     Args:
         stack: The stack, not yet up.
         say: Function that reports a violation. Only the first violation of an invariant is kept.
+        arm: Trajectory controller of the arm.
     """
 
     name = ""
     """Name of the invariant, as printed and as used in scenarios."""
+    promised = True
+    """Whether a campaign without ``promises`` fails if this invariant never examined its condition."""
+    of_each_arm = False
+    """Whether the watch has one such invariant for each arm of the robot. Otherwise there is one for the robot."""
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         self.stack = stack
+        self.arm = arm
         self.say = say
         self.examined = 0
         """Number of times the condition was examined. Zero means that the run proves nothing about it."""
@@ -71,6 +79,12 @@ class Invariant:
         """Whether the hardware is active and none of its components is in a transition."""
         hardware = self.stack.loop.hardware
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
+
+    @property
+    def open_goals(self) -> list[LoggedGoal]:
+        """Goals that have not ended, except for those of the other arms of the robot."""
+        others = {one.name for one in self.stack.arms} - {self.arm.name}
+        return [logged for logged in self.stack.goals.open if logged.controller not in others]
 
     def true_positions(self) -> dict[str, float]:
         """Return the joint positions of the simulated world, in rad or m, by name.

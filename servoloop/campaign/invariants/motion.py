@@ -6,6 +6,7 @@ from collections.abc import Callable
 from operator import gt, sub
 from typing import Final
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.joint import Joint
 from hal.types import JointState
 from servoloop.campaign.invariants.invariant import Invariant
@@ -30,8 +31,8 @@ class NoFasterThanAllowed(Invariant):
 
     name = "no joint too fast"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._by_name = {joint.name: joint for joint in self.joints}
         within_s = OVER_STEPS * 0.001 + stack.loop.period_s  # The first goal is up to one period old.
         self._furthest = [

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.printable import counted
 from drivers.servos import sts
 from hal.joint import Joint
@@ -46,8 +47,8 @@ class NamedAlone(Invariant):
 
     name = "silent servo is reported"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._missing, self._wrong = Counter[str](), Counter[str]()
 
     def on_state(self, state: JointState) -> None:
@@ -83,8 +84,8 @@ class TakenBack(Invariant):
 
     name = "taken back"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._reported_s = defaultdict[str, float](float)
 
     def on_state(self, state: JointState) -> None:
@@ -111,8 +112,8 @@ class MeasuredNow(Invariant):
 
     name = "measured now"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._shared_before = True
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
         servos = [self.servos[joint.name] for joint in self.joints]
@@ -165,8 +166,8 @@ class LimpIsFound(Invariant):
 
     name = "limp joints are found"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._limp_since_s: dict[str, float] = {}
 
     def on_state(self, state: JointState) -> None:

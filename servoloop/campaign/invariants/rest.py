@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from controller.action_goals import GoalStatus
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
@@ -62,10 +63,11 @@ class NothingTravels(Invariant):
     """After a goal or a stream of targets has ended, commands only brake the joints or yield to an obstacle."""
 
     name = "nothing travels after the end"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        self._places = [self.commanded.index(joint) for joint in stack.arm.joints]
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._places = [self.commanded.index(joint) for joint in arm.joints]
         limits = [stack.loop.limits[place] for place in self._places]
         self._range = np.array([min(limit.upper - limit.lower, 7.0) for limit in limits])
         self._acceleration = np.array([limit.acceleration for limit in limits])
@@ -82,7 +84,7 @@ class NothingTravels(Invariant):
         if self._disturbed(state):
             self._end = None
             return
-        if streamed or any(one.controller == self.stack.arm.name for one in self.stack.ended_goals):
+        if streamed or any(one.controller == self.arm.name for one in self.stack.ended_goals):
             self._end = self._begun(command, loop.previous_command[self._places])
         if self._end is None:
             return
@@ -92,7 +94,7 @@ class NothingTravels(Invariant):
         slack = STAYS * self._range
         away = (command < self._end.lowest - slack) | (command > self._end.highest + slack)
         if away.any():
-            joint = self.stack.arm.joints[int(np.flatnonzero(away)[0])]
+            joint = self.arm.joints[int(np.flatnonzero(away)[0])]
             after_s = state.stamp_s - self._end.since_s
             self.say(
                 f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last one"
@@ -106,9 +108,9 @@ class NothingTravels(Invariant):
     def _disturbed(self, state: JointState) -> bool:
         """Return whether a goal, a fault or an activation moves the arm."""
         stack = self.stack
-        entry = stack.manager.registry.loaded[stack.arm.name]
+        entry = stack.manager.registry.loaded[self.arm.name]
         upset = any(one.upsets for one in stack.controllers.values())
-        return bool(stack.goals.open) or not self.active or not entry.active or upset or "component" in _kinds(state)
+        return bool(self.open_goals) or not self.active or not entry.active or upset or "component" in _kinds(state)
 
     def _begun(self, command: FloatArray, before: FloatArray) -> _End:
         velocity = (command - before) / self.stack.loop.period_s
@@ -121,12 +123,12 @@ class NothingTravels(Invariant):
 
     def _true(self) -> FloatArray:
         true = self.true_positions()
-        return np.array([true[joint] for joint in self.stack.arm.joints])
+        return np.array([true[joint] for joint in self.arm.joints])
 
     def _reported(self, here: FloatArray, state: JointState) -> FloatArray:
         """Return the lowest and the highest position (2, n) that the servos may report for true positions (n,)."""
         ends = []
-        for joint, true in zip(self.stack.arm.joints, here.tolist(), strict=True):
+        for joint, true in zip(self.arm.joints, here.tolist(), strict=True):
             known = self._reference.get(joint)
             readings = [true] if known is None else known.readings(true, 0.0)
             if self.deceived(joint):
@@ -142,10 +144,11 @@ class NothingPresses(Invariant):
     """
 
     name = "nothing presses after the end"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        self._places = {joint: self.commanded.index(joint) for joint in stack.arm.joints}
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._places = {joint: self.commanded.index(joint) for joint in arm.joints}
         self._allowed = {
             joint: PRESSES_SHARE * (stack.loop.limits[place].upper - stack.loop.limits[place].lower)
             for joint, place in self._places.items()
@@ -167,16 +170,16 @@ class NothingPresses(Invariant):
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
         freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
-        self._guided = not self.stack.goals.open and (self._guided or (freedrive is not None and freedrive.active))
+        self._guided = not self.open_goals and (self._guided or (freedrive is not None and freedrive.active))
         if self._guided:
             self._off_s.clear()
             return
-        ended = [one for one in self.stack.goals.goals if one.controller == self.stack.arm.name and one.ended_s]
-        if self.stack.goals.open or not ended or not self.active or ended[-1].handle.status is GoalStatus.SUCCEEDED:
+        ended = [one for one in self.stack.goals.goals if one.controller == self.arm.name and one.ended_s]
+        if self.open_goals or not ended or not self.active or ended[-1].handle.status is GoalStatus.SUCCEEDED:
             self._forget()
             return
         last = ended[-1].handle
-        running = self.stack.manager.registry.loaded[self.stack.arm.name].active
+        running = self.stack.manager.registry.loaded[self.arm.name].active
         streamed = self._driven_by_others()
         self._streamed = bool(streamed) or (self._streamed and last is self._last)
         self._deactivated = not running or (self._deactivated and last is self._last)
@@ -214,7 +217,7 @@ class NothingPresses(Invariant):
 
         The client of that controller may press these joints against an obstacle.
         """
-        owners, arm = self.stack.manager.registry.claimed, self.stack.arm.name
+        owners, arm = self.stack.manager.registry.claimed, self.arm.name
         return {joint for joint in self._places if owners.get(f"{joint}/position", arm) != arm}
 
     def _pulled(self, joint: str) -> bool:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -38,10 +39,11 @@ class SmoothReference(Invariant):
     """
 
     name = "smooth reference"
+    of_each_arm = True
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
-        limits = [stack.loop.limits[self.commanded.index(joint)] for joint in stack.arm.joints]
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        limits = [stack.loop.limits[self.commanded.index(joint)] for joint in arm.joints]
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
         self._references = deque[FloatArray](maxlen=4)
@@ -49,7 +51,7 @@ class SmoothReference(Invariant):
         self._times = deque[float](maxlen=4)
 
     def on_state(self, state: JointState) -> None:
-        arm, tracking = self.stack.arm, self.stack.arm.tracking
+        arm, tracking = self.arm, self.arm.tracking
         waits = all(joint in state.faults for joint in arm.joints)  # The reference stands still until a joint answers.
         late = state.stamp_s - self._times[-1] > LATE * self.stack.loop.period_s if self._times else False
         if tracking is None or waits or late or arm.parameters.interpolation_method != "ruckig":
@@ -73,7 +75,7 @@ class SmoothReference(Invariant):
         worst = int(shares.argmax())
         if shares[worst] > SHARE:
             found = f"{shares[worst] * limits[worst]:.1f}, but its limit is {limits[worst]:.1f}"
-            self.say(f"the reference of {self.stack.arm.joints[worst]} has {quantity} of {found}")
+            self.say(f"the reference of {self.arm.joints[worst]} has {quantity} of {found}")
 
 
 def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
@@ -107,8 +109,8 @@ class SmoothEnd(Invariant):
 
     name = "smooth end"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
         self._ends = np.array([(limit.lower, limit.upper) for limit in stack.loop.limits]).T
         self._commands = deque[FloatArray](maxlen=3)
@@ -141,8 +143,8 @@ class NanHolds(Invariant):
 
     name = "nan holds"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         self._names = list(stack.loop.hardware.command_interfaces)
         self._held: dict[int, float] = {}
 

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from controller.action_goals import GoalStatus
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
@@ -29,8 +30,8 @@ class ReportedTruly(Invariant):
 
     name = "reported truly"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         reference = read_reference(stack.files)
         names = stack.loop.hardware.joints
         self._names = [joint for joint in names if joint in reference]
@@ -75,8 +76,8 @@ class GoalsMeanCommands(Invariant):
 
     name = "goals mean commands"
 
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
-        super().__init__(stack, say)
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
         reference = read_reference(stack.files)
         self._joints = {
             bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines

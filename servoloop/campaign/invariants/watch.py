@@ -1,5 +1,6 @@
 """The list of all invariants, and the watch that calls them during a run."""
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -9,14 +10,9 @@ from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goal_paths import ForwardedIsFollowed, PathIsAsSent, ReplacedGoalsEnd
-from servoloop.campaign.invariants.goals import (
-    AbortsAreTrue,
-    CancelsAreFollowed,
-    DeviationEnds,
-    FeedbackIsTrue,
-    GoalsAreJudged,
-    GoalsEnd,
-)
+from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue
+from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
+from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
@@ -49,6 +45,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     CancelsAreFollowed,
     FeedbackIsTrue,
     GoalsAreJudged,
+    GripsAreFollowed,
     NothingTravels,
     NothingPresses,
     SmoothReference,
@@ -72,7 +69,11 @@ class Watch:
         self._stack = stack
         self._error: Exception | None = None
         """Exception that an invariant raised. ``end`` raises it again."""
-        self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
+        self._invariants = [
+            kind(stack, self._sayer(kind.name), arm)
+            for kind in kinds
+            for arm in (stack.arms if kind.of_each_arm else stack.arms[:1])
+        ]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
         on_step, on_write, on_state = (self._guarded(hook) for hook in ("on_step", "on_write", "on_state"))
@@ -94,7 +95,10 @@ class Watch:
     @property
     def examined(self) -> dict[str, int]:
         """Number of times that each invariant examined its condition, by name."""
-        return {one.name: one.examined for one in self._invariants}
+        examined = Counter[str]()
+        for one in self._invariants:
+            examined[one.name] += one.examined
+        return examined
 
     def end(self) -> None:
         """Finish all invariants after the program has ended.

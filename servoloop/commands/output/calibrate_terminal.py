@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import degrees
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
@@ -36,9 +35,7 @@ class Terminal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Restore the terminal."""
         self._keyboard.whole_lines()
 
@@ -95,30 +92,33 @@ class Terminal:
 
 
 def _sweep_table(task: "CalibrationTask") -> Table:
-    table = Table("joint", "servo", "counts", "minimum", "maximum", "covered")
+    prefix = common_prefix([joint.name for joint in task.sweep.joints])
+    table = Table(f"{prefix}…" if prefix else "joint", "servo", "counts", "minimum", "maximum", "covered")
     for joint in task.sweep.joints:
+        name = joint.name.removeprefix(prefix)
         swept = task.sweep.swept.get(joint.name)
         style = "bold" if joint.name in task.joints else "dim"
         if swept is None:
-            table.add_row(joint.name, str(joint.servo_id), task.sweep.missing.get(joint.name, ""), style=style)
+            table.add_row(name, str(joint.servo_id), task.sweep.missing.get(joint.name, ""), style=style)
             continue
         share = swept.travel.span * unit(joint) / (joint.limits.upper - joint.limits.lower)
         numbers = (swept.counts, swept.lower, swept.upper)
-        table.add_row(joint.name, str(joint.servo_id), *map(str, numbers), f"{share:.0%}", style=style)
+        table.add_row(name, str(joint.servo_id), *map(str, numbers), f"{share:.0%}", style=style)
     return table
 
 
 def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
     """Return a table of the previous and new sign, zero and offset of each joint, its travel and its URDF range."""
-    table = Table(
-        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "URDF range"
-    )
+    prefix = common_prefix([one.joint for one in differences])
+    table = Table(f"{prefix}…" if prefix else "joint", "servo", "sign", "zero", "homing offset")
+    for title in ("zero moved", "zero within", "travel", "URDF range"):
+        table.add_column(title)
     for one in differences:
         before, made = one.before, one.made
         prismatic = before.unit == "m"
         travel, range_ = made.travel(before), before.limits.upper - before.limits.lower
         table.add_row(
-            one.joint,
+            one.joint.removeprefix(prefix),
             str(one.servo_id),
             _changed(before.sign, made.sign),
             _changed(before.zero_counts, made.zero_counts),
@@ -129,6 +129,13 @@ def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
             f"{range_:.4f} m" if prismatic else f"{range_:.3f} rad",
         )
     return table
+
+
+def common_prefix(joints: Sequence[str]) -> str:
+    """Return the prefix of the names of one arm of several, such as ``left_``; empty if the names have none."""
+    first = joints[0]
+    heads = (first[: end + 1] for end, letter in enumerate(first) if letter == "_")
+    return max((head for head in heads if all(name.startswith(head) for name in joints[1:])), key=len, default="")
 
 
 def _changed(before: int | None, now: int | None) -> str:

@@ -1,1 +1,1 @@
-"""Parts that several commands share: options, tables, questions, and the client of the planner."""
+"""Parts that several commands share: options, tables and questions."""

@@ -26,6 +26,11 @@ def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
         return register.encode(max(register.smallest, min(register.largest, value)), order)
 
 
+def touches(address: int, size: int, register: Register) -> bool:
+    """Return whether a write of ``size`` bytes from ``address`` includes a byte of ``register``."""
+    return address < register.address + register.size and register.address < address + size
+
+
 class Memory:
     """Bytes of the table as a client sees them, and the saved EEPROM bytes.
 

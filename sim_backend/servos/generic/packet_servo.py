@@ -7,7 +7,6 @@ from typing import ClassVar, Protocol
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.flash import Flash, Kept
-from sim_backend.line.rig import Fed
 from sim_backend.mechanics.gears import Gears
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import Code, status_packet
@@ -38,6 +37,17 @@ class Table(Protocol):
 
     @property
     def kept(self) -> Kept: ...
+
+
+class Fed(Protocol):
+    """The part of a servo's firmware that a rig uses."""
+
+    voltage_v: float
+
+    @property
+    def supply_current_a(self) -> float: ...
+
+    def observe(self, angle_rad: float) -> None: ...
 
 
 class Driven(Fed, Protocol):

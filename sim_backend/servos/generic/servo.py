@@ -12,9 +12,8 @@ from drivers.servos.register import Register, ServoModel
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import LONGEST_DATA, Code
 from sim_backend.servos.generic.firmware import GenericFirmware
-from sim_backend.servos.generic.memory import Memory
+from sim_backend.servos.generic.memory import Memory, touches
 from sim_backend.servos.generic.packet_servo import PacketServo
-from sim_backend.servos.sts.firmware import touches
 
 
 class GenericServo(PacketServo):

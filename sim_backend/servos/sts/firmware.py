@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.servos import sts
-from drivers.servos.register import Register
 from sim_backend.mechanics.motor import MotorConstants
+from sim_backend.servos.generic.memory import touches
 from sim_backend.servos.sts import kernel
 from sim_backend.servos.sts.memory import StsMemory
 from sim_backend.servos.sts.state import STATE, States, forget_volatile, new_states
@@ -203,8 +203,3 @@ class StsFirmware:
 
     def _value(self, name: str) -> float:
         return float(self._fields[name].item())
-
-
-def touches(address: int, size: int, register: Register) -> bool:
-    """Return whether a write of ``size`` bytes from ``address`` includes a byte of ``register``."""
-    return address < register.address + register.size and register.address < address + size

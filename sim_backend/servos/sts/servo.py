@@ -6,14 +6,15 @@ describes the known behavior of an STS servo, with sources. Also assumed: a malf
 
 from typing import ClassVar, Final
 
+from drivers.port.line import BITS_PER_BYTE
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
-from sim_backend.line.line import BITS_PER_BYTE
 from sim_backend.mechanics.motor import MotorConstants, sts_motor
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import Code
+from sim_backend.servos.generic.memory import touches
 from sim_backend.servos.generic.packet_servo import PacketServo
-from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states, touches
+from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states
 from sim_backend.servos.sts.memory import OFFSET_WORD, StsMemory, offset_word
 from sim_backend.servos.sts.state import TABLE_SIZE
 

@@ -43,8 +43,10 @@ def connect(rig: SocketRig) -> Iterator[Callable[..., ConnectedArm]]:
     """Yield a function that connects to the arm, by default with all joints and in degrees."""
     arms: list[ConnectedArm] = []
 
-    def connect(arm: str | None = None, joints: list[str] = JOINTS, use_degrees: bool = True) -> ConnectedArm:
-        arms.append(ConnectedArm(ArmChoice(arm, joints, use_degrees), "test"))
+    def connect(
+        arm: str | None = None, joints: list[str] = JOINTS, use_degrees: bool = True, namespace: str | None = None
+    ) -> ConnectedArm:
+        arms.append(ConnectedArm(ArmChoice(arm, joints, use_degrees, namespace), "test"))
         return arms[-1]
 
     yield connect
@@ -159,7 +161,23 @@ def test_two_stacks_need_a_choice(rig: SocketRig, connect: Callable[..., Connect
     path: Path = rig.running.commands
     path.with_name("so101-1.command").symlink_to(path)
     text = refused("not_found", connect)
-    assert text.startswith("several stacks are running: ") and "option `arm`" in text
+    assert text.startswith("several stacks are running: ") and "option `arm`" in text and "`namespace`" in text
+
+
+def test_the_arm_is_chosen_by_namespace(rig: SocketRig, connect: Callable[..., ConnectedArm]) -> None:
+    path: Path = rig.running.commands
+    path.with_name("lab.left@robot_arm-1.command").symlink_to(path)
+    for namespace, label in (
+        ("lab/left", "robot_arm in /lab/left (process 1)"),
+        ("/lab/left", "robot_arm in /lab/left"),
+    ):
+        assert connect(namespace=namespace).label.startswith(label)
+    assert (
+        connect(namespace="").label == connect("robot_arm", namespace="/").label == rig.running.label.partition(",")[0]
+    )
+    assert refused("not_found", lambda: connect("robot_arm", namespace="right")).startswith(
+        "no stack of robot_arm in the namespace /right is running. Running stacks: robot_arm in /lab/left (process 1), "
+    )
 
 
 def test_another_version_of_the_protocol(monkeypatch: pytest.MonkeyPatch, connect: Callable[..., ConnectedArm]) -> None:

@@ -5,9 +5,7 @@ LeRobot runs in a separate environment, with the wheel of the plug-in.
 
 import json
 import os
-import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,7 +19,7 @@ from tests.integrations.lerobot.environment import lerobot_environment
 from tests.integrations.lerobot.plugin import install_plugin
 from tests.live.rig import runtime_folder
 from tests.pages import commands
-from tests.servoloop.served import eventually
+from tests.servoloop.up_process import running_up
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -87,22 +85,6 @@ def lerobot(tmp_path_factory: pytest.TempPathFactory) -> LeRobot:
     return LeRobot(lerobot_environment(), tmp_path_factory.mktemp("lerobot"))
 
 
-@contextmanager
-def running(command: str, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a ``servoloop up`` until the end of the block."""
-    ready, log = folder / f"ready{len(list(folder.iterdir()))}", folder / "up.log"
-    with log.open("ab") as output:
-        arguments = [sys.executable, "-m", *command.split(), "--ready-file", str(ready)]
-        process = subprocess.Popen(arguments, stdout=output, stderr=subprocess.STDOUT)
-    try:
-        eventually(lambda: ready.exists() or process.poll() is not None, 60.0)
-        assert process.poll() is None, log.read_text()
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60.0)
-
-
 @pytest.fixture(scope="module")
 def arms(lerobot: LeRobot, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Run the leader and the follower."""
@@ -110,7 +92,7 @@ def arms(lerobot: LeRobot, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     with pytest.MonkeyPatch.context() as patch, ExitStack() as stacks:
         lerobot.variables["XDG_RUNTIME_DIR"] = str(stacks.enter_context(runtime_folder(patch)))
         for command in UP:
-            stacks.enter_context(running(command, folder))
+            stacks.enter_context(running_up(folder, *command.split()[2:]))
         yield
 
 
@@ -186,7 +168,7 @@ def test_a_wrong_option_is_one_sentence(options: str, words: str, lerobot: LeRob
 def test_the_robot_class_with_a_camera_until_the_stack_is_killed(lerobot: LeRobot, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch, runtime_folder(patch) as folder:
         lerobot.variables["XDG_RUNTIME_DIR"] = str(folder)
-        with running(UP[1], tmp_path) as process:
+        with running_up(tmp_path, *UP[1].split()[2:]) as process:
             done = lerobot.run(f"python {HERE / 'connected_robot.py'} {process.pid}")
     assert done.returncode == 0, done.stdout
     shown = [line for line in done.stdout.splitlines() if line.startswith(("Device", "image", "moved", "Stack"))]

@@ -22,7 +22,7 @@ from nodes.planning.conversion.poses import pose_message
 from nodes.planning.edits import WorldEdit
 from nodes.planning.errors import REFUSALS
 from nodes.planning.requests import Requests, Snapshot
-from nodes.planning.world import World, first_world
+from nodes.planning.world import PlanningWorld, first_world
 from planning.motion import State
 from planning.scene import Pose as FramePose
 from tests.nodes.planning.robots import READY, at, box, robot_arm
@@ -35,7 +35,7 @@ THERE = {**READY, "joint1": 0.4, "joint2": -0.2, "joint5": -0.7}
 TURNED = {**READY, "joint2": -0.25, "joint4": -0.9, "joint6": -1.2}
 
 
-def holding() -> World:
+def holding() -> PlanningWorld:
     """Return a world in which the gripper holds a cup."""
     cup = box("cup", at(0.0, 0.02, 0.08), 0.03, frame=TIP)
     cup.subframe_names, cup.subframe_poses = ["handle"], [at(0.05, 0.0, 0.0, (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)))]

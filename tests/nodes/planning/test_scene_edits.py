@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.edits import WorldEdit
 from nodes.planning.errors import REFUSALS, error_code
-from nodes.planning.world import World, first_world
+from nodes.planning.world import PlanningWorld, first_world
 from planning.arm_model import pair
 from planning.scene import Box
 from tests.nodes.planning.robots import READY, at, box, robot_arm
@@ -26,7 +26,7 @@ from tests.nodes.planning.robots import READY, at, box, robot_arm
 HALF = np.sqrt(0.5)
 
 
-def edit(world: World | None = None) -> WorldEdit:
+def edit(world: PlanningWorld | None = None) -> WorldEdit:
     robot = robot_arm()
     return WorldEdit(robot, world or first_world(robot), lambda: READY)
 

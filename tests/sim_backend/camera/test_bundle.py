@@ -6,7 +6,7 @@ import pytest
 from sim_backend.camera.bundle import Bundle
 from sim_backend.camera.light import Light
 from sim_backend.camera.pinhole import PinholeCamera
-from sim_backend.camera.view import CameraView, mean_radiance
+from sim_backend.camera.view import FixedView, mean_radiance
 from sim_backend.scene.rays import cast, visible
 from sim_backend.scene.world import World
 
@@ -35,7 +35,7 @@ def test_a_moving_arm_leaves_nothing_behind():
     poses = ([-0.4, 0.3, -0.6, -0.8, -0.9, 0.4, 0.02], [0.0, -0.36, -0.64, -0.82, -0.95, -1.68, 0.0])
     worlds = [World(initial_position=pose) for pose in poses]
     camera = PinholeCamera.looking_at(np.array([0.29, 0.0, 0.09]), np.array([0.7, 0.0, 0.4]), 150.0, (160, 120))
-    views = [CameraView(world.model, world.data, camera, Light(), {}) for world in worlds]
+    views = [FixedView(world.model, world.data, camera, Light(), {}) for world in worlds]
     for world in worlds:
         first, second = (mean_radiance(list(view.sights(world.data))) for view in views)
         np.testing.assert_array_equal(first, second)

@@ -8,7 +8,7 @@ import pytest
 from sim_backend.apples.apple import Apple, Spot, draw_apple
 from sim_backend.camera.light import Light, draw_light, rgb_of_temperature
 from sim_backend.camera.sensor import Sensor
-from sim_backend.camera.table import LyingApple, Table, draw_tray, render, table_camera
+from sim_backend.camera.table import AppleTable, LyingApple, draw_tray, render, table_camera
 
 CAMERA = table_camera()
 GREEN = Apple(diameter_mm=80.0, height=1.0, red_share=0.0, spots=(), seed=1)
@@ -18,7 +18,7 @@ FAST = Sensor()
 
 
 def one(apple: Apple, light: Light | None = None, sensor: Sensor = FAST, x_m: float = 0.0):
-    table = Table([LyingApple(apple, x_m, 0.0)], sensor=sensor, smooth=False)
+    table = AppleTable([LyingApple(apple, x_m, 0.0)], sensor=sensor, smooth=False)
     picture, (truth,) = render(table, CAMERA, light or Light(), seed=3)
     return picture, truth
 
@@ -29,7 +29,7 @@ def middle_of(picture, truth):
 
 
 def test_a_picture_repeats_by_its_seeds():
-    table = Table(draw_tray(5, 3), smooth=False)
+    table = AppleTable(draw_tray(5, 3), smooth=False)
     first, again = render(table, CAMERA, draw_light(5), 5), render(table, CAMERA, draw_light(5), 5)
     np.testing.assert_array_equal(first[0], again[0])
     assert first[1] == again[1]
@@ -64,7 +64,7 @@ def test_the_share_of_red_is_that_of_the_whole_skin():
     shares = []
     for x, y, z in np.random.default_rng(2).normal(size=(12, 3)):
         turn = np.array([0.3, x, y, z]) / np.linalg.norm([0.3, x, y, z])
-        table = Table([LyingApple(replace(GREEN, red_share=0.4), 0.0, 0.0, tuple(turn))], smooth=False)
+        table = AppleTable([LyingApple(replace(GREEN, red_share=0.4), 0.0, 0.0, tuple(turn))], smooth=False)
         shares.append(render(table, CAMERA, Light(), 1)[1][0].red_ratio)
     assert np.mean(shares) == pytest.approx(0.4, abs=0.12)
 
@@ -95,7 +95,7 @@ def test_exposure():
 
 def test_an_apple_behind_another_is_occluded():
     camera = CAMERA
-    table = Table([LyingApple(GREEN, 0.0, 0.0), LyingApple(RED, 0.085, 0.0)], smooth=False)
+    table = AppleTable([LyingApple(GREEN, 0.0, 0.0), LyingApple(RED, 0.085, 0.0)], smooth=False)
     _, (near, far) = render(table, camera, Light(), 1)
     assert not near.occluded
     assert far.occluded and 0.5 < far.visible_share < 0.98

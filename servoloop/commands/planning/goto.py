@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from servoloop.commands.planning.planner import PoseOptions, move_group, pose_of
 from servoloop.commands.shared.option_groups import grouped_options
-from servoloop.commands.shared.planner import PoseOptions, move_group, pose_of
 
 if TYPE_CHECKING:
     from hal.robot_description.description import Description

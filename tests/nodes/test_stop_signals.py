@@ -9,7 +9,7 @@ import pytest
 
 PROGRAM = """
 import time
-from nodes.pick_place.signals import on_stop_signal
+from nodes.stop_signals import on_stop_signal
 on_stop_signal(lambda: print("stop", flush=True))
 print("up", flush=True)
 time.sleep(60)

@@ -8,9 +8,9 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import printable_line
+from servoloop.commands.planning.planner import PoseOptions, Triple, move_group, pose_of
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption
-from servoloop.commands.shared.planner import PoseOptions, Triple, move_group, pose_of
 from servoloop.extras import require_extras
 from servoloop.stack.arm_options import NamespaceOption
 

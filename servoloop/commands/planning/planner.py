@@ -45,7 +45,7 @@ def move_group(name: str, network: bool, namespace: str) -> "Iterator[MoveGroupC
     """
     require_extras(f"servoloop {name}", "planning")
     require_ros()
-    from nodes.client_node import client_node
+    from nodes.clients.client_node import client_node
     from nodes.planning_client.move_group import MoveGroupClient, UserInterruptError
 
     set_network(network)

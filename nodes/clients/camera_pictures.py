@@ -9,7 +9,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage
 
 from drivers.clock import Clock
-from nodes.client_node import WatchingNode
+from nodes.clients.client_node import WatchingNode
 
 PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed pictures."""

@@ -10,12 +10,14 @@ from apple_quality_msgs.msg import AppleQualityArray
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from nodes.camera_pictures import subscribe_pictures
+from nodes.clients.camera_pictures import subscribe_pictures
 from pick_place.job import JobPhase
 from pick_place.settings import normal_grade
 
 KEPT: Final = 100
 """Number of messages with a graded apple that are stored between two jobs."""
+SAME_APPLE_S: Final = 0.5
+"""Time after the start of a job during which its apple is still on the stand, in seconds."""
 ENDS: Final = (JobPhase.DONE, JobPhase.ERROR)
 """Phases that end a job."""
 
@@ -41,7 +43,8 @@ class SortingJob:
     """ROS time of the first state of the job."""
     apple: SeenApple | None = None
     """Apple that started the job: the first apple with this grade after the previous job. The message with this apple
-    can arrive later than the first state of the job."""
+    can arrive later than the first state of the job. A monitor that was connected too late for this message has the
+    values from the next picture of the same apple."""
     phase: str = ""
     message: str = ""
 
@@ -57,8 +60,10 @@ class SortingJob:
 
     @property
     def picture_to_goal_s(self) -> float | None:
-        """Time from the picture to the start of the job, in seconds; None if no picture is known."""
-        return None if self.apple is None else self.started_s - self.apple.stamp_s
+        """Time from the picture to the start of the job, in seconds; None if the picture is unknown."""
+        if self.apple is None or self.apple.stamp_s > self.started_s:
+            return None
+        return self.started_s - self.apple.stamp_s
 
 
 @dataclass(slots=True)
@@ -110,4 +115,5 @@ class SortingMonitor:
             self._seen.clear()
 
     def _cause(self, job: SortingJob) -> SeenApple | None:
-        return next((one for one in self._seen if one.grade == job.grade and one.stamp_s <= job.started_s), None)
+        until_s = job.started_s + SAME_APPLE_S
+        return next((one for one in self._seen if one.grade == job.grade and one.stamp_s <= until_s), None)

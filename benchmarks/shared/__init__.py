@@ -1,0 +1,1 @@
+"""Arguments and time measurements of the benchmarks."""

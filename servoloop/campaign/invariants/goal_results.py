@@ -1,0 +1,144 @@
+"""Invariants on the result and the feedback of a goal: both agree with the motion."""
+
+import math
+import re
+from collections import defaultdict, deque
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from controller.action_goals import GoalStatus
+from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.types import FloatArray, JointState
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import read_reference
+from servoloop.simulation.faulty_stack import FaultyStack
+
+OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
+DEVIATION: Final = 0.1
+"""Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
+DEVIATES_S: Final = 0.6
+"""Time within which a goal with a larger deviation ends, in seconds."""
+HISTORY: Final = 150
+"""Number of cycles before the end of a goal that are searched for a deviation.
+
+The goal ends only once its joints are at rest and relieved.
+"""
+
+
+class AbortsAreTrue(Invariant):
+    """A joint that is named in an abort actually deviates from its path or is actually not measured."""
+
+    name = "aborts are true"
+    of_each_arm = True
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
+
+    def on_state(self, state: JointState) -> None:
+        tracking = self.arm.tracking
+        if tracking is not None:
+            wanted = dict(zip(self.arm.joints, tracking.reference.position.tolist(), strict=True))
+            self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
+        for logged in self.stack.ended_goals:
+            handle = logged.handle
+            if handle.status is GoalStatus.ABORTED and logged.controller == self.arm.name:
+                self._examine(handle.error_code, handle.error_text)
+
+    def _examine(self, code: int, text: str) -> None:
+        found = OFF.search(text)
+        if found is not None:
+            self.examined += 1
+            joint, off = found[1], float(found[2])
+            if not self.deceived(joint) and self._largest_deviation(joint) < 0.5 * off:
+                self.say(
+                    f"a goal was aborted ({text}), but {joint} deviated by at most {self._largest_deviation(joint):.3f}"
+                )
+        elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
+            self.examined += 1
+            if not any(faults for _, _, faults in self._history):
+                self.say(f"a goal was aborted ({text}), but every joint was measured")
+
+    def _largest_deviation(self, joint: str) -> float:
+        return max((abs(wanted[joint] - true[joint]) for wanted, true, _ in self._history), default=math.inf)
+
+
+class FeedbackIsTrue(Invariant):
+    """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
+
+    name = "feedback is true"
+    of_each_arm = True
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        names = stack.loop.hardware.joints
+        self._places = [names.index(joint) for joint in arm.joints]
+        self._last_s = -math.inf
+        self._path: Any = None
+        self._elapsed_s = 0.0
+
+    def on_state(self, state: JointState) -> None:
+        tracking = self.arm.tracking
+        if tracking is None or tracking.stamp_s != state.stamp_s:
+            return
+        self.examined += 1
+        measured: FloatArray = state.position[self._places]
+        if not np.array_equal(tracking.feedback_position, measured, equal_nan=True):
+            self.say("the position in the feedback differs from the measurement of the cycle")
+        error = tracking.reference.position - measured
+        turn = np.round((error - tracking.error) / math.tau) * math.tau
+        if not np.allclose(error - turn, tracking.error, atol=1e-9, equal_nan=True):
+            self.say("the error in the feedback is not the reference minus the measurement")
+        if tracking.stamp_s <= self._last_s:
+            self.say(
+                f"the time of the feedback does not increase: {tracking.stamp_s:.3f} s follows {self._last_s:.3f} s"
+            )
+        if tracking.path is self._path and tracking.elapsed_s < self._elapsed_s:
+            self.say("the time on the path decreases")
+        self._last_s, self._path, self._elapsed_s = tracking.stamp_s, tracking.path, tracking.elapsed_s
+
+
+class DeviationEnds(Invariant):
+    """A goal ends if a joint deviates from the path by more than its tolerance for some time.
+
+    The deviation is measured in the simulated world. The allowed lag of a moving joint is added to its tolerance.
+    """
+
+    name = "deviation ends a goal"
+    of_each_arm = True
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._off_s = defaultdict[str, float](float)
+        self._reference = read_reference(stack.files)
+
+    def on_state(self, state: JointState) -> None:
+        arm, period_s = self.arm, self.stack.loop.period_s
+        open_goals = [logged for logged in self.stack.goals.open if logged.controller == arm.name]
+        tracking = arm.tracking
+        on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s
+        if tracking is None or not on_path or not open_goals or state.faults:
+            self._off_s.clear()
+            return
+        true, reference = self.true_positions(), tracking.reference
+        defaults, asked = arm.parameters.tolerances(), open_goals[-1].goal.tolerances.path
+        for place, joint in enumerate(arm.joints):
+            allowed = asked.get(joint) or defaults.path.get(joint, 0.0)
+            lag = abs(float(reference.velocity[place])) * defaults.lag_time_s.get(joint, 0.0)
+            if allowed <= 0.0 or self.deceived(joint):
+                continue
+            self.examined += 1
+            off = self._deviation(joint, float(reference.position[place]), true[joint]) > allowed + lag + DEVIATION
+            self._off_s[joint] = self._off_s[joint] + period_s if off else 0.0
+            if self._off_s[joint] > DEVIATES_S:
+                wanted = f"its reference is at {reference.position[place]:.3f}"
+                self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
+
+    def _deviation(self, joint: str, wanted: float, true: float) -> float:
+        """Return the smallest distance between the reference and a position that the servo may report."""
+        known = self._reference.get(joint)
+        readings = [true] if known is None else known.readings(true, 0.0)
+        return min(abs(wanted - reading) for reading in readings)

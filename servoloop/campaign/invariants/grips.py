@@ -1,0 +1,114 @@
+"""Invariant on the goals of a gripper action controller."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from controller.action_goals import GoalStatus
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.types import JointState
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.grips import GripperClient, LoggedGrip
+
+LATE_S: Final = 2.0
+"""Time allowed in addition to the stall timeout, in seconds, because goals may begin with standing fingers."""
+FAULT_ENDS_S: Final = 1.0
+"""Time within which a goal ends if its joint is not measured, in seconds."""
+ANSWER_CYCLES: Final = 2
+"""Number of cycles within which a canceled or replaced goal ends."""
+OFF_SHARE: Final = 0.03
+"""Deviation allowed in addition to the goal tolerance, as a share of the joint's range, because of backlash."""
+CREEP_SHARE: Final = 0.05
+"""Highest speed at which fingers stand, in goal tolerances per second."""
+STANDS_S: Final = 0.5
+"""Time before the end of a stalled goal in which the fingers must stand, in seconds."""
+
+
+class GripsAreFollowed(Invariant):
+    """A gripper goal ends in time with a true result, and a canceled goal stops the fingers.
+
+    Positions are those of the simulated world. Cycles in which the joint moves or is not measured do not count toward
+    the end, but the goal ends after the fault timeout.
+    """
+
+    name = "gripper goals are followed"
+    promised = False
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._open: dict[int, float] = {}
+        """Time for which the joint has been measured and has stood during each open goal, in seconds, by index."""
+        self._unmeasured_s: dict[int, float] = {}
+        """Time for which the joint has not been measured during each open goal, in seconds, by index."""
+        self._seen = 0
+        self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
+
+    @property
+    def _client(self) -> GripperClient | None:
+        return None if self.stack.clients is None else self.stack.clients.gripper
+
+    def on_state(self, state: JointState) -> None:
+        client = self._client
+        if client is None:
+            return
+        joint = client.parameters.joint
+        self._positions.append(self.true_positions()[joint])
+        for index in range(self._seen, len(client.goals)):
+            self._open[index] = self._unmeasured_s[index] = 0.0
+        self._seen = len(client.goals)
+        for index in list(self._open):
+            self._examine(client, index, joint in state.faults)
+
+    def at_end(self) -> None:
+        client = self._client
+        unended = [one for one in client.goals if not one.handle.done] if client else []
+        if unended:
+            self.say(f"a gripper goal sent at {unended[0].sent_s:.2f} s did not end")
+
+    def _examine(self, client: GripperClient, index: int, faulty: bool) -> None:
+        logged, joint = client.goals[index], client.parameters.joint
+        self.examined += 1
+        if logged.handle.done:
+            del self._open[index]
+            self._judge(client, logged)
+            return
+        now_s, period_s = self.stack.clock.now(), self.stack.loop.period_s
+        ends_s = [one for one in (logged.cancel_s, self._replaced_s(client, index)) if one is not None]
+        if ends_s and now_s - min(ends_s) > ANSWER_CYCLES * period_s:
+            self.say(f"a gripper goal continues {now_s - min(ends_s):.2f} s after it was canceled or replaced")
+        self._unmeasured_s[index] = self._unmeasured_s[index] + period_s if faulty else 0.0
+        if faulty:
+            if (lasted_s := self._unmeasured_s[index]) > FAULT_ENDS_S:
+                self.say(f"a gripper goal continues although its joint was not measured for {lasted_s:.2f} s")
+            return
+        stands = len(self._positions) > 1 and abs(self._positions[-1] - self._positions[-2]) < self._creep(client)
+        self._open[index] += period_s * stands
+        if self._open[index] > self._due_s(client):
+            self.say(f"a gripper goal continues although {joint} has stood for {self._open[index]:.1f} s")
+
+    def _creep(self, client: GripperClient) -> float:
+        """Return the distance that a joint may move in a cycle and still stand, in rad or m."""
+        return CREEP_SHARE * client.parameters.goal_tolerance * self.stack.loop.period_s
+
+    @staticmethod
+    def _replaced_s(client: GripperClient, index: int) -> float | None:
+        return client.goals[index + 1].sent_s if index + 1 < len(client.goals) else None
+
+    @staticmethod
+    def _due_s(client: GripperClient) -> float:
+        """Return the time for which fingers may stand before a goal ends, in seconds."""
+        return client.parameters.stall_timeout + LATE_S
+
+    def _judge(self, client: GripperClient, logged: LoggedGrip) -> None:
+        """Compare the result of a goal with the true position of the joint."""
+        joint, handle = client.parameters.joint, logged.handle
+        if self.deceived(joint):
+            return
+        slack = OFF_SHARE * (client.limits.upper - client.limits.lower)
+        off = abs(self._positions[-1] - handle.goal.position)
+        if handle.status is GoalStatus.SUCCEEDED and off > client.parameters.goal_tolerance + slack:
+            self.say(f"a gripper goal succeeded with {joint} {off:.4f} away from it")
+        travel = max(self._positions) - min(self._positions)
+        if handle.state.stalled and travel > slack:
+            self.say(f"a gripper goal ended as stalled, but {joint} moved by {travel:.4f} in the last {STANDS_S} s")

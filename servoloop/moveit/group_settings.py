@@ -1,0 +1,54 @@
+"""Repeat the settings of the group ``arm`` and of the group ``hand`` for the groups of a robot with several arms."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from planning.groups import ARM, HAND
+from servoloop.motion_planning.robot import arm_groups, planning_robot
+from servoloop.stack.robot_files import Files
+
+KINEMATICS: Final = "kinematics.yaml"
+PLANNERS: Final = "ompl_planning.yaml"
+RVIZ: Final = "moveit.rviz"
+RVIZ_GROUP: Final = "Planning Group: "
+
+
+@dataclass(frozen=True, slots=True)
+class GroupNames:
+    """Names of the groups of a robot with several arms."""
+
+    chains: tuple[str, ...]
+    """Groups of a single arm, for which MoveIt computes inverse kinematics."""
+    arms: tuple[str, ...]
+    """Groups of one or more arms."""
+    hands: tuple[str, ...]
+    """Groups of the hands."""
+
+
+def group_names(files: Files) -> GroupNames:
+    """Return the names of the groups in the SRDF of a robot. Raises HalError or PlanningError."""
+    robot = planning_robot(files)
+    arms = arm_groups(robot, files)
+    names = tuple(group.name for group in arms)
+    hands = tuple(name for name in robot.groups.groups if name not in names)
+    return GroupNames(tuple(group.name for group in arms if group.tip is not None), names, hands)
+
+
+def group_settings(folder: Path, names: GroupNames) -> dict[str, str]:
+    """Return the texts of the files in ``folder`` that have settings of groups, for these groups."""
+    kinematics, planners = ((folder / name).read_text() for name in (KINEMATICS, PLANNERS))
+    rviz = (folder / RVIZ).read_text().replace(f"{RVIZ_GROUP}{ARM}\n", f"{RVIZ_GROUP}{names.chains[0]}\n")
+    planners = _repeated(_repeated(planners, ARM, names.arms), HAND, names.hands)
+    return {KINEMATICS: _repeated(kinematics, ARM, names.chains), PLANNERS: planners, RVIZ: rviz}
+
+
+def _repeated(text: str, group: str, names: Sequence[str]) -> str:
+    """Return the text with one copy of the section of a group for each of the names. Only the first has comments."""
+    section = re.search(rf"^{group}:\n((?:[ ]+.*\n)+)", text, re.MULTILINE)
+    assert section is not None
+    plain = re.sub(r"^ +#.*\n", "", section[1], flags=re.MULTILINE)
+    copies = "".join(f"{name}:\n{plain if number else section[1]}" for number, name in enumerate(names))
+    return text[: section.start()] + copies + text[section.end() :]
