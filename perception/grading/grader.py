@@ -15,7 +15,7 @@ from perception.grading.edges import at_transitions
 from perception.grading.light import Pixels, relative_to_table
 from perception.grading.outlines import Outline, box_outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
-from perception.grading.skin import RIM_PX, VisibleSkin, skin_of
+from perception.grading.skin import VisibleSkin, rim_px, skin_of
 from perception.grading.spheres import AppleSphere, fit_sphere
 
 MOST_ERROR: Final = 0.12
@@ -210,7 +210,7 @@ class Grader:
             free &= other.sphere.inside(rays)[1] > 1.1
         visible = float(free.sum()) / max(int(inside.sum()), 1)
         radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
-        judged = free & (away < max(1.0 - RIM_PX / radius_px, 0.0) ** 2)
+        judged = free & (away < max(1.0 - rim_px(radius_px) / radius_px, 0.0) ** 2)
         if judged.sum() < LEAST_SKIN:
             return VisibleSkin(0.0, 0.0), 0.0, 0.0
         patch = relative[rows, columns]

@@ -33,7 +33,10 @@ DARK_BROWN_BLUE: Final = 0.06
 """Largest log of the relative brightness, and smallest B / R, of a brown with little blue. The transition from red to
 green skin has this color, but it is not as dark."""
 GRAY_BLUE: Final = 0.33
-"""Smallest B / R of gray and black."""
+GRAY_GREEN: Final = 0.55
+"""Smallest B / R and G / R of gray and black."""
+NOT_PALE_RED: Final = 1.25
+"""Smallest G / B of brown. Red skin that a compressed picture mixes with the gray of the table has equal G and B."""
 MOSTLY: Final = 0.6
 """Smallest share of brown pixels at which the whole apple counts as either yellow or rotten."""
 YELLOW: Final = 0.22
@@ -49,8 +52,12 @@ CHROMA_BIN: Final = 0.15
 """Bin width of the colors of sound skin, in log ratios."""
 COMMON: Final = 0.02
 """Smallest share of the skin at which a color counts as a color of sound skin."""
-RIM_PX: Final = 1.2
-"""Width of the rim that is not judged, in pixels, because its colors are a mixture of the apple and the table."""
+RIM_PX: Final = (1.2, 2.5)
+"""Smallest and largest width of the rim that is not judged, in pixels, because its colors are a mixture of the apple
+and the table. The mixture is wide in compressed pictures, such as those of USB cameras, whose color has a lower
+resolution."""
+RIM: Final = 0.08
+"""Width of the rim between these limits, as a share of the radius of the apple."""
 RING: Final = 0.08
 """Width of the ring inside the rim, as a squared share of the radius. The pixels of the ring also count for the rim."""
 DIMMEST: Final = 1e-3
@@ -65,6 +72,11 @@ class VisibleSkin:
     """Share of the skin that is red and not a defect."""
     defect_score: float
     """Share that is a defect."""
+
+
+def rim_px(radius_px: float) -> float:
+    """Return the width of the rim of an apple that is not judged, in pixels."""
+    return min(max(RIM * radius_px, RIM_PX[0]), RIM_PX[1])
 
 
 def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, Flags]:
@@ -109,8 +121,8 @@ def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> VisibleSkin:
 
 def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags:
     """Return which pixels have the color of a defect, from G / R, B / R and log brightness (n,)."""
-    brown: Flags = (green > BROWN[0]) & (green < BROWN[1]) & (blue > BROWN_BLUE)
-    brown |= (blue > GRAY_BLUE) & (green > BROWN[0])
+    brown: Flags = (green > BROWN[0]) & (green < BROWN[1]) & (blue > BROWN_BLUE) & (green > NOT_PALE_RED * blue)
+    brown |= (blue > GRAY_BLUE) & (green > GRAY_GREEN)
     if brown.mean() > MOSTLY and np.median(brightness[brown]) > np.log(YELLOW):
         brown[:] = False
     return brown

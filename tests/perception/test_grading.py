@@ -1,5 +1,6 @@
 """The grader is tested with painted pictures whose true values are known for each pixel."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -48,6 +49,21 @@ def test_an_apple_of_one_color_has_no_defect(
     apple = painted.PaintedApple(CENTER, 0.03, ground, red_share, np.array([0.0, 0.0, 1.0]))
     [(found, _)] = graded(grader, [apple], painted.Lamp(lamp=0.8, direction=painted.unit(np.array([1.0, 0.5, 0.7]))))
     assert found.defect_score < 0.01 and abs(found.red_ratio - expected_red) < 0.02
+
+
+@pytest.mark.parametrize("quality", [75, 90])
+@pytest.mark.parametrize("seed", [1001, 1018])
+def test_a_compressed_picture_adds_no_defects(grader: Grader, seed: int, quality: int) -> None:
+    rng = np.random.default_rng(seed)
+    apples, lamp = painted.random_apples(rng, 3), painted.random_lamp(rng)
+    picture, truth = painted.paint(painted.view(), apples, lamp, seed)
+    jpeg = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))[1]
+    found = grader.grade(np.ascontiguousarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)[..., ::-1]))
+    sound = [real for real in truth if real.defect_score == 0.0]
+    assert sound
+    for real in sound:
+        apple = min(found, key=lambda one: float(np.linalg.norm(one.position_m - real.position_m)))
+        assert apple.defect_score < 0.03
 
 
 @pytest.mark.parametrize("known", [False, True])
