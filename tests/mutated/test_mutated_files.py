@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from controller.manager import plugins
-from servoloop.stack import hardware
+from servoloop.stack import hardware_plugins
 from tests.mutated.cases import LONGEST_S, good, mutated, quiet, tried
 from tests.mutated.readers import KINDS
 
@@ -22,7 +22,7 @@ SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Search for plug-ins of other packages only once instead of for each file, and suppress warnings."""
-    for module in (hardware, plugins):
+    for module in (hardware_plugins, plugins):
         monkeypatch.setattr(module, "entry_points", cache(module.entry_points))
     with quiet():
         yield

@@ -263,5 +263,5 @@ def test_failing_callback_does_not_delay_an_answer(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(surface, "_send_delayed", lambda: None, raising=False)
     monkeypatch.setattr(surface, "_synchronize", lambda: answered.append(1))
     monkeypatch.setattr(rclpy, "ok", lambda: True)
-    surface.spin(lambda: bool(answered))
+    surface._serve(lambda: bool(answered))
     assert answered == [1]
