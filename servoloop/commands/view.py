@@ -133,9 +133,10 @@ def _live_camera(clock: Clock, namespace: str) -> "LiveCamera | None":
         require_ros()
     except RosError:
         return None
+    from nodes.clients.camera_pictures import PICTURES, PictureWatch
     from servoloop.dashboard.live_camera import LiveCamera
 
-    return LiveCamera(clock, namespace)
+    return LiveCamera(PictureWatch(clock, namespace), PICTURES)
 
 
 def _opened(

@@ -1,17 +1,19 @@
-"""Pictures of the running camera node for the page of ``servoloop view``. Imports rclpy."""
+"""Pictures of the running camera node for the page of ``servoloop view``."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from drivers.clock import Clock
-from nodes.clients.camera_pictures import PICTURES, PictureWatch
 from servoloop.recording.pictures import CameraPicture
+
+if TYPE_CHECKING:
+    from nodes.clients.camera_pictures import PictureWatch
 
 
 class LiveCamera:
     """Newest picture of the camera node."""
 
-    def __init__(self, clock: Clock, namespace: str) -> None:
-        self._watch = PictureWatch(clock, namespace)
+    def __init__(self, watch: "PictureWatch", topic: str) -> None:
+        self._watch, self._topic = watch, topic
         self._message: object = None
         self._pictures: Mapping[str, CameraPicture] = {}
 
@@ -20,7 +22,7 @@ class LiveCamera:
         newest = self._watch.newest
         if newest is not self._message:
             self._message = newest
-            found = {} if newest is None else {PICTURES: CameraPicture(newest.format, bytes(newest.data))}
+            found = {} if newest is None else {self._topic: CameraPicture(newest.format, bytes(newest.data))}
             self._pictures = found
         return self._pictures
 
