@@ -49,6 +49,7 @@ def shut_down(
     parked: list[bool] = []
     failed: list[str] = []
     released: dict[str, Sequence[str]] = {}
+    """Errors of components that were released without being active, by component."""
     loop.requests.end()
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
@@ -56,10 +57,7 @@ def shut_down(
     _try(problems, "wait for open component transitions", settle)
     _try(problems, "complete component transitions", loop.component_transitions.end)
     for component in loop.hardware.lost if relax else ():
-        if not hurry():
-            _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
-        if component.error is not None:
-            _try(problems, f"release {component.name}", partial(_release, component, released))
+        released |= _end_lost(loop, component, hurry(), problems)
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "deactivate the controllers", loop.manager.deactivate)
         if not relax:
@@ -84,6 +82,16 @@ def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
     except Exception as error:  # An error in one step must not prevent the next step.
         LOG.error("could not %s: %s", step, error)
         problems.append(f"could not {step}: {error}")
+
+
+def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: list[str]) -> dict[str, Sequence[str]]:
+    """Activate a lost component again, or release it where it is. Return the errors of the release, by component."""
+    released: dict[str, Sequence[str]] = {}
+    if not hurry:
+        _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
+    if component.error is not None:
+        _try(problems, f"release {component.name}", partial(_release, component, released))
+    return released
 
 
 def _bring_back(loop: ControlLoop, component: Component) -> None:
