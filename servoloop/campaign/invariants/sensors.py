@@ -24,8 +24,8 @@ CYCLES: Final = 5
 """Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
 FACTOR: Final = 2.0
 """Factor by which a reported velocity may be outside the range of the true values in the latest cycles."""
-EFFORT_FACTOR: Final = 4.0
-"""The same factor for a reported effort, which the servo estimates from its drive (0.3 to 1.8 measured)."""
+EFFORT_FACTOR: Final = 8.0
+"""The same factor for a reported effort, which the servo estimates from its drive (0.2 to 1.8 measured)."""
 STEADY: Final = 1.5
 """Largest ratio of two true values in the latest cycles at which the reported magnitude is examined."""
 WRONG_CYCLES: Final = 2
