@@ -90,7 +90,7 @@ def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: li
     if not hurry:
         _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
     if component.error is not None:
-        _try(problems, f"release {component.name}", partial(_release, component, released))
+        _try(problems, f"release {component.name}", lambda: released.update(_release(component)))
     return released
 
 
@@ -106,11 +106,12 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
         loop.take_over(component, loop.hardware.read())
 
 
-def _release(component: Component, released: dict[str, Sequence[str]]) -> None:
-    """Disable the torque of a lost component that is not active, and add the errors to ``released``."""
+def _release(component: Component) -> dict[str, Sequence[str]]:
+    """Disable the torque of a lost component, unless it is active or finalized. Return the errors, by component."""
     hardware = component.hardware
     if isinstance(hardware, Holding) and component.state in (LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE):
-        released[component.name] = hardware.disable_torque()
+        return {component.name: hardware.disable_torque()}
+    return {}
 
 
 def _stop(loop: ControlLoop) -> None:

@@ -179,7 +179,7 @@ class Holding(Protocol):
         ...
 
     def disable_torque(self) -> Sequence[str]:
-        """Disable the torque of all joints that can be reached. The hardware is not active, and its state stays.
+        """Disable the torque of all joints of inactive or unconfigured hardware. Its state does not change.
 
         Returns:
             Messages about errors, each with the name of the servo.

@@ -26,7 +26,7 @@ STANDS_S: Final = 0.5
 
 
 class GripsAreFollowed(Invariant):
-    """A gripper goal ends in time with a true result, and a canceled goal stops the fingers.
+    """A gripper goal ends in time with a true result. A canceled or replaced goal ends at once.
 
     Positions are those of the simulated world. Cycles in which the joint moves or is not measured do not count toward
     the end, but the goal ends after the fault timeout.
@@ -40,7 +40,7 @@ class GripsAreFollowed(Invariant):
         self._open: dict[int, float] = {}
         """Time for which the joint has been measured and has stood during each open goal, in seconds, by index."""
         self._unmeasured_s: dict[int, float] = {}
-        """Time for which the joint has not been measured during each open goal, in seconds, by index."""
+        """Time since the joint was last measured during each open goal, in seconds, by index."""
         self._seen = 0
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 
