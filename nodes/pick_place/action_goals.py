@@ -12,7 +12,6 @@ from nodes.pick_place.waiter import Waiter
 from pick_place.job import JobOutcome
 from pick_place.settings import ArmSettings
 
-_POLL_S: Final = 0.05
 _STATUS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled the goal"}
 
 
@@ -49,11 +48,12 @@ class SentGoals:
     async def send(self, goal: Any, more_s: float = 0.0) -> JobOutcome:
         """Send one goal and wait for its outcome. ``more_s`` is added to the maximum time of the result."""
         self._stop = Future()
-        found = await self._find_server()
+        server_s = self._settings.server_timeout_s
+        found = await self._waiter.until_ready(server_s, self._client.server_is_ready, self._stop)
         if self._stop.done():
             return JobOutcome(False)
         if not found:
-            return self._late(f"the action server {self._name} is not available", self._settings.server_timeout_s)
+            return self._late(f"the action server {self._name} is not available", server_s)
         sent = self._client.send_goal_async(goal)
         if not await self._waiter.until(self._settings.goal_timeout_s, sent):
             sent.add_done_callback(_cancel_if_accepted)
@@ -61,13 +61,6 @@ class SentGoals:
         if not sent.result().accepted:
             return JobOutcome(False, "the arm rejected the goal; the log of the stack contains the reason")
         return await self._outcome(sent.result(), self._settings.result_timeout_s + more_s)
-
-    async def _find_server(self) -> bool:
-        for _ in range(round(self._settings.server_timeout_s / _POLL_S)):
-            if self._client.server_is_ready() or self._stop.done():
-                break
-            await self._waiter.until(_POLL_S, self._stop)
-        return bool(self._client.server_is_ready())
 
     async def _outcome(self, goal: Any, timeout_s: float) -> JobOutcome:
         result, is_available = goal.get_result_async(), self._client.server_is_ready

@@ -12,6 +12,7 @@ GONE_S: Final = 2.0
 """Time for which a server must be missing from the graph before the wait for a motion of this server ends, in
 seconds."""
 _CHECK_S: Final = 0.5
+_POLL_S: Final = 0.05
 
 
 class Waiter:
@@ -30,6 +31,17 @@ class Waiter:
     async def until(self, timeout_s: float, *futures: Future) -> bool:
         """Wait up to ``timeout_s`` for one of the futures, and return whether one is done."""
         return await self._until(timeout_s, self._steady, *futures)
+
+    async def until_ready(self, timeout_s: float, ready: Callable[[], bool], stop: Future) -> bool:
+        """Wait up to ``timeout_s`` until ``ready`` returns true, and return its last value.
+
+        A request to a server that is not connected yet is lost. The wait also ends when ``stop`` is done.
+        """
+        for _ in range(round(timeout_s / _POLL_S)):
+            if ready() or stop.done():
+                break
+            await self.until(_POLL_S, stop)
+        return ready()
 
     async def until_moved(self, timeout_s: float, available: Callable[[], bool], *futures: Future) -> bool:
         """Wait like ``until`` for the end of a motion, on the node's clock if time is simulated, and only while its

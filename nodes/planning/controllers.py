@@ -89,11 +89,7 @@ class ActionController:
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send one goal and wait for its result. A request to stop cancels the goal, and the controller brakes along
         the path."""
-        for _ in range(round(ANSWER_S / POLL_S)):
-            if self._client.server_is_ready() or stop.requested:
-                break
-            await self._waiter.until(POLL_S, stop.future)
-        if not self._client.server_is_ready():
+        if not await self._waiter.until_ready(ANSWER_S, self._client.server_is_ready, stop.future):
             return f"the action {self._name} is not available: start the stack, and activate {self.route.name}"
         sent = self._client.send_goal_async(self._goal(trajectory))
         if not await self._waiter.until(ANSWER_S, sent):
@@ -147,11 +143,7 @@ class ForwardController:
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send the last point, and wait until the joints have arrived or are at rest, for example because they hold an
         object."""
-        for _ in range(round(ANSWER_S / POLL_S)):
-            if self._commands.get_subscription_count() or stop.requested:
-                break
-            await self._waiter.until(POLL_S, stop.future)
-        if not self._commands.get_subscription_count():
+        if not await self._waiter.until_ready(ANSWER_S, self._has_listener, stop.future):
             return f"no controller listens to {self._name}: start the stack, and activate {self.route.name}"
         state = self._joints.state()
         goals = dict(zip(trajectory.joint_names, trajectory.points[-1].positions, strict=True))
@@ -163,6 +155,9 @@ class ForwardController:
             state = self._joints.state()
             self._commands.publish(Float64MultiArray(data=[state[joint] for joint in self.route.joints]))
         return ""
+
+    def _has_listener(self) -> bool:
+        return bool(self._commands.get_subscription_count())
 
     async def _rest(self, targets: list[float], duration_s: float, stop: StopRequest) -> None:
         """Wait until the joints have arrived, or have been at rest after the time of the trajectory."""
