@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from random import Random
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field
 
@@ -14,7 +14,7 @@ from hal.plausible import Counts, Number, RegisterValue
 from sim_backend.faults.event import Lasting, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, require_value
 from sim_backend.faults.tails import either_way, log_uniform
-from sim_backend.faults.targets import FaultTargets, Inventory
+from sim_backend.faults.targets import FaultTargets, Inventory, Since
 from sim_backend.servos.generic.packet_servo import PacketServo
 
 READ_IN_CYCLES: Final = (
@@ -22,6 +22,10 @@ READ_IN_CYCLES: Final = (
     *("present_voltage", "present_temperature", "torque_enable", "status", "hardware_error_status"),
 )
 """Registers, other than the position, that the stack reads in each cycle. No model has all of them."""
+AT_THE_START: Final = 1 / 2
+"""Share of the drawn false positions that are in every second or third reply while the stack starts."""
+LEAP_COUNTS: Final = (400, 2000)
+"""Range of the distance between a true and a false position while the stack starts."""
 
 
 class _FalseReplies(OfServo, Lasting):
@@ -81,6 +85,17 @@ class FalsePosition(_FalseReplies):
 
         with _reporting(servo.on_read, falsify):
             yield
+
+    @classmethod
+    def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
+        """Draw a fault. Half of the faults are leaps to and fro while the stack starts, because a false reading could
+        become the first goal there."""
+        fault = super().drawn(random, there, at_s, since)
+        if there.start_s is None or "start" not in there.moments or random.random() >= AT_THE_START:
+            return fault
+        start_s = {"since": "start", "at_s": round(random.uniform(0.0, 0.2 * there.start_s), 4), "for_s": there.start_s}
+        counts = either_way(random, random.randint(*LEAP_COUNTS))
+        return fault.model_copy(update={**start_s, "every": random.choice((2, 3)), "replies": None, "counts": counts})
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.printable import counted
 from drivers.servos import sts
 from hal.joint import Joint
-from hal.types import FloatArray, JointState
+from hal.types import FloatArray, JointFault, JointState
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
@@ -36,13 +36,15 @@ SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a turning servo between two samples of its position, in counts."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
 """Faults that themselves falsify the replies of a servo."""
+LOSING: Final = "adapter_unplugged"
+"""Fault that makes a component lose a bus."""
 
 
 class NamedAlone(Invariant):
     """A silent servo is reported within two cycles. No joint with a working servo and bus is reported.
 
-    A fault of another servo does not excuse a violation. Two servos with the same ID are skipped: either may have
-    answered.
+    A fault of another servo does not excuse a violation, but a component that loses one of its buses is lost as a
+    whole. Two servos with the same ID are skipped: either may have answered.
     """
 
     name = "silent servo is reported"
@@ -63,11 +65,16 @@ class NamedAlone(Invariant):
         }
         self.examined += len(silent) + len(working) * bool(active)
         self._missing = Counter({joint: self._missing[joint] + 1 for joint in silent - state.faults.keys()})
-        self._wrong = Counter({joint: self._wrong[joint] + 1 for joint in state.faults.keys() & working})
+        wrong = {name for name in state.faults.keys() & working if not self._is_lost_with_another(state.faults[name])}
+        self._wrong = Counter({joint: self._wrong[joint] + 1 for joint in wrong})
         for counts, text in ((self._missing, "is silent but not reported"), (self._wrong, "works but is reported")):
             for joint, cycles in counts.items():
                 if cycles > CYCLES_TO_NAME:
                     self.say(f"{joint} {text}, for {counted(cycles, 'cycle')}")
+
+    def _is_lost_with_another(self, fault: JointFault) -> bool:
+        """Return whether a joint is reported because its component has several buses and has lost one of them."""
+        return fault.kind == "component" and any(LOSING in self.stack.touches.kinds(one.name) for one in self.joints)
 
     def _silences(self, event: Event) -> bool:
         """Return whether a servo with this fault does not answer."""

@@ -1,10 +1,11 @@
 """Monitor the bytes on a bus for goals and torque commands that an arm must never receive."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import inf, pi
 from typing import Any, Final
 
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import ByteOrder, Register
 from drivers.servos.series import Series
 from hal.joint import Joint
@@ -12,7 +13,7 @@ from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.line.line import ServoLine
 from sim_backend.packets import dynamixel as dynamixel_wire
 from sim_backend.packets import sts as sts_wire
-from sim_backend.packets.dynamixel_groups import bulk_entries, sync_entries
+from sim_backend.packets.dynamixel_groups import Span, bulk_entries, bulk_spans, sync_entries, sync_spans
 from sim_backend.packets.instructions import Instruction, Parser
 
 MEASURED_WITHIN_COUNTS: Final = 3
@@ -22,6 +23,8 @@ SWITCHED_ON_S: Final = 0.02
 
 The stack cannot know how far a moving joint gets in this time.
 """
+CONFIRMING_READS: Final = 2
+"""Minimum number of readings of the position between the last setting of a limp servo and its first goal."""
 
 
 class WireMonitor:
@@ -47,12 +50,15 @@ class WireMonitor:
                 servos.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
+        self._positions = {joint.servo_id: _position_address(joint) for joint in joints}
         self._line = line
         self._period_s = period_s
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
-        self._writes = _writes_2 if second else _writes_1
+        self._writes, self._reads = (_writes_2, _reads_2) if second else (_writes_1, _reads_1)
         self._goals: dict[int, int] = {}
+        self._measured: Counter[int] = Counter()
+        """Number of requested readings of the position since the last setting was written, by servo ID."""
         self._placed_s: dict[int, float] = {}
         """Time at which each servo got its current goal, by servo ID.
 
@@ -67,18 +73,30 @@ class WireMonitor:
     def see(self, data: bytes) -> None:
         """Examine one write to the bus."""
         for instruction in self._parser.feed(data):
+            for servo_id, address, size in self._reads(instruction):
+                if servo_id in self._joints:
+                    self._read(*self._joints[servo_id], address, size)
             for servo_id, address, content in self._writes(instruction):
                 if servo_id in self._joints:
                     self._written(*self._joints[servo_id], address, content)
+
+    def _read(self, joint: Joint, servo: Any, address: int, size: int) -> None:
+        if self._positions[joint.servo_id] in _addresses(servo.memory, address, size):
+            self._measured[joint.servo_id] += 1
 
     def _written(self, joint: Joint, servo: Any, address: int, content: bytes) -> None:
         series = series_of(joint.model)
         order = series.protocol.byte_order
         position = round(servo.firmware.position)
-        if (goal := _value(series.goal_position, order, servo.memory, address, content)) is not None:
-            self._goal(joint, goal, position, limp=servo.memory.get(series.torque_enable) == 0)
-        if (torque := _value(series.torque_enable, order, servo.memory, address, content)) is not None:
-            self._torque(joint, torque, position, limp=servo.memory.get(series.torque_enable) == 0)
+        goal = _value(series.goal_position, order, servo.memory, address, content)
+        torque = _value(series.torque_enable, order, servo.memory, address, content)
+        limp = servo.memory.get(series.torque_enable) == 0
+        if goal is not None:
+            self._goal(joint, goal, position, limp)
+        if torque is not None:
+            self._torque(joint, torque, position, limp)
+        if goal is None and torque is None:
+            self._measured[joint.servo_id] = 0
 
     def _goal(self, joint: Joint, goal: int, position: int, limp: bool) -> None:
         self.goals_seen += 1
@@ -98,6 +116,11 @@ class WireMonitor:
         known_limp = joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS
         if limp and (known_limp or (self._activating() and not begins)):
             self.broken.append(f"{joint.name}: has no torque at {position} but gets goal {goal}")
+        readings = self._measured[joint.servo_id]
+        if limp and self._activating() and goal != before and readings < CONFIRMING_READS:
+            self.broken.append(
+                f"{joint.name}: gets goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree"
+            )
         self._goals[joint.servo_id] = goal
 
     def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
@@ -149,13 +172,43 @@ class GoalReader:
 
 def _value(register: Register, order: ByteOrder, memory: Any, address: int, content: bytes) -> int | None:
     """Return the value that a write stores in a register; None if it does not write the whole register."""
-    # Dynamixels have indirect addresses, which stand for bytes elsewhere.
-    addresses = memory.resolved(address, len(content)) if hasattr(memory, "resolved") else range(address, 1 << 16)
-    written = dict(zip(addresses, content, strict=False))
+    written = dict(zip(_addresses(memory, address, len(content)), content, strict=False))
     places = range(register.address, register.address + register.size)
     if not all(place in written for place in places):
         return None
     return register.decode(bytes(written[place] for place in places), order)
+
+
+def _position_address(joint: Joint) -> int:
+    return next(register.address for register in registers_of(joint.model) if register.name == "present_position")
+
+
+def _addresses(memory: Any, address: int, size: int) -> Sequence[int]:
+    """Return the addresses of a read or write. Dynamixels have indirect addresses, which stand for bytes elsewhere."""
+    return memory.resolved(address, size) if hasattr(memory, "resolved") else range(address, address + size)
+
+
+def _reads_1(instruction: Instruction) -> Iterator[Span]:
+    """Yield the servo ID, address and size of each read in an instruction of a Feetech protocol or Dynamixel 1.0."""
+    parameters, code = instruction.parameters, sts_wire.Code
+    if instruction.code == code.READ and len(parameters) > 1:
+        yield instruction.servo_id, parameters[0], parameters[1]
+    elif instruction.code == code.SYNC_READ and len(parameters) > 1:
+        yield from ((servo_id, parameters[0], parameters[1]) for servo_id in parameters[2:])
+    elif instruction.code == code.BULK_READ:  # a zero, then size, ID and address of each servo
+        for at in range(1, len(parameters) - 2, 3):
+            yield parameters[at + 1], parameters[at + 2], parameters[at]
+
+
+def _reads_2(instruction: Instruction) -> Iterator[Span]:
+    """Yield the servo ID, the address and the size of each read in an instruction of Dynamixel 2.0."""
+    parameters, code = instruction.parameters, dynamixel_wire.Code
+    if instruction.code == code.READ:
+        yield instruction.servo_id, int.from_bytes(parameters[:2], "little"), int.from_bytes(parameters[2:4], "little")
+    elif instruction.code in (code.SYNC_READ, code.FAST_SYNC_READ):
+        yield from sync_spans(parameters)
+    elif instruction.code in (code.BULK_READ, code.FAST_BULK_READ):
+        yield from bulk_spans(parameters)
 
 
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
