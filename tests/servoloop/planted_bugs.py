@@ -17,7 +17,7 @@ from controller.motion import Kinematics, motion_to
 from controller.trajectory import active_goal, execution, goal_planner
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import GoalExecution
-from controller.trajectory.goal import TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.relief import Relief
@@ -30,9 +30,12 @@ from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
+from hal.leaps import Plausibility
+from hal.servos import activation
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
+from hal.servos.stall_watch import StallWatch
 from hal.types import FloatArray, JointState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server import requests
@@ -357,3 +360,34 @@ def stalled_grippers_are_not_detected(patch: pytest.MonkeyPatch) -> None:
 @detected_by("gripper goals are followed")
 def cancels_of_gripper_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(GripperActionController, "cancel", lambda controller, handle: None)
+
+
+@detected_by("safe wire")
+def one_reading_becomes_a_goal(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Activation, "_confirmed", Activation._measure_all)
+
+
+@detected_by("safe wire")
+def two_readings_are_not_compared(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(activation, "_agree", lambda joint, before, last: True)
+
+
+@detected_by("reported truly")
+def leaps_are_believed(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Plausibility, "leap", lambda check, position, now_s, driven: None)
+
+
+@detected_by("long presses are reduced")
+def presses_are_not_reduced(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StallWatch, "goal", lambda watch, joint, command, here, load, period_s: None)
+
+
+@detected_by("success is true")
+def violated_tolerances_count_as_success(patch: pytest.MonkeyPatch) -> None:
+    decide = GoalHandle.decide
+
+    def decided(handle: GoalHandle, status: GoalStatus, error_code: int, text: str) -> None:
+        status = GoalStatus.SUCCEEDED if "tolerance" in text else status
+        decide(handle, status, error_code, text)
+
+    patch.setattr(GoalHandle, "decide", decided)

@@ -10,13 +10,13 @@ import numpy as np
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.touches import touched_joints
-from sim_backend.faults.false_replies import FalsePosition
 
 ROUNDING: Final = 1e-9
+RETURN_SHARE: Final = 0.1
+"""Speed at which a joint outside its limits returns, as a share of its velocity limit."""
 TAKEN_OVER_S: Final = 0.05
 """Maximum age of the measured position from which a controller takes over a moving joint, in seconds."""
 OFF_CYCLES: Final = 6
@@ -67,14 +67,8 @@ class SafeWire(Invariant):
         self.examined += monitor.goals_seen + monitor.torque_on_seen - seen
         for text in monitor.broken[reported:]:
             joint = text.partition(":")[0]
-            if not self.deceived(joint) or (not self.active and self._alternates(joint)):
+            if not self.deceived(joint) or (not self.active and self.never_confirmed(joint, LEAP_COUNTS)):
                 self.say(text)
-
-    def _alternates(self, joint: str) -> bool:
-        """Return whether false positions of a joint never pass the comparison of two readings at an activation."""
-        faults = (*self.stack.player.active.values(), *self.stack.player.happened)
-        false = [one for one in faults if one.kind in DECEIVING and joint in touched_joints(one, self.joints)]
-        return all(isinstance(one, FalsePosition) and one.every > 1 and abs(one.counts) > LEAP_COUNTS for one in false)
 
     def on_state(self, state: JointState) -> None:
         off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []
@@ -130,6 +124,7 @@ class SafeCommands(Invariant):
         if (outside > np.maximum(was_outside, 0.0) + ROUNDING).any():
             self.say(f"commands beyond the limits: {command.round(4).tolist()}")
         reach = self._velocity * self.stack.loop.period_s
+        reach = np.where(was_outside > ROUNDING, RETURN_SHARE * reach, reach)
         if (np.abs(command - before) > reach + ROUNDING).any():
             self.say(f"commands jump in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
 

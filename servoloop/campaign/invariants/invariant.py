@@ -1,5 +1,6 @@
 """Base class of invariants: a condition that is examined while a simulated stack runs."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -11,6 +12,8 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
+from servoloop.simulation.touches import touched_joints
+from sim_backend.faults.false_replies import FalsePosition
 
 DECEIVING: Final = frozenset(
     {
@@ -96,6 +99,19 @@ class Invariant:
     def deceived(self, joint: str) -> bool:
         """Return whether the joint's servo may report a wrong position because of a fault."""
         return bool(DECEIVING & self.stack.touches.kinds(joint))
+
+    def never_confirmed(self, joint: str, leap_counts: float) -> bool:
+        """Return whether two readings of a joint can never confirm a false position, because no two false readings are
+        in a row and all of them are further from the true position than ``leap_counts``."""
+        turn = next(one.model.counts_per_turn for one in self.joints if one.name == joint)
+        faults = (*self.stack.player.active.values(), *self.stack.player.happened)
+        false = [one for one in faults if one.kind in DECEIVING and joint in touched_joints(one, self.joints)]
+        return all(
+            isinstance(one, FalsePosition)
+            and (one.every > 1 or one.replies == 1)
+            and abs(math.remainder(one.counts, turn)) > leap_counts
+            for one in false
+        )
 
     @property
     def shared_id(self) -> bool:

@@ -17,7 +17,8 @@ LATE: Final = 1.5
 SHARE: Final = 1.02
 """Tolerance factor on a limit, for derivatives computed as differences of the sampled reference."""
 STOP_JERK_SHARE: Final = 3.0
-"""Allowed jerk of a stop on a path, as a factor on the limit: the jerk of the path adds to that of braking."""
+"""Allowed jerk of a stop or of a change of speed on a path, as a factor on the limit: the jerk of the path adds to that
+of braking."""
 RELIEF_SHARE: Final = 2.0
 """Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
@@ -62,7 +63,7 @@ class SmoothReference(Invariant):
             return
         self._times.append(state.stamp_s)
         self._references.append(tracking.reference.position)
-        self._stops.append(not tracking.on_goal)
+        self._stops.append(not tracking.on_goal or tracking.rate != 1.0)
         if len(self._references) == 4:
             self.examined += 1
             times, references = list(self._times), np.array(self._references)
@@ -139,7 +140,10 @@ class SmoothEnd(Invariant):
 
 
 class NanHolds(Invariant):
-    """While a controller commands NaN, its joints hold: their commands do not change."""
+    """While a controller commands NaN, its joints hold: their commands do not change.
+
+    A controller commands its joints only after these have come to rest from the motion of another controller.
+    """
 
     name = "nan holds"
 
@@ -156,7 +160,8 @@ class NanHolds(Invariant):
             if self.stack.manager.registry.loaded[name].active and any(how == "nan" for how, _ in controller.upsets)
             for interface in controller.command_interfaces
         ]
-        held = {place: float(loop.command[place]) for place in places} if self.active else {}
+        resting = [place for place in places if self.active and self.stack.manager.cycle.at_rest([place])]
+        held = {place: float(loop.command[place]) for place in resting}
         for place in held.keys() & self._held.keys():
             self.examined += 1
             if held[place] != self._held[place]:

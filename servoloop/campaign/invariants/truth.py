@@ -1,5 +1,6 @@
 """Invariants that compare the stack with the simulated world and with a second reading of the arm's files."""
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -9,7 +10,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -21,6 +22,10 @@ READING_AGE_S: Final = 0.004
 """Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a share of the joint's range."""
+RECENT_S: Final = 0.5
+"""Time for which a joint is skipped after it was reported, because the stack has no former reading to compare with."""
+LEAP_S: Final = 0.1
+"""Maximum time between two readings of a joint that was not reported, in seconds, with the margin of the stack."""
 ARRIVED: Final = 0.02
 """Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
 
@@ -42,6 +47,9 @@ class ReportedTruly(Invariant):
             READING_COUNTS * abs(joint.units_per_count) + READING_AGE_S * joint.velocity for joint in self._reference
         ]
         self._steps: list[FloatArray] = []
+        self._by_name = {joint.name: joint for joint in self.joints}
+        self._reported_s = dict.fromkeys(self._names, -math.inf)
+        """Time at which each joint was last reported with a fault."""
 
     def on_step(self, time_s: float) -> None:
         self._steps.append(self.stack.world.position())
@@ -54,12 +62,28 @@ class ReportedTruly(Invariant):
         lowest, highest = true.min(axis=0).tolist(), true.max(axis=0).tolist()
         reported = state.position[self._reported].tolist()
         for place, name in enumerate(self._names):
-            if name in state.faults or self.deceived(name) or self.servos[name].on_read:
+            if name in state.faults:
+                self._reported_s[name] = state.stamp_s
+            if name in state.faults or self._believes(name, state.stamp_s):
                 continue
             self.examined += 1
             low, high = lowest[place] - self._slack[place], highest[place] + self._slack[place]
             if not low <= reported[place] <= high and self._wrong(self._reference[place], reported[place], low, high):
                 self.say(f"{name} is reported at {reported[place]:.4f}, but was between {low:.4f} and {high:.4f}")
+
+    def _believes(self, name: str, now_s: float) -> bool:
+        """Return whether the stack may believe a false position of a joint.
+
+        A leap that no second reading confirms must be reported. The first reading after a fault has no former one.
+        """
+        touches, joint = self.stack.touches, self._by_name[name]
+        kinds = touches.kinds(name)
+        if not kinds & DECEIVING:
+            return bool(self.servos[name].on_read)
+        if kinds != {"false_position"} or now_s - self._reported_s[name] < RECENT_S or not self.torque(joint):
+            return touches.since_s(name, {"false_position"}) < RECENT_S or bool(kinds & DECEIVING - {"false_position"})
+        reach = LEAP_S * 2.0 * joint.model.no_load_speed_rad_s * abs(joint.transmission) / abs(joint.units_per_count)
+        return not self.never_confirmed(name, reach)
 
     @staticmethod
     def _wrong(joint: ReferenceJoint, reported: float, low: float, high: float) -> bool:

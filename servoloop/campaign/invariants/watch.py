@@ -15,6 +15,7 @@ from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudg
 from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
+from servoloop.campaign.invariants.presses import LongPressesAreReduced
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
@@ -48,6 +49,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     GripsAreFollowed,
     NothingTravels,
     NothingPresses,
+    LongPressesAreReduced,
     SmoothReference,
     SmoothEnd,
     NanHolds,

@@ -1,0 +1,66 @@
+"""Invariant on long presses: the drive of a joint that presses without motion is reduced."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.types import JointState
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import read_reference
+from servoloop.simulation.faulty_stack import FaultyStack
+
+REDUCED_S: Final = 2.0
+"""Time after which the drive of a joint that presses without motion must have been reduced, in seconds."""
+PRESSES: Final = 0.9
+"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on."""
+STILL_TURNS: Final = 0.004
+"""Largest motion of a joint, or change of its command, during a press, in turns of its servo."""
+
+
+@dataclass(slots=True)
+class _Press:
+    position: float
+    command: float
+    began_s: float
+
+
+class LongPressesAreReduced(Invariant):
+    """The drive of a joint with a torque limit below 1 is reduced after it has pressed for some seconds without motion.
+
+    The drive follows from the joint's effort in the simulated world. A press begins again when the joint or its command
+    moves, when the joint is reported, and during each fault of the joint.
+    """
+
+    name = "long presses are reduced"
+    promised = False
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        reference, world = read_reference(stack.files), stack.world
+        self._limited = [
+            (joint, world.arrays.effort_at[world.joints.index(joint.name)], self.commanded.index(joint.name))
+            for joint in self.joints
+            if joint.name in reference and reference[joint.name].torque_limit < 1.0 and joint.name in self.commanded
+        ]
+        self._turns = {name: abs(joint.units_per_count) * joint.counts_per_turn for name, joint in reference.items()}
+        self._limits = {name: joint.torque_limit for name, joint in reference.items()}
+        self._presses: dict[str, _Press] = {}
+
+    def on_state(self, state: JointState) -> None:
+        now_s, true = self.stack.clock.now(), self.true_positions()
+        for joint, effort_at, place in self._limited:
+            name, command = joint.name, float(self.stack.loop.command[place])
+            drive = abs(float(self.stack.world.arrays.effort[effort_at])) / joint.full_effort
+            excused = name in state.faults or self.stack.touches.since_s(name) < REDUCED_S
+            if not self.active or excused or drive < PRESSES * self._limits[name]:
+                self._presses.pop(name, None)
+                continue
+            press = self._presses.setdefault(name, _Press(true[name], command, now_s))
+            still = STILL_TURNS * self._turns[name]
+            if abs(true[name] - press.position) > still or not abs(command - press.command) <= still:
+                self._presses[name] = _Press(true[name], command, now_s)
+            self.examined += 1
+            if now_s - press.began_s > REDUCED_S:
+                share = drive / self._limits[name]
+                self.say(f"{name} has pressed without motion for {REDUCED_S:g} s, still with {share:.0%} of its limit")
