@@ -36,6 +36,7 @@ from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.servos.stall_watch import StallWatch
+from hal.servos.supply_watch import SupplyWatch
 from hal.types import FloatArray, JointState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server import requests
@@ -391,3 +392,8 @@ def violated_tolerances_count_as_success(patch: pytest.MonkeyPatch) -> None:
         decide(handle, status, error_code, text)
 
     patch.setattr(GoalHandle, "decide", decided)
+
+
+@detected_by("health is true")
+def wrong_voltages_are_not_reported(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SupplyWatch, "check", lambda watch, joint, voltage_v, label: None)

@@ -9,6 +9,7 @@ import numpy as np
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
+from drivers.servos.voltage import voltage_range
 from hal.joint import Joint
 from hal.types import FloatArray, JointState, ServoHealth
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
@@ -20,6 +21,9 @@ STANDS: Final = 0.03
 """Maximum speed at which a reported effort is examined, as a share of the joint's velocity limit."""
 PULLS: Final = 0.3
 """Minimum effort at which a reported effort is examined, in N m or N."""
+PULLS_SHARE: Final = 0.05
+"""The same minimum as a share of the full effort, because friction in the gears hides a smaller effort from the servo.
+"""
 CYCLES: Final = 5
 """Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
 FACTOR: Final = 2.0
@@ -55,6 +59,7 @@ class MotionIsTrue(Invariant):
         self._world = [world.index(name) for name in self._names]
         self._efforts = [stack.world.arrays.effort_at[place] for place in self._world]
         self._limits = np.array([joint.limits.velocity for joint in self.joints])
+        self._pulls = np.array([max(PULLS, PULLS_SHARE * joint.full_effort) for joint in self.joints])
         self._rows = deque[tuple[FloatArray, FloatArray]](maxlen=CYCLES)
         """True velocities and efforts in the latest cycles."""
         self._before: FloatArray | None = None
@@ -73,7 +78,7 @@ class MotionIsTrue(Invariant):
         velocities, efforts = (np.array(rows) for rows in zip(*self._rows, strict=True))
         speeds = np.abs(velocities) / self._limits
         moves = speeds.min(axis=0) > MOVES
-        pulls = (np.abs(efforts).min(axis=0) > PULLS) & (speeds.max(axis=0) < STANDS)
+        pulls = (np.abs(efforts).min(axis=0) > self._pulls) & (speeds.max(axis=0) < STANDS)
         for place in np.flatnonzero(moves | pulls).tolist():
             name = self._names[place]
             if name in state.faults or self.deceived(name) or self.servos[name].on_read:
@@ -99,7 +104,7 @@ def _near(reported: float, true: FloatArray, factor: float) -> bool:
 
 
 class HealthIsTrue(Invariant):
-    """Reported voltages, temperatures and alarms agree with the servo's registers."""
+    """Reported voltages, temperatures and alarms agree with the servo's registers, and wrong voltages are faults."""
 
     name = "health is true"
 
@@ -116,7 +121,7 @@ class HealthIsTrue(Invariant):
                 health = None
             self.examined += health is not None
             found = {} if health is None else self._differences(joint, health)
-            for quantity in ("voltage", "temperature", "alarms"):
+            for quantity in ("voltage", "supply", "temperature", "alarms"):
                 key = joint.name, quantity
                 self._off_s[key] = self._off_s[key] + self.stack.loop.period_s if quantity in found else 0.0
                 if self._off_s[key] > LATE_S:
@@ -128,6 +133,11 @@ class HealthIsTrue(Invariant):
         voltage, temperature = self._voltage[joint.name], self._temperature[joint.name]
         if voltage is not None and abs((true := VOLTS * memory.get(voltage)) - health.voltage_v) > OFF_V:
             found["voltage"] = f"{health.voltage_v:.1f} V, but the register is {true:.1f} V"
+        if voltage is not None and (health.supply is None or not health.supply.outside):
+            lowest, highest = voltage_range(joint.model)
+            true = VOLTS * memory.get(voltage)
+            if true > 0.0 and not lowest - VOLTS <= true <= highest + VOLTS:  # 0 V: the servo does not measure it
+                found["supply"] = f"usual, but the register is {true:.1f} V"
         if temperature is not None and abs((celsius := memory.get(temperature)) - health.temperature_c) > OFF_C:
             found["temperature"] = f"{health.temperature_c:g} degrees, but the register is {celsius:g} degrees"
         if reports_error(joint, self.servos[joint.name]) != bool(health.alarms):
