@@ -19,6 +19,8 @@ from tests.tiers import has_long_tests, mark_long, sample
 
 __all__ = ["ros_domain"]  # one fixture for all folders, because a fixture for each folder would end too early
 
+MOST_CHARACTERS = 2000
+"""Number of characters at the end of an error that are shown for a repeated test."""
 once_more = pytest.mark.flaky(reruns=1)
 """Marker of real-time tests, which may fail if the machine stalls for a moment. The summary lists repeated tests."""
 ONLY = {"slow": ("slow", "workspace", "installed", "share"), "soak": ("soak",)}
@@ -65,6 +67,13 @@ def _hear_interrupts() -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Show the error of each repeated test, because a test that passes the second time shows none."""
+    for report in terminalreporter.stats.get("rerun", ()):
+        terminalreporter.write_line(f"repeated: {report.nodeid}")
+        terminalreporter.write_line(report.longreprtext[-MOST_CHARACTERS:])
+
+
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Run tests over ROS at the same time as other tests if files are distributed to workers."""
     if config.getoption("dist") != "loadfile":
