@@ -88,10 +88,14 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``."""
+    """Activate active hardware again, which enables the torque of joints that have lost it.
+
+    With ``for_s``, first deactivate the hardware with its torque on, and activate it and its controllers after this
+    time, in seconds.
+    """
 
     kind: Literal["reactivate"] = "reactivate"
-    for_s: Duration = 0.5
+    for_s: Duration | None = None
 
 
 class Jog(_Act):

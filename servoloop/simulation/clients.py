@@ -255,15 +255,21 @@ class SimulatedClients:
         loop = self._stack.loop
         running = [one.spec.name for one in loop.manager.registry.running if one.controller.command_interfaces]
         transitions, components = loop.component_transitions, [one.name for one in loop.hardware.components]
-        for name in components:
-            transitions.ask(name, LifecycleState.INACTIVE)
 
         def activate() -> None:
             for name in components:
                 transitions.ask(name, LifecycleState.ACTIVE)
+
+        def activate_all() -> None:
+            activate()
             self._later(2.0 * loop.period_s, lambda: self._activate(*running))
 
-        self._later(act.for_s, activate)
+        if act.for_s is None:
+            activate()
+            return
+        for name in components:
+            transitions.ask(name, LifecycleState.INACTIVE)
+        self._later(act.for_s, activate_all)
 
     def _send(self, goal: TrajectoryGoal) -> None:
         if self._arm.check(goal) is None:

@@ -14,6 +14,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 CHANGES: Final = frozenset(
     {
         "brown_out",
+        "loose_plug",
         "cable_cut",
         "weak_supply",
         "eeprom_gone",
