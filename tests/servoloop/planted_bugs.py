@@ -13,8 +13,8 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
-from controller.motion import Kinematics, motion_to
-from controller.trajectory import active_goal, execution, goal_planner
+from controller.motion import Kinematics, RuckigMotion, motion_to
+from controller.trajectory import active_goal, execution, goal_planner, paths
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
@@ -37,7 +37,7 @@ from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
-from hal.types import FloatArray, JointState
+from hal.types import FloatArray, JointLimits, JointState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server import requests
 from servoloop.command_server.requests import StackRequests
@@ -397,3 +397,15 @@ def violated_tolerances_count_as_success(patch: pytest.MonkeyPatch) -> None:
 @detected_by("health is true")
 def wrong_voltages_are_not_reported(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SupplyWatch, "check", lambda watch, joint, voltage_v, label: None)
+
+
+@detected_by("smooth reference")
+def motions_exceed_the_velocity_limits(patch: pytest.MonkeyPatch) -> None:
+    def faster(
+        start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
+    ) -> RuckigMotion:
+        allowed = [replace(limit, velocity=1.3 * limit.velocity) for limit in limits]
+        return motion_to(start, target, allowed, asked_s, names)
+
+    for module in (goal_planner, paths):
+        patch.setattr(module, "motion_to", faster)

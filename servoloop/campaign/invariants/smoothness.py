@@ -33,7 +33,7 @@ UPSET_S: Final = 3.0
 
 
 class SmoothReference(Invariant):
-    """The reference of a jerk-limited trajectory controller keeps the acceleration and jerk limits of its joints.
+    """The reference of a jerk-limited trajectory controller keeps the limits of velocity, acceleration and jerk.
 
     The limits apply to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
     periods.
@@ -47,6 +47,7 @@ class SmoothReference(Invariant):
         limits = [stack.loop.limits[self.commanded.index(joint)] for joint in arm.joints]
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
+        self._velocity = np.array([limit.velocity for limit in limits])
         self._references = deque[FloatArray](maxlen=4)
         self._stops = deque[bool](maxlen=4)
         self._times = deque[float](maxlen=4)
@@ -67,6 +68,7 @@ class SmoothReference(Invariant):
         if len(self._references) == 4:
             self.examined += 1
             times, references = list(self._times), np.array(self._references)
+            self._compare("a velocity", divided(references[2:], times[2:]), self._velocity)
             self._compare("an acceleration", divided(references[1:], times[1:]), self._acceleration)
             most = STOP_JERK_SHARE if any(self._stops) else 1.0
             self._compare("a jerk", divided(references, times), most * self._jerk)
