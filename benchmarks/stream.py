@@ -76,15 +76,15 @@ def stream(seconds: int, rate_hz: int) -> Streamed:
         arm.close()
 
 
-def goals_on_the_bus(recording: Path) -> Iterator[tuple[float, float]]:
-    """Yield the time of each group write of goals, in seconds, and the command of the joint in this write, in rad."""
+def goals_on_the_bus(recording: Path, joint: str = JOINT) -> Iterator[tuple[float, float]]:
+    """Yield the time of each group write of goals, in seconds, and the command of a joint in this write, in rad."""
     decode, commanded = typestore().deserialize_cdr, list[tuple[float, float]]()
     writes = list[float]()
     with recording.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(topics=[COMMANDS, TRAFFIC]):
             content: Any = decode(message.data, schema.name) if schema else None
             if channel.topic == COMMANDS:
-                commanded.append((stamp_s(content), float(content.position[list(content.name).index(JOINT)])))
+                commanded.append((stamp_s(content), float(content.position[list(content.name).index(joint)])))
             elif content.sent and _is_group_write(bytes(content.data)):
                 writes.append(stamp_s(content))
     times, at = np.sort(np.array(writes)), sorted(commanded)

@@ -1,4 +1,4 @@
-"""Measure the latency of a stack below ros2_control: ``python -m benchmarks.topic_host [--seconds 30] [--rate 100]``.
+"""Measure the latency of a stack below ros2_control: ``python -m benchmarks.topic_host [--arm so101] [--seconds 60]``.
 
 ``servoloop topic-host`` runs with virtual servos in a separate process and records every byte on the bus. This process
 stands in for the plug-in JointStateTopicSystem: at the given rate, it sends new commands over DDS. The table shows the
@@ -26,7 +26,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 
 from benchmarks.shared.arguments import in_words, positive
-from benchmarks.stream import JOINT, STEP_RAD, TRAFFIC, Streamed, goals_on_the_bus, latencies_s
+from benchmarks.stream import STEP_RAD, TRAFFIC, Streamed, goals_on_the_bus, latencies_s
 from drivers.errors import DriverError
 from hal.types import FloatArray
 from nodes.clients.client_node import client_node
@@ -37,21 +37,22 @@ from servoloop.recording.reader import stamp_s
 from servoloop.stack.processes import claim_realtime_priority, end, end_with_parent
 
 PATIENCE_S: Final = 60.0
+JOINTS: Final = {"so101": "wrist_roll", "robot_arm": "joint6"}
+"""Joint of each arm that the commands move. Its range is large enough for a stream of a minute."""
 AFTER_S: Final = 0.5
 """Time after the last command, in seconds."""
 
 
 @contextmanager
-def host(rate_hz: int, recording: Path) -> Iterator[None]:
+def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
     """Run ``servoloop topic-host`` in a separate ROS domain, ready for commands."""
     settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
     stay_on_this_machine(settings)
     os.environ |= settings  # this also applies to the node of this process
     ready = recording.with_name("ready")
-    command = [sys.executable, "-m", "servoloop", "topic-host", "--rate", str(rate_hz), "--record", str(recording)]
-    process = subprocess.Popen(
-        [*command, "--ready-file", str(ready)], stderr=subprocess.DEVNULL, preexec_fn=end_with_parent
-    )
+    command = [sys.executable, "-m", "servoloop", "topic-host", "--arm", arm, "--rate", str(rate_hz)]
+    command += ["--record", str(recording), "--ready-file", str(ready)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, preexec_fn=end_with_parent)
     try:
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready.exists():
@@ -67,7 +68,8 @@ class Plugin:
     """Stand-in for the plug-in that sends commands and records when states arrive. Times are system clock times, in
     seconds."""
 
-    def __init__(self, rate_hz: int) -> None:
+    def __init__(self, joint: str, rate_hz: int) -> None:
+        self.joint = joint
         self.period_s = 1.0 / rate_hz
         self.states: list[tuple[float, float]] = []
         """Stamp and time of arrival of each state."""
@@ -94,7 +96,7 @@ class Plugin:
                     raise DriverError(f"no state arrives on {STATES}")
                 spin(time.time() + 0.1)
             names, here = list(first.name), list(first.position)
-            place, count = names.index(JOINT), round(seconds / self.period_s)
+            place, count = names.index(self.joint), round(seconds / self.period_s)
             targets = here[place] - np.sign(here[place] or 1.0) * STEP_RAD * np.arange(1, count + 1)
             called = np.empty(count)
             begun_s = time.time()
@@ -135,23 +137,25 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
-    parser.add_argument("--seconds", type=positive, default=30, help="duration of the stream of commands")
+    parser.add_argument("--arm", choices=JOINTS, default="so101", help="arm with virtual servos")
+    parser.add_argument("--seconds", type=positive, default=60, help="duration of the stream of commands")
     parser.add_argument(
         "--rate", type=positive, default=100, help="rate of the commands, and of the cycles of the host, in Hz"
     )
     options = parser.parse_args()
     claim_realtime_priority()
-    plugin = Plugin(options.rate)
+    plugin = Plugin(JOINTS[options.arm], options.rate)
     with in_words(), tempfile.TemporaryDirectory(prefix="bench") as folder:
         recording = Path(folder) / "run.mcap"
-        with host(options.rate, recording):
+        with host(options.arm, options.rate, recording):
             streamed = plugin.stream(options.seconds)
-        to_bytes = latencies_s(streamed, goals_on_the_bus(recording))
+        to_bytes = latencies_s(streamed, goals_on_the_bus(recording, plugin.joint))
         to_topic = state_ages_s(np.array(plugin.states), replies_s(recording), streamed.period_s)
     known = to_bytes[np.isfinite(to_bytes)]
     if not known.size:
         raise SystemExit("the benchmark ends: no command reached the bus")
-    table = Table("", "median, ms", "99 %, ms", "longest, ms", title=f"topic-host at {options.rate} Hz over DDS")
+    title = f"topic-host of {options.arm} at {options.rate} Hz over DDS"
+    table = Table("", "median, ms", "99 %, ms", "longest, ms", title=title)
     for name, values in (("command topic to bytes", known), ("bytes to state topic", to_topic)):
         figures = (np.median(values), np.percentile(values, 99.0), values.max())
         table.add_row(name, *(f"{1e3 * figure:.2f}" for figure in figures))
