@@ -85,7 +85,7 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
     files = files_of(arm)
     jobs = scenario.job if client == "job" else ()
-    acts = draw_client(client, seed, *joints_and_hand(files), scenario.within_s)
+    acts = draw_client(client, seed, *joints_and_hand(files, seed), scenario.within_s)
     seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
     within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
     faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)

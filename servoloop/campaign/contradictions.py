@@ -14,6 +14,7 @@ from servoloop.campaign.promises import PromisedVisit
 from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import JOB, NO_SERVO, makes_of
 from servoloop.simulation.acts import Act
+from servoloop.simulation.faulty_stack import number_of_arm
 from servoloop.simulation.job import require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
@@ -46,7 +47,7 @@ def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mista
 def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
     """Yield the parts of a schedule that its arm cannot do, except for impossible faults."""
     yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
-    joints, hand = joints_and_hand(files)
+    joints, hand = joints_and_hand(files, schedule.seed)
     for n, act in enumerate(schedule.clients):
         known = ", ".join(joints)
         for *place, name in _named(act):
@@ -65,11 +66,11 @@ def _named(act: Act) -> Iterator[tuple[str | int, ...]]:
     yield from (("points", n, name) for n, point in enumerate(getattr(act, "points", ())) for name in point)
 
 
-def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:
-    """Return the joints of the arm's trajectory controller with their limits, and whether the arm has a hand."""
+def joints_and_hand(files: Files, seed: int | None) -> tuple[dict[str, JointLimits], bool]:
+    """Return the joints of the arm that the clients of a seed move, with their limits, and whether it has a hand."""
     parameters = (spec.parameters for spec in files.controllers.controllers)
     arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
-    joints = arms[0].joints if arms else ()
+    joints = arms[number_of_arm(seed, len(arms))].joints if arms else ()
     hand = any(spec.kind == ForwardCommandController.kind for spec in files.controllers.controllers)
     return {joint: files.limits[joint] for joint in joints}, hand
 
@@ -124,5 +125,5 @@ def _makes(kind: str | None, files: Files) -> set[str]:
 
 def _acts(kind: str, files: Files) -> set[str]:
     """Return the kinds of acts that a kind of client performs."""
-    arm = joints_and_hand(files)
+    arm = joints_and_hand(files, None)
     return {JOB, *(act.kind for seed in range(SEEDS) for act in draw_client(kind, seed, *arm, SEEDS_S))}

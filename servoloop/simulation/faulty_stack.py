@@ -12,15 +12,22 @@ from servoloop.simulation.goal_log import GoalLog, LoggedGoal
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from servoloop.simulation.touches import Touches
+from sim_backend.buses.build import NOMINAL_BUILD
 from sim_backend.buses.port import VirtualAdapter
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import FaultTargets
 
 
+def number_of_arm(seed: int | None, arms: int) -> int:
+    """Return the number of the arm that the clients of a seed move, from 0."""
+    return (seed or 0) % max(arms, 1)
+
+
 class FaultyStack(SimulatedStack):
     """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
-    ``options`` are the options of SimulatedStack.
+    ``options`` are the options of SimulatedStack. In a robot with several arms, ``arm`` and ``hand`` are those that the
+    clients of the seed move.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -34,8 +41,8 @@ class FaultyStack(SimulatedStack):
         self.ended_goals: list[LoggedGoal] = []
         """Goals that ended in the latest cycle."""
         super().__init__(**options)
-        self.arm = cast(JointTrajectoryController, self.controllers[self.arm.name])
         self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
+        self.arm = self.arms[number_of_arm(options.get("build", NOMINAL_BUILD).seed, len(self.arms))]
         self.adapters = {
             name: VirtualAdapter(line, self.clock, self.ports[name].name) for name, line in self.lines.items()
         }
@@ -50,7 +57,9 @@ class FaultyStack(SimulatedStack):
 
     @property
     def hand(self) -> ForwardCommandController:
-        return cast(ForwardCommandController, self.controllers[super().hand.name])
+        hands = [one for one in self._built if isinstance(one, ForwardCommandController)]
+        own = hands[self.arms.index(self.arm)] if len(hands) == len(self.arms) else super().hand
+        return cast(ForwardCommandController, self.controllers[own.name])
 
     def wrapped(self, controller: Controller) -> Controller:
         """Return a wrapper of the controller that can be made to fail."""

@@ -74,7 +74,7 @@ class Watch:
         self._invariants = [
             kind(stack, self._sayer(kind.name), arm)
             for kind in kinds
-            for arm in (stack.arms if kind.of_each_arm else stack.arms[:1])
+            for arm in (stack.arms if kind.of_each_arm else (stack.arm,))
         ]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
