@@ -58,6 +58,12 @@ class Gripper:
         sending = self._client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
         return self.wait(sending)
 
+    def send_all(self, *positions: float) -> list[Future]:
+        """Send goals one after another, without a wait for the first, and return the futures of their results."""
+        handles = [self.wait(sent) for sent in [self._client.send_goal_async(self.goal(one)) for one in positions]]
+        assert all(handle.accepted for handle in handles)
+        return [handle.get_result_async() for handle in handles]
+
     def send(self, position: float, **fields: Any) -> tuple[Any, Future]:
         """Send a goal that must be accepted, and return the future of its result."""
         handle = self.offer(self.goal(position, **fields))
@@ -166,9 +172,7 @@ def test_position_outside_the_limits_is_rejected_with_its_value(
 
 
 def test_new_goal_ends_the_old_goal(client: Gripper) -> None:
-    _, first = client.send(0.0)
-    _, second = client.send(0.05)
-    old, new = client.wait(first), client.wait(second)
+    old, new = map(client.wait, client.send_all(0.0, 0.05))
     assert old.status == GoalStatus.STATUS_ABORTED
     assert (old.result.reached_goal, old.result.stalled) == (False, False)
     assert new.status == GoalStatus.STATUS_SUCCEEDED
