@@ -409,3 +409,11 @@ def motions_exceed_the_velocity_limits(patch: pytest.MonkeyPatch) -> None:
 
     for module in (goal_planner, paths):
         patch.setattr(module, "motion_to", faster)
+
+
+@detected_by("cancels are followed")
+def results_do_not_wait_for_rest(patch: pytest.MonkeyPatch) -> None:
+    def ended(execution: GoalExecution, active: ActiveGoal, ending: GoalResult, now: Any, fault: str | None) -> None:
+        execution._end(active, ending)
+
+    patch.setattr(GoalExecution, "_come_to_rest", ended)

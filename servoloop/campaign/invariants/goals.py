@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Final
 
+import numpy as np
+
 from controller.action_goals import NOT_RUNNING, GoalStatus
 from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
@@ -26,6 +28,8 @@ RELIEF_S: Final = 6.0
 """Time within which a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
+RESTS: Final = 0.02
+"""Velocity of a reference that counts as rest, as a share of the velocity limit."""
 SILENT_CYCLES: Final = 2
 """Number of cycles within which a stream ends after its newest target has become too old."""
 
@@ -105,7 +109,7 @@ class GoalsEnd(Invariant):
 
 
 class CancelsAreFollowed(Invariant):
-    """A canceled goal brakes and soon ends as canceled, unless it has already ended.
+    """A canceled goal brakes and soon ends as canceled, with the joints at rest, unless it has already ended.
 
     A program that has died no longer has control of the arm.
     """
@@ -119,18 +123,31 @@ class CancelsAreFollowed(Invariant):
     def on_state(self, state: JointState) -> None:
         for logged in (*self.stack.goals.open, *self.stack.ended_goals):
             if logged.cancel_s is not None and id(logged) not in self._done:
-                self._examine(logged)
+                self._examine(logged, bool(state.faults))
         clients = self.stack.clients
         if clients is not None and clients.programs is not None and (owner := clients.programs.dead_owner):
             self.say(f"{owner} has died, but it still owns the motion")
 
-    def _examine(self, logged: LoggedGoal) -> None:
+    def _require_rest(self, logged: LoggedGoal) -> None:
+        """Report an arm that still moves at the end of a canceled goal, because clients continue from there."""
+        tracking = self.arm.tracking
+        if tracking is None or tracking.on_goal or logged.controller != self.arm.name:
+            return
+        limits = np.array([self.stack.loop.limits[self.commanded.index(joint)].velocity for joint in self.arm.joints])
+        moving = np.abs(tracking.reference.velocity) > RESTS * limits
+        if moving.any():
+            joint = self.arm.joints[int(np.flatnonzero(moving)[0])]
+            self.say(f"a goal canceled at {logged.cancel_s:.2f} s has ended, but {joint} still moves")
+
+    def _examine(self, logged: LoggedGoal, faulty: bool) -> None:
         assert logged.cancel_s is not None
         self.examined += 1
         if logged.handle.done:
             self._done.add(id(logged))
             if logged.handle.status is GoalStatus.SUCCEEDED:
                 self.say(f"a goal canceled at {logged.cancel_s:.2f} s continued and succeeded")
+            elif logged.handle.status is GoalStatus.CANCELED and not faulty:
+                self._require_rest(logged)
         elif self.stack.clock.now() - logged.cancel_s > RELIEF_S:
             self._done.add(id(logged))
             self.say(f"a goal canceled at {logged.cancel_s:.2f} s did not end within {RELIEF_S:g} s")
