@@ -22,6 +22,7 @@ from servoloop.simulation.acts import (
     Stream,
     Switch,
 )
+from sim_backend.faults.tails import log_uniform
 
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
@@ -35,6 +36,10 @@ PAUSE_S: Final = 6.0
 """Longest time between two acts, in seconds. Goals without a result need this time to end."""
 DIES: Final = 0.5
 """Share of motions over the command socket during which the program dies."""
+OWN_TOLERANCES: Final = 0.2
+"""Share of the goals that have their own tolerances."""
+TOLERANCES: Final = (0.01, 0.5)
+"""Range of these tolerances, in rad or m."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
 
@@ -102,7 +107,9 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
         return MoveHand(at_s=at_s, share=round(random.random(), 3))
     if draw < 0.55:
         return _waypoints(random, joints, at_s)
-    return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+    tolerance = round(log_uniform(random, *TOLERANCES), 3) if random.random() < OWN_TOLERANCES else 0.0
+    positions, seconds = _positions(random, joints), round(random.uniform(0.3, 3.0), 2)
+    return Move(at_s=at_s, positions=positions, seconds=seconds, tolerance=tolerance)
 
 
 def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> Act:

@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.plausible import Duration, NoTruth, Position, Time, VelocityScale
+from hal.plausible import Duration, NoTruth, Position, Time, Tolerance, VelocityScale
 
 Share = Annotated[float, Field(ge=-1.0, le=1.0), NoTruth]
 HandShare = Annotated[float, Field(ge=0.0, le=1.0), NoTruth]
@@ -24,6 +24,8 @@ class Move(_Act):
     kind: Literal["move"] = "move"
     positions: dict[str, Position]
     seconds: Duration = 2.0
+    tolerance: Tolerance = 0.0
+    """Path tolerance and goal tolerance of every joint, in rad or m; 0 for those of the controller."""
 
 
 class FollowPlan(_Act):

@@ -11,6 +11,7 @@ from controller.manager.switch import ManagerError, SwitchRequest
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.tolerances import Tolerances
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
@@ -153,7 +154,9 @@ class SimulatedClients:
         self._due.sort(key=lambda one: one[0])
 
     def _move(self, act: Move) -> None:
-        self._send(TrajectoryGoal(self._arm.joints, (GoalPoint(self._all(act.positions), act.seconds),)))
+        each = dict.fromkeys(self._arm.joints, act.tolerance) if act.tolerance else {}
+        point = GoalPoint(self._all(act.positions), act.seconds)
+        self._send(TrajectoryGoal(self._arm.joints, (point,), Tolerances(each, each)))
 
     def _plan(self, act: FollowPlan) -> None:
         limits = [_scaled(limit, act.scale) for limit in self._limits()]

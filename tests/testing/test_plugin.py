@@ -167,8 +167,8 @@ def test_invariant_that_examined_nothing_is_reported_with_its_condition() -> Non
     arm.up()
     assert arm.end().splitlines()[-2:] == [
         "cancels are followed: the condition of this invariant never occurred: make it occur in the test, or remove "
-        "the name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, "
-        "unless it has already ended.",
+        "the name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, with the "
+        "joints at rest, unless it has already ended.",
         "never: the condition of this invariant never occurred: make it occur in the test, or remove the name from "
         "`examined`. Your own invariants must count their examinations in `self.examined`.",
     ]

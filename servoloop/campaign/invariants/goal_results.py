@@ -127,7 +127,8 @@ class DeviationEnds(Invariant):
         defaults, asked = arm.parameters.tolerances(), open_goals[-1].goal.tolerances.path
         for place, joint in enumerate(arm.joints):
             allowed = asked.get(joint) or defaults.path.get(joint, 0.0)
-            lag = abs(float(reference.velocity[place])) * defaults.lag_time_s.get(joint, 0.0)
+            lag_s = 0.0 if asked.get(joint) else defaults.lag_time_s.get(joint, 0.0)
+            lag = abs(float(reference.velocity[place])) * lag_s
             if allowed <= 0.0 or self.deceived(joint):
                 continue
             self.examined += 1
