@@ -142,7 +142,7 @@ def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     if draw < 0.3:
         return Switch(at_s=at_s, for_s=for_s)
     if draw < 0.5:
-        return Reactivate(at_s=at_s, for_s=random.choice([for_s, None]))
+        return Reactivate(at_s=at_s, for_s=random.choice([for_s, 0.0]))
     return _move(random, joints, hand, at_s)
 
 

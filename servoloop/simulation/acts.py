@@ -90,14 +90,13 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Activate active hardware again, which enables the torque of joints that have lost it.
+    """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``.
 
-    With ``for_s``, first deactivate the hardware with its torque on, and activate it and its controllers after this
-    time, in seconds.
+    If ``for_s`` is 0, activate the active hardware, which enables the torque of joints that have lost it.
     """
 
     kind: Literal["reactivate"] = "reactivate"
-    for_s: Duration | None = None
+    for_s: Time = 0.5
 
 
 class Jog(_Act):

@@ -267,7 +267,7 @@ class SimulatedClients:
             activate()
             self._later(2.0 * loop.period_s, lambda: self._activate(*running))
 
-        if act.for_s is None:
+        if act.for_s == 0.0:
             activate()
             return
         for name in components:

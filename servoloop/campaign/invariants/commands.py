@@ -36,11 +36,11 @@ LEAP_COUNTS: Final = 300
 class SafeWire(Invariant):
     """No goal is outside the limits or jumps, and torque is enabled only with the goal at the measured position.
 
-    The invariant examines the bytes on the bus, not the commands of the layers above. Any goal enables the torque of an
-    STS servo. As soon as the stack can know that a servo has lost its torque, it may send the servo only goals at its
-    own position. Two servos with the same ID are skipped, because it is unknown which of them reports its torque.
-    Servos that report false positions are skipped too, except at an activation if every second position is true. The
-    stack must compare two readings there.
+    At an activation, the stack must have read the position at least twice before. The invariant examines the bytes on
+    the bus, not the commands of the layers above. Any goal enables the torque of an STS servo. As soon as the stack can
+    know that a servo has lost its torque, it may send the servo only goals at its own position. Two servos with the
+    same ID are skipped, because it is unknown which of them reports its torque. Servos that report false positions are
+    skipped too, except at an activation if every second position is true. The stack must compare two readings there.
     """
 
     name = "safe wire"

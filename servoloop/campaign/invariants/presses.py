@@ -20,6 +20,8 @@ STILL_TURNS: Final = 0.004
 
 @dataclass(slots=True)
 class _Press:
+    """Position and command of a joint (rad or m) at the beginning of a press, and the time of the beginning."""
+
     position: float
     command: float
     began_s: float

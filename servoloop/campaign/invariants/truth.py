@@ -23,7 +23,8 @@ READING_AGE_S: Final = 0.004
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a share of the joint's range."""
 RECENT_S: Final = 0.5
-"""Time for which a joint is skipped after it was reported, because the stack has no former reading to compare with."""
+"""Time for which a joint is skipped after a false position, or after it was reported and the stack has no former
+reading to compare with, in seconds."""
 LEAP_S: Final = 0.1
 """Maximum time between two readings of a joint that was not reported, in seconds, with the margin of the stack."""
 ARRIVED: Final = 0.02
@@ -80,8 +81,12 @@ class ReportedTruly(Invariant):
         kinds = touches.kinds(name)
         if not kinds & DECEIVING:
             return bool(self.servos[name].on_read)
+        if kinds & DECEIVING != {"false_position"}:
+            return True
+        if touches.since_s(name, {"false_position"}) >= RECENT_S:
+            return False
         if kinds != {"false_position"} or now_s - self._reported_s[name] < RECENT_S or not self.torque(joint):
-            return touches.since_s(name, {"false_position"}) < RECENT_S or bool(kinds & DECEIVING - {"false_position"})
+            return True
         reach = LEAP_S * 2.0 * joint.model.no_load_speed_rad_s * abs(joint.transmission) / abs(joint.units_per_count)
         return not self.never_confirmed(name, reach)
 
