@@ -12,7 +12,7 @@ from drivers.bus.retry import ATTEMPTS
 from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
-from hal.errors import HalError, LifecycleError
+from hal.errors import ActivationError, HalError, LifecycleError
 from hal.hardware import Reactivating, outputs_of, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
@@ -314,6 +314,7 @@ def _bring(component: Component, transition: ComponentTransition) -> None:
     If a step fails, its error is raised, and earlier steps are not undone.
     """
     hardware, target = component.hardware, transition.target
+    problems: Sequence[str] = ()
     if hardware.state is UNCONFIGURED and target in CONFIGURED:
         hardware.configure()
     if hardware.state is INACTIVE and target is ACTIVE:
@@ -321,8 +322,9 @@ def _bring(component: Component, transition: ComponentTransition) -> None:
     elif hardware.state is ACTIVE and isinstance(hardware, Reactivating) and target is ACTIVE:
         transition.reactivated = hardware.reactivate()
     elif hardware.state is ACTIVE:
-        for problem in hardware.deactivate(transition.relax):
-            LOG.error("torque may still be on: %s", problem)
+        problems = hardware.deactivate(transition.relax)
     if target in (UNCONFIGURED, FINALIZED):
         hardware.cleanup()
         component.finalized = target is FINALIZED
+    if problems:
+        raise ActivationError(f"torque may still be on: {'; '.join(problems)}")

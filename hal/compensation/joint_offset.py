@@ -33,12 +33,11 @@ BLOCKED: Final = 2.0
 class JointOffset:
     """Offset of one joint: its sag, the slow correction and the damping of its limit cycle."""
 
-    def __init__(self, joint: Joint, guided: bool) -> None:
-        """Create the offset. ``guided``: whether the arm is moved by hand, which excludes the slow correction."""
+    def __init__(self, joint: Joint) -> None:
         known = joint.compliance if joint.gravity_compensation else None
         self._load = LARGEST_LOAD * joint.full_effort * joint.torque_limit
-        self._sag_per_torque = (GUIDED_SHARE if guided else 1.0) * (1.0 / known.stiffness if known else 0.0)
-        self._uncorrected = known.uncorrected if known and not guided else 0.0
+        self._sag_per_torque = 1.0 / known.stiffness if known else 0.0
+        self._uncorrected = known.uncorrected if known else 0.0
         self._dead_band = known.dead_band if known else math.inf
         self._lower, self._upper = joint.limits.lower, joint.limits.upper
         self._limit_cycle = LimitCycle(self._dead_band, joint.transmission)
@@ -63,7 +62,7 @@ class JointOffset:
         """Clamp the goal to the limits of the joint, or to the command if the command is outside the limits."""
         return min(max(goal, min(self._lower, command)), max(self._upper, command))
 
-    def update(self, command: float, measured: float, torque: float, dt_s: float, enabled: bool) -> float:
+    def update(self, command: float, measured: float, torque: float, dt_s: float, share: float) -> float:
         """Compute the offset for a command that has passed the gate.
 
         Args:
@@ -71,7 +70,8 @@ class JointOffset:
             measured: Measured position; NaN if there is none, which keeps the offset.
             torque: Torque or force due to gravity, in N m or N.
             dt_s: Period of the control loop, in seconds.
-            enabled: Whether the offset fades in. Otherwise it fades out.
+            share: Share of the offset to apply, from 0 to 1. The offset fades to this share. Below 1, the arm is moved
+                by hand, and the slow correction fades out, because it would work against the hand.
 
         Returns:
             The offset.
@@ -82,22 +82,24 @@ class JointOffset:
         # If gravity turns a joint beyond its dead band, gravity also presses the gear against one side of the backlash.
         self._limit_cycle.update(error, at_rest and abs(sag) < self._dead_band, dt_s)
         self._rested_s = self._rested_s + dt_s if at_rest else 0.0
-        self._correct(before, error, dt_s)
+        self._correct(before, error, dt_s, share)
         wanted = (
             self.offset if math.isnan(measured) else self._share * (sag + self._correction + self._limit_cycle.offset)
         )
         self.offset = self.inside(command + wanted, command) - command
         self._command = command
         change = dt_s / FADE_IN_S
-        self._share = min(self._share + change, 1.0) if enabled else max(self._share - change, 0.0)
+        self._share += min(max(share - self._share, -change), change)
         return self.offset
 
     def _sag(self, torque: float) -> float:
         return min(max(torque, -self._load), self._load) * self._sag_per_torque
 
-    def _correct(self, before: float, error: float, dt_s: float) -> None:
+    def _correct(self, before: float, error: float, dt_s: float, share: float) -> None:
         """Integrate the remaining error of a joint at rest, after the offset has fully faded in."""
-        if self._limit_cycle.swinging:
+        if 0.0 < share < 1.0:
+            self._correction -= self._correction * min(dt_s / CORRECTION_S, 1.0)
+        elif self._limit_cycle.swinging:
             self._correction = 0.0
         elif (
             self._rested_s > REST_S

@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from hal.compensation.gravity import Gravity
-from hal.compensation.joint_offset import JointOffset
+from hal.compensation.joint_offset import GUIDED_SHARE, JointOffset
 from hal.joint import Joint
 from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
@@ -20,22 +20,22 @@ from hal.types import FloatArray, JointCommand
 class GravityCompensation:
     """Offsets of the joints of one component, updated in each cycle. Arrays have shape (n,), in rad or m."""
 
-    def __init__(self, joints: Sequence[Joint], gravity: Gravity | None, guided: bool = False) -> None:
+    def __init__(self, joints: Sequence[Joint], gravity: Gravity | None) -> None:
         """Create the compensation.
 
         Args:
             joints: The joints.
             gravity: Gravity model with the joints in the same order; None for the slow correction only.
-            guided: Whether the arm is moved by hand. The slow correction is then off, because it would work against the
-                hand.
         """
         self._joints = tuple(joints)
         self._gravity = gravity
         self._torques, self._weighed = [0.0] * len(joints), [math.nan] * len(joints)
         """Torques due to gravity, and the command for which they were computed."""
-        self._each = [JointOffset(joint, guided) for joint in joints]
+        self._each = [JointOffset(joint) for joint in joints]
         self.enabled = True
         """Whether offsets are applied. The offsets fade in and out slowly."""
+        self.guided = False
+        """Whether the arm is moved by hand. Less of the weight is then carried, and the slow correction is off."""
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:
@@ -78,8 +78,15 @@ class GravityCompensation:
         """
         return self._offset(command.tolist(), measured.tolist(), dt_s)
 
+    @property
+    def _share(self) -> float:
+        """Share of the offsets to apply."""
+        if not self.enabled:
+            return 0.0
+        return GUIDED_SHARE if self.guided else 1.0
+
     def _offset(self, command: list[float], measured: list[float], dt_s: float) -> FloatArray:
         if self._gravity is not None and command != self._weighed:  # an arm at rest is weighed once
             self._weighed, self._torques = command, self._gravity.torques_at(command)
-        each, enabled = zip(self._each, command, measured, self._torques, strict=True), self.enabled
-        return np.array([own.update(goal, at, torque, dt_s, enabled) for own, goal, at, torque in each])
+        each, share = zip(self._each, command, measured, self._torques, strict=True), self._share
+        return np.array([own.update(goal, at, torque, dt_s, share) for own, goal, at, torque in each])

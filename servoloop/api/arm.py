@@ -1,8 +1,8 @@
 """Arm that a program moves without ROS, on real or virtual servos: motions, streams, gripper, state and torque."""
 
 import math
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
 
@@ -347,7 +347,7 @@ class Arm:
         return None
 
     def stop(self) -> None:
-        """Stop all motions and end the stream. The joints slow down within their limits and hold."""
+        """Stop all motions, and end the stream and the freedrive. The joints slow down within their limits and hold."""
         self._backend.stop()
 
     def torque(self, on: bool, *, park: bool = True) -> None:
@@ -363,6 +363,24 @@ class Arm:
             ArmError: A servo does not answer, or cannot be activated safely.
         """
         self._backend.set_torque(on, park)
+
+    @contextmanager
+    def freedrive(self) -> Iterator[None]:
+        """Let a person move the joints by hand for the duration of the context.
+
+        The servos then carry most of the weight of the arm, and hold each joint like a slipping brake. When the context
+        ends, each joint holds the position at which it was left. ``stop`` from another thread ends the freedrive, too.
+
+        Raises:
+            ArmBusyError: A motion is running, a stream is open, the torque is off, or another program moves the arm.
+            ArmError: The stiffness or the weight of the arm is unknown, or a servo does not answer. If the context has
+                ended, the message names the servos with a reduced torque limit.
+        """
+        self._backend.begin_freedrive()
+        try:
+            yield
+        finally:
+            self._backend.end_freedrive()
 
     def controller(
         self, kind: "ControllerType", name: str = "own_controller", **parameters: Any

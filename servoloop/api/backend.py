@@ -112,7 +112,8 @@ class MotionProgress(Protocol):
 class ArmBackend(Protocol):
     """Interface through which ``Arm`` uses the program that runs the control loop. Any thread may call each method.
 
-    Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call that raises an
+    Only ``begin_stream``, ``set_torque``, ``begin_freedrive``, ``end_freedrive``, ``wait``, ``wait_async`` and
+    ``close`` wait for cycles. A call that raises an
     error does not move the arm.
     """
 
@@ -147,7 +148,7 @@ class ArmBackend(Protocol):
         ...
 
     def stop(self) -> None:
-        """Cancel all motions and end the stream. The joints slow down within their limits and hold."""
+        """Cancel all motions, and end the stream and the freedrive. The joints slow down and hold."""
         ...
 
     def begin_stream(self, max_age_s: float) -> None:
@@ -191,6 +192,25 @@ class ArmBackend(Protocol):
         Raises:
             MotionFailedError: The park pose was not reached. The torque stays enabled.
             ArmError: A servo does not answer or cannot be activated safely.
+        """
+        ...
+
+    def begin_freedrive(self) -> None:
+        """Let a person move the joints by hand, and return once the joints yield.
+
+        Raises:
+            ArmBusyError: A motion is running, a stream is open, the torque is off, or the arm is in freedrive already.
+            ArmError: The servos cannot carry the weight of the arm, or a servo does not answer.
+        """
+        ...
+
+    def end_freedrive(self) -> None:
+        """Let the joints hold their positions with their full torque, and return once they do.
+
+        Without freedrive, nothing happens.
+
+        Raises:
+            ArmError: A servo does not answer, and still has a reduced torque limit.
         """
         ...
 

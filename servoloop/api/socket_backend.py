@@ -151,6 +151,16 @@ class SocketBackend:
         self._ask("take")
         self._ask("torque", TORQUE_S, on=on, park=park)
 
+    def begin_freedrive(self) -> None:
+        """Let a person move the joints, as ``ArmBackend.begin_freedrive`` describes."""
+        self._ask("take")
+        self._ask("freedrive", on=True)
+
+    def end_freedrive(self) -> None:
+        """Let the joints hold their positions, as ``ArmBackend.end_freedrive`` describes."""
+        if self._ended() is None:
+            self._ask("freedrive", on=False)
+
     @contextmanager
     def record(self, path: Path) -> Iterator[None]:
         """Let the stack record all cycles in a new file for the duration of the context."""

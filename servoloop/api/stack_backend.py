@@ -20,7 +20,8 @@ from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
 from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
-from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
+from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, ArmTimeoutError, MotionFailedError
+from servoloop.api.freedrive import Freedrive
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
 from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
 from servoloop.api.pace import POLL_S, Ended, LoopPace
@@ -36,6 +37,8 @@ from servoloop.stack.control_stack import ControlStack
 
 ANSWER_S: Final = 5.0
 """Maximum time until the loop serves a request, in seconds."""
+FREEDRIVE_S: Final = 2.0
+"""Maximum time to begin or end a freedrive, in seconds."""
 PARK_S: Final = 60.0
 """Maximum time of a motion to the park pose, in seconds."""
 
@@ -69,6 +72,7 @@ class StackBackend:
         self._parts: tuple[MotionPart, ...] = ()
         self._lock = threading.RLock()
         self._stream = StreamGate(stack, arm.joints, self._in_loop)
+        self._freedrive = Freedrive(stack, arm.joints, self._in_loop)
         self._torque = TorqueSwitch(stack, pace.wait, self._in_loop)
         shown = stack.loop.on_cycle
 
@@ -114,8 +118,9 @@ class StackBackend:
                 part.cancel()
 
     def stop(self) -> None:
-        """Cancel all motions, including those of other clients, and end the stream."""
+        """Cancel all motions, including those of other clients, and end the stream and the freedrive."""
         self.end_stream()
+        self._freedrive.end()
         with self._lock:
             for part in self._parts:
                 part.cancel()
@@ -131,9 +136,7 @@ class StackBackend:
         if not (math.isfinite(max_age_s) and max_age_s > 0.0):
             raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
         with self._lock:
-            self._require_torque(self.description.joints)
-            if any(part.moves for part in self._parts):
-                raise ArmBusyError("a motion is running: wait for it or call stop() before you open a stream")
+            self._require_rest("open a stream")
         self._stream.begin(max_age_s)
 
     def send(self, targets: Mapping[str, float]) -> None:
@@ -152,9 +155,32 @@ class StackBackend:
             self._torque.enable()
             return
         self.stop()
+        self._pace.wait(lambda: not self._freedrive.open, FREEDRIVE_S)
         if park and self._torque.on:
             self._park()
         self._torque.release()
+
+    def begin_freedrive(self) -> None:
+        """Let a person move the joints, as ``ArmBackend.begin_freedrive`` describes."""
+        with self._lock:
+            self._require_rest("move the arm by hand")
+        freedrive = self._freedrive
+        freedrive.begin()
+        self._pace.wait(lambda: freedrive.free or not freedrive.open, FREEDRIVE_S)
+        if not freedrive.open:
+            raise ArmError("the arm cannot be moved by hand: another program has activated its controllers")
+
+    def end_freedrive(self) -> None:
+        """Let the joints hold their positions, as ``ArmBackend.end_freedrive`` describes."""
+        if self._ended():
+            return
+        freedrive = self._freedrive
+        freedrive.end()
+        if not self._pace.wait(lambda: not freedrive.open, FREEDRIVE_S):
+            raise ArmTimeoutError(f"the arm did not end its freedrive within {FREEDRIVE_S:g} s, and is still soft")
+        if soft := freedrive.soft:
+            text = f"the torque of {', '.join(soft)} is still reduced, until its servo answers: check its cable"
+            raise ArmError(text, soft[0])
 
     @contextmanager
     def record(self, path: Path) -> Iterator[None]:
@@ -215,6 +241,7 @@ class StackBackend:
         for part in self._parts:
             part.update(state, state.stamp_s)
         self._stream.update(state.stamp_s)
+        self._freedrive.update(tuple(state.faults), state.stamp_s)
         self._pace.cycle_done()
 
     def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:
@@ -254,10 +281,18 @@ class StackBackend:
         return movers
 
     def _require_free(self, joints: Sequence[str]) -> None:
-        """Raise ArmBusyError if a stream is open or the torque of one of these joints is off."""
+        """Raise ArmBusyError if a stream is open, or if these joints are moved by hand or have no torque."""
         self._require_torque(joints)
         if self._stream.open:
             raise ArmBusyError("a stream is open: close it before you start a motion")
+        if self._freedrive.open:
+            raise ArmBusyError("the arm is in freedrive: end it before you start a motion")
+
+    def _require_rest(self, to: str) -> None:
+        """Raise ArmBusyError unless all joints have torque, and neither a motion nor a stream nor a hand moves them."""
+        self._require_free(self.description.joints)
+        if any(part.moves for part in self._parts):
+            raise ArmBusyError(f"a motion is running: wait for it or call stop() before you {to}")
 
     def _require_torque(self, joints: Sequence[str]) -> None:
         if error := self._ended():

@@ -30,6 +30,8 @@ class ArmRequests:
         self._lock = threading.RLock()
         self._motions: dict[Owner, dict[int, MotionProgress]] = {}
         self._streaming: Owner | None = None
+        self._guiding: Owner | None = None
+        """Client that has begun the freedrive of the arm."""
         self._numbers = count(1)
         self.handlers: Mapping[type[messages.Message], Callable[[Owner, Any], Reply]] = {
             messages.DescribeArm: self._describe,
@@ -46,7 +48,7 @@ class ArmRequests:
     def stop(self) -> None:
         """Stop all motions of the arm, including those of ROS clients."""
         self._arm.stop()
-        self._streaming = None
+        self._streaming = self._guiding = None
 
     def open_stream(self, client: Owner, message: messages.OpenStream) -> None:
         """Open a stream, and wait for a cycle. Raises ArmError."""
@@ -57,9 +59,23 @@ class ArmRequests:
         """Release or enable the torque, and wait until this is done. Raises ArmError."""
         self._arm.set_torque(message.on, message.park)
 
+    def set_freedrive(self, client: Owner, on: bool) -> None:
+        """Begin a freedrive, or end the freedrive of this client, and wait until this is done. Raises ArmError."""
+        if on:
+            self._arm.begin_freedrive()
+            self._guiding = client
+        elif self._guiding is client:
+            self._guiding = None
+            self._arm.end_freedrive()
+
     def halt(self, client: Owner) -> None:
-        """Cancel the motions of a client and end its stream. The joints slow down within their limits and hold."""
+        """Cancel the motions of a client, and end its stream and its freedrive.
+
+        The joints slow down within their limits and hold.
+        """
         with self._lock:
+            if self._guiding is client:
+                self.stop()
             for progress in self._motions.get(client, {}).values():
                 self._arm.cancel(progress)
             if self._streaming is client:

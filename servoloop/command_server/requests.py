@@ -94,6 +94,7 @@ class StackRequests:
             messages.SwitchControllers: self._switch,
             messages.OpenStream: self._open_stream,
             messages.Torque: self._torque,
+            messages.SetFreedrive: self._freedrive,
             messages.Record: self._record,
             messages.EndRecord: self._record_end,
         }
@@ -200,6 +201,11 @@ class StackRequests:
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
         self.ownership.require(client)
         self._arm.set_torque(message)  # This waits without a lock, so that other clients can stop the arm.
+        return self._still_owned(client)
+
+    def _freedrive(self, client: Client, message: messages.SetFreedrive) -> Reply:
+        self.ownership.require(client)
+        self._arm.set_freedrive(client, message.on)  # This waits without a lock, as above.
         return self._still_owned(client)
 
     def _still_owned(self, client: Client) -> Reply:

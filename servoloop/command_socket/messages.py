@@ -202,6 +202,13 @@ class Torque(Message):
     park: bool = True
 
 
+class SetFreedrive(Message):
+    """Request to let a person move the joints by hand, or to hold them again."""
+
+    op: Literal["freedrive"]
+    on: bool
+
+
 class Record(Message):
     """Request to begin a recording. ``path`` is absolute."""
 
@@ -218,7 +225,7 @@ class EndRecord(Message):
 
 AnyMessage = (
     *(Hello, GetState, WatchStates, ListControllers, Take, Release, SendGoal, SendGrip, SendSetPoint),
-    *(DescribeArm, MoveJoints, CancelMove, OpenStream, SendTargets, CloseStream, Torque),
+    *(DescribeArm, MoveJoints, CancelMove, OpenStream, SendTargets, CloseStream, Torque, SetFreedrive),
     *(CancelGoal, Stop, SwitchControllers, Record, EndRecord),
 )
 """Classes of all messages to the stack."""

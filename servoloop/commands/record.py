@@ -1,5 +1,6 @@
 """``servoloop record``, ``plot`` and ``replay``: record a running stack, draw a recording, and repeat its motion."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from datetime import datetime
@@ -11,19 +12,18 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
+from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
-from servoloop.commands.shared.options import require_keys, side_of
-from servoloop.commands.teach import PlayOptions, played, played_on_running_arm
+from servoloop.commands.teach import PlayOptions, TaughtArm, play_motion
 from servoloop.commands.view import view
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import SUFFIX, check_path
-from servoloop.stack.arm_folders import OWN
-from servoloop.stack.arm_options import RunningArm, RunningChoice, RunningNamespace
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.arm_options import RunningArm, RunningNamespace
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
-    from servoloop.api.arm import Arm
     from servoloop.teach.taught import RecordedMotion
 
 OUT: Final = Path("out")
@@ -103,21 +103,10 @@ def plot(
 def replay(
     *,
     recording: Annotated[Path, typer.Argument(help="MCAP file, from --record.")],
-    port: Annotated[
-        str | None,
-        typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
-    ] = None,
     running: Annotated[
         bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of an arm on a port.")
     ] = False,
-    arm: Annotated[
-        str | None,
-        typer.Option(
-            help="Arm: a name that `servoloop arms` lists, or an arm folder. With --running: name, folder or process "
-            "ID of the running arm."
-        ),
-    ] = None,
-    namespace: RunningNamespace = None,
+    place: TaughtArm,
     options: PlayOptions,
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
@@ -127,36 +116,23 @@ def replay(
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
-    from servoloop.teach.recorded import recorded_motion
-
-    if running:
-        if port is not None:
-            raise DriverError("--running moves the arm of `servoloop up`, which has the port: leave out --port")
-        require_keys(options.hands_free)
-        choice = RunningChoice(arm, namespace)
-        played_on_running_arm(choice, partial(_recorded_motion, recording), options.speed, options.hands_free)
-        return
-    if port is None:
+    if running and place.port is not None:
+        raise DriverError("--running moves the arm of `servoloop up`, which has the port: leave out --port")
+    if not running and place.port is None:
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
         return
-    require_keys(options.hands_free)
-    side = side_of(arm or OWN, port)
-    joints = side.files.robot.joints
-    followers = [joint.name for joint in side.files.description.joints.values() if joint.mimic is not None]
-    names, limits = [joint.name for joint in joints], [joint.limits for joint in joints]
-    motion, warnings = recorded_motion(recording, names, limits, followers)
-    motion.check([joint.limits for joint in joints], str(recording))
-    for warning in warnings:
-        print_styled(f"! {warning}", fg="yellow")
-    raise typer.Exit(played(side, motion, options.speed, options.hands_free, options.rate_hz))
+    play_motion(place, partial(_recorded_motion, recording), options)
 
 
-def _recorded_motion(recording: Path, arm: "Arm") -> "RecordedMotion":
-    """Return the motion of a recording for a running arm. Raises TeachError if the recording does not fit the arm."""
+def _recorded_motion(
+    recording: Path, folder: Path | None, joints: Sequence[str], limits: Sequence[JointLimits]
+) -> "RecordedMotion":
+    """Return the motion of a recording. Raises TeachError if the recording does not fit the arm."""
     from servoloop.teach.recorded import recorded_motion
 
-    limits = [arm.limits[joint] for joint in arm.joints]
-    motion, warnings = recorded_motion(recording, arm.joints, limits)
+    described = read_arm_files(find_arm(str(folder))).description.joints.values() if folder is not None else ()
+    followers = [joint.name for joint in described if joint.mimic is not None]
+    motion, warnings = recorded_motion(recording, joints, limits, followers)
     motion.check(limits, str(recording))
     for warning in warnings:
         print_styled(f"! {warning}", fg="yellow")

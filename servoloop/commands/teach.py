@@ -1,17 +1,23 @@
 """``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from drivers.errors import DriverError
 from drivers.printable import counted
+from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import (
+    FASTEST_HZ,
     RATE_HZ,
+    SLOWEST_HZ,
     HandsFreeOption,
     RateOption,
     SpeedOption,
@@ -20,41 +26,89 @@ from servoloop.commands.shared.options import (
     require_keys,
     side_of,
 )
-from servoloop.stack.arm_folders import OWN, find_arm
-from servoloop.stack.arm_options import ArmOption, RunningChoice, RunningNamespace
+from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_options import ArmOption, RunningNamespace
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
     from servoloop.api.arm import Arm
-    from servoloop.teach.taught import MotionStore, RecordedMotion
-    from servoloop.teleop.arms import Side
+    from servoloop.teach.taught import RecordedMotion
 
 
-PLAY_S: Final = 0.02
-"""Period at which the dead-man key is checked, in seconds."""
+READY_S: Final = 1.5
+"""Time from enabling the torque until the servos carry the arm and have corrected its sag, in seconds."""
+NO_FOLDER: Final = "the motions of the running arm are unknown: its stack does not report its folder"
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 
 
 @dataclass(frozen=True, slots=True)
-class ArmAtPort:
-    """Real or emulated arm, and its serial port."""
+class TaughtArm:
+    """Options that choose the arm of a motion: an arm at a port, or a running arm."""
 
-    port: Annotated[str, typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses.")]
-    arm: ArmOption = OWN
+    port: Annotated[
+        str | None,
+        typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses."),
+    ] = None
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Arm: a name that `servoloop arms` lists, or an arm folder. Without --port: name, folder or process "
+            "ID of the running arm."
+        ),
+    ] = None
+    namespace: RunningNamespace = None
+    rate_hz: Annotated[
+        int | None,
+        typer.Option(
+            "--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help=f"Cycles per second with --port. [default: {RATE_HZ}]"
+        ),
+    ] = None
 
-    def opened(self) -> "tuple[Side, MotionStore]":
-        """Return the files and devices of the arm, and its recorded motions. Raises HalError or DriverError."""
-        from servoloop.teach.taught import MotionStore
+    def __post_init__(self) -> None:
+        """Raise DriverError if an option does not apply."""
+        if self.port is None and self.rate_hz is not None:
+            raise DriverError("--rate applies to an arm at a --port: the running arm keeps its rate")
+        if self.port is not None and self.namespace is not None:
+            raise DriverError("--namespace chooses a running arm: leave it out with --port")
 
-        return side_of(self.arm, self.port), MotionStore(find_arm(self.arm).folder)
+    @contextmanager
+    def opened(self) -> "Iterator[Arm]":
+        """Yield the arm with its torque on. An arm at a port holds or parks at the end, as its robot file requires.
+
+        Raises ArmSetupError.
+        """
+        from servoloop.api.arm import Arm
+
+        if self.port is None:
+            with Arm.connect(self.arm, namespace=self.namespace) as arm:
+                yield arm
+            return
+        log_to_terminal()
+        with Arm(
+            find_arm(self.arm or OWN).folder.resolve(), self.port.split(","), rate_hz=self.rate_hz or RATE_HZ
+        ) as arm:
+            yield arm
+
+    def motion(self, of: "MotionOf") -> "RecordedMotion | None":
+        """Return the checked motion of an arm at a port, before the port is opened; None for a running arm."""
+        if self.port is None:
+            return None
+        files = side_of(self.arm or OWN, self.port).files
+        joints = {joint.name: joint for joint in files.robot.joints}
+        return of(find_arm(self.arm or OWN).folder, tuple(joints), [joint.limits for joint in joints.values()])
+
+
+MotionOf = Callable[[Path | None, Sequence[str], Sequence[JointLimits]], "RecordedMotion"]
+"""Function that returns the checked motion for an arm, by its folder (if any), its joints and their limits."""
 
 
 @app.command()
 @grouped_options
 def record(
+    *,
     name: Name,
-    place: ArmAtPort,
+    place: TaughtArm,
     limp: Annotated[
         bool,
         typer.Option("--limp", help="Switch the torque off. The arm moves more easily, but falls when you release it."),
@@ -63,32 +117,52 @@ def record(
         bool, typer.Option("--poses", help="Record single poses instead of a path: one at each Enter or p; q ends.")
     ] = False,
     yes: YesOption = False,
-    rate_hz: RateOption = RATE_HZ,
 ) -> None:
     """Record a motion while you move the arm by hand, until you press Enter.
 
     The arm holds its position softly and yields to your hand. At the end the arm holds its last position, or parks, as
-    set by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
+    set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded, which then
+    holds its position.
+    Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
 
+    from hal.servos.limp_arm import release_question, servo_name
+    from servoloop.teach.record import SOFT
     from servoloop.teach.run import record as run
     from servoloop.teach.screen import Teacher
+    from servoloop.teach.taught import MotionStore
 
-    side, motions = place.opened()
+    folder = arm_folder(place)
+    joints = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}
+    motions = MotionStore(folder)
     motions.require_writable()
     if motions.path(name).exists():
         confirm(f"The motion {name} exists already. Replace it?", yes)
+    _print_and_confirm(release_question([servo_name(joint) for joint in joints.values()]) if limp else SOFT, yes)
 
     def keep(motion: "RecordedMotion", warnings: Sequence[str]) -> None:
-        motions.save(name, motion, {joint.name: joint for joint in side.files.robot.joints})
+        motions.save(name, motion, joints)
         for warning in warnings:
             print_styled(f"! {warning}", fg="yellow")
         typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
-    log_to_terminal()
-    teacher = Teacher(Console(), lambda question: _print_and_confirm(question, yes))
-    raise typer.Exit(run(side, rate_hz, limp, poses, teacher, keep))
+    with place.opened() as arm:
+        run(arm, limp, poses, Teacher(Console()), keep)
+
+
+def arm_folder(place: TaughtArm) -> Path:
+    """Return the folder of an arm at a port or of a running arm. Raises HalError, ArmSetupError or TeachError."""
+    from servoloop.api.arm import Arm
+    from servoloop.teach.taught import TeachError
+
+    if place.port is not None:
+        side_of(place.arm or OWN, place.port)
+        return find_arm(place.arm or OWN).folder
+    with Arm.connect(place.arm, namespace=place.namespace) as arm:
+        if arm.folder is None:
+            raise TeachError(NO_FOLDER)
+        return arm.folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,31 +171,11 @@ class PlayOptions:
 
     speed: SpeedOption = 1.0
     hands_free: UnattendedOption = False
-    rate_hz: RateOption = RATE_HZ
 
 
 @app.command()
 @grouped_options
-def play(
-    *,
-    name: Name,
-    port: Annotated[
-        str | None,
-        typer.Option(
-            help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses (default: the arm of the running "
-            "`servoloop up`)."
-        ),
-    ] = None,
-    arm: Annotated[
-        str | None,
-        typer.Option(
-            help="Arm: a name that `servoloop arms` lists, or an arm folder. Without --port: name, folder or process "
-            "ID of the running arm."
-        ),
-    ] = None,
-    namespace: RunningNamespace = None,
-    options: PlayOptions,
-) -> None:
+def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
     """Play back a recorded motion while you hold a key.
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
@@ -130,61 +184,43 @@ def play(
     position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    require_keys(options.hands_free)
-    if port is None:
-        chosen = RunningChoice(arm, namespace)
-        played_on_running_arm(chosen, partial(_saved_motion, name=name), options.speed, options.hands_free)
-        return
-    side, motions = ArmAtPort(port, arm or OWN).opened()
-    joints = side.files.robot.joints
-    motion = motions.get(name).of([joint.name for joint in joints], name)
-    motion.check_units(joints, str(motions.path(name)))
-    motion.check([joint.limits for joint in joints], str(motions.path(name)))
-    raise typer.Exit(played(side, motion, options.speed, options.hands_free, options.rate_hz))
+    play_motion(place, partial(_saved_motion, name), options)
 
 
-def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
-    """Return a saved motion of a running arm. Raises TeachError if the motion does not fit the arm."""
+def _saved_motion(
+    name: str, folder: Path | None, joints: Sequence[str], limits: Sequence[JointLimits]
+) -> "RecordedMotion":
+    """Return a saved motion. Raises TeachError if the motion does not fit the arm."""
     from servoloop.teach.taught import MotionStore, TeachError
 
-    if arm.folder is None:
-        raise TeachError(f"the motions of {arm.name} are unknown: its stack does not report its folder")
-    motions = MotionStore(arm.folder)
-    motion = motions.get(name).of(arm.joints, name)
-    motion.check([arm.limits[joint] for joint in arm.joints], str(motions.path(name)))
+    if folder is None:
+        raise TeachError(NO_FOLDER)
+
+    motions = MotionStore(folder)
+    path, motion = str(motions.path(name)), motions.get(name).of(tuple(joints), name)
+    own = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}
+    motion.check_units([own[joint] for joint in joints if joint in own], path)
+    motion.check(limits, path)
     return motion
 
 
-def played_on_running_arm(
-    choice: RunningChoice, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
-) -> None:
-    """Play a motion on the arm of ``servoloop up`` and print each phase.
+def play_motion(place: TaughtArm, motion_of: MotionOf, options: PlayOptions) -> None:
+    """Play a motion, and show the arm meanwhile."""
+    from rich.console import Console
 
-    Args:
-        choice: The running arm.
-        motion_of: Returns the motion for an arm, with its joints in their order.
-        speed: Share of the recorded speed, from 0 to 1.
-        hands_free: Whether to move without a dead-man key.
-    """
-    from servoloop.api.arm import Arm
-    from servoloop.stack.processes import Interrupted
-    from servoloop.stack.signals import Signals
-    from servoloop.teach.running_play import RunningPlay
+    from servoloop.teach.run import play as run
+    from servoloop.teach.screen import ArmScreen
 
-    with (
-        Signals() as signals,
-        Arm.connect(choice.arm, namespace=choice.namespace) as arm,
-        permission_of(hands_free) as permission,
-    ):
-        playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
-        while playing.update():
-            if signals.count:
-                raise Interrupted("interrupted; the arm has stopped")
-            if playing.phase != shown:
-                shown = playing.phase
-                typer.echo(f"{shown}\r", err=True)
-            arm.sleep(PLAY_S)
-        typer.echo(f"{arm.name} holds its position: {playing.phase}")
+    require_keys(options.hands_free)
+    motion = place.motion(motion_of)
+    with place.opened() as arm, permission_of(options.hands_free) as permission:
+        if motion is None:
+            motion = motion_of(arm.folder, arm.joints, [arm.limits[joint] for joint in arm.joints])
+        else:
+            arm.sleep(READY_S)
+        run(arm, motion, options.speed, permission, ArmScreen(Console(stderr=True)))
+        if place.port is None:
+            typer.echo(f"{arm.name} holds its position: done")
 
 
 @app.command("list")
@@ -213,18 +249,6 @@ def remove(name: Name, arm: ArmOption = OWN) -> None:
 
     MotionStore(find_arm(arm).folder).remove(name)
     typer.echo(f"{name} was removed")
-
-
-def played(side: "Side", motion: "RecordedMotion", speed: float, hands_free: bool, rate_hz: int) -> int:
-    """Play a motion, show its progress, and return the exit status."""
-    from rich.console import Console
-
-    from servoloop.teach.run import play as run
-    from servoloop.teach.screen import TeachScreen
-
-    log_to_terminal()
-    with permission_of(hands_free) as permission, TeachScreen(Console()) as screen:
-        return run(side, rate_hz, motion, speed, permission, screen.show)
 
 
 def summary(motion: "RecordedMotion") -> str:

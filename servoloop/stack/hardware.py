@@ -212,7 +212,7 @@ class _ComponentBuilder:
         return buses
 
 
-def compensation(joints: Sequence[Joint], description: Description, guided: bool = False) -> GravityCompensation | None:
+def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
     """Return the gravity compensation of these joints, or None if the robot file does not enable it.
 
     Joints with servos of unknown stiffness are listed in the log.
@@ -220,14 +220,13 @@ def compensation(joints: Sequence[Joint], description: Description, guided: bool
     Args:
         joints: Joints of one component.
         description: Robot description, with the masses of the links.
-        guided: Whether a person guides the arm by hand.
     """
     if not any(joint.gravity_compensation for joint in joints):
         return None
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
         LOG.info("%s: servo stiffness unknown; sag and lag are not compensated", names)
-    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
+    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
 
 
 def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:

@@ -89,6 +89,17 @@ class Files(ServoFiles):
         return self.controllers.namespace
 
     @property
+    def hand_joints(self) -> set[str]:
+        """Joints without a trajectory controller, such as those of grippers."""
+        driven = {
+            joint
+            for spec in self.controllers.controllers
+            if spec.kind.endswith("JointTrajectoryController")
+            for joint in getattr(spec.parameters, "joints", ())
+        }
+        return {joint for component in self.description.components for joint in component.joints} - driven
+
+    @property
     def options(self) -> tuple[str, ...]:
         """Options with which ``servoloop up`` reads these files in another process."""
         namespace = ("--namespace", self.namespace) if self.namespace else ()

@@ -1,35 +1,31 @@
-"""Play a motion: move slowly to its start, then play it while the dead-man switch is held."""
+"""Play a motion: move slowly to its start, then follow it while the dead-man switch is held."""
 
-import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Final
 
-from controller.action_goals import GoalStatus
-from controller.motion import Kinematics, MotionError, motion_to
+import numpy as np
+
+from controller.motion import Kinematics
 from controller.teach.slowing import goal_points, slowed
-from controller.trajectory.goal import Allowed, GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.goal import Allowed, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected
-from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.compensation.joint_offset import FADE_IN_S
 from hal.types import FloatArray
+from servoloop.api.arm import Arm
+from servoloop.api.motion import ArmMotion
+from servoloop.api.trajectory import ArmTrajectory
 from servoloop.manual.dead_man import Permission
-from servoloop.teach.arm import TeachArm
 from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 APPROACH: Final = 0.25
 """Share of the velocity limits used on the way to the start of a motion and between poses."""
-
-
-READY_S: Final = FADE_IN_S + 0.5
-"""Time from enabling the torque until the servos carry the arm and have corrected its sag, in seconds."""
+AHEAD_S: Final = 1.0
+"""Maximum time by which the arm can be ahead of the time since the start of the path, in seconds."""
 
 
 class PlayPhase(StrEnum):
     """State of a playback."""
 
-    READYING = "getting ready"
     WAITING = "waiting: hold a key"
     APPROACHING = "moving slowly to the start"
     PLAYING = "playing"
@@ -38,21 +34,17 @@ class PlayPhase(StrEnum):
 
 
 class Play:
-    """Playback of one motion, used in the thread of the user interface."""
+    """Playback of one motion, used in the thread of the user interface.
 
-    def __init__(
-        self,
-        arm: TeachArm,
-        follow: JointTrajectoryController,
-        motion: RecordedMotion,
-        speed: float,
-        permission: Permission,
-    ) -> None:
+    When the key is released, the joints slow down within their limits and hold. When the key is held again, the arm
+    moves slowly to the next point of the path and continues.
+    """
+
+    def __init__(self, arm: Arm, motion: RecordedMotion, speed: float, permission: Permission) -> None:
         """Plan the playback.
 
         Args:
-            arm: Arm that plays the motion.
-            follow: Trajectory controller of the arm.
+            arm: The arm, connected or in this process.
             motion: Motion of the arm's joints, in the order of the arm.
             speed: Share of the recorded speed, from 0 to 1.
             permission: Dead-man switch.
@@ -60,89 +52,110 @@ class Play:
         Raises:
             TeachError: The motion cannot be played.
         """
-        self.phase = PlayPhase.READYING
-        self._arm, self._follow, self._permission = arm, follow, permission
-        limits = arm.loop.limits
-        if motion.path is not None:
-            check_duration(motion.path.duration_s / speed, "the motion")
-        points = goal_points(slowed(motion.path, limits, speed), limits) if motion.path is not None else ()
-        self._check(motion.position, points)
-        self._goals = self._make_goals(motion.position, points, speed)
-        self._running: tuple[PlayPhase, GoalHandle] | None = None
-        self._ready_s = math.inf
+        self.phase = PlayPhase.WAITING
+        self._arm, self._speed, self._permission = arm, speed, permission
+        self._legs = _legs(arm, motion, speed)
+        self._running: ArmMotion | None = None
+        self._began_s = 0.0
 
-    def _check(self, poses: FloatArray, points: tuple[GoalPoint, ...]) -> None:
-        """Plan the whole motion before the arm moves. Raises TeachError if the motion cannot be played."""
-        joints, limits = self._arm.joints, self._arm.loop.limits
-        planner = GoalPlanner(joints, limits, "ruckig")
-        goals = [points] if points else [(_point(pose, 1e-3),) for pose in poses]
-        begins = poses[:1] if points else poses[[0, *range(len(poses) - 1)]]
-        for goal, begin in zip(goals, begins, strict=True):
-            try:
-                planner.plan(TrajectoryGoal(joints, goal), Allowed(), Kinematics.at_rest(begin))
-            except GoalRejected as error:
-                raise TeachError(f"the motion cannot be played, and the arm has not moved: {error}") from error
-
-    def begin(self) -> None:
-        """Enable torque at the current position. The arm moves only once the servos carry its weight."""
-        self._follow.scaling.ask(0.0)
-        self._arm.loop.activate()
-        self._ready_s = self._arm.loop.clock.now() + READY_S
-
-    def update(self, now_s: float) -> bool:
+    def update(self) -> bool:
         """Move or stop the arm as the dead-man switch requires. Return False at the end of the motion.
 
-        Raises TeachError if the motion fails.
+        Raises:
+            TeachError: The arm has stopped before the end of the motion.
+            ArmError: The arm cannot be moved.
         """
-        allowed = self._permission.allowed(now_s)
-        self._follow.scaling.ask(1.0 if allowed else 0.0)
-        if self._permission.ended():
-            return False
-        if now_s < self._ready_s:
-            return True
-        if allowed and self._running is None and not self._next():
-            return False
+        now_s = self._arm.state.time_s
+        allowed = self._permission.allowed(now_s) and not self._permission.ended()
+        if not allowed:
+            self._pause()
+            return not self._permission.ended()
         if self._running is None:
-            self.phase = PlayPhase.WAITING
-            return True
-        phase, handle = self._running
-        self.phase = phase if allowed else PlayPhase.PAUSED
-        if handle.done and handle.status is not GoalStatus.SUCCEEDED:
-            raise TeachError(f"the arm has stopped: {handle.error_text}")
-        return not handle.done or self._next()
-
-    def _next(self) -> bool:
-        """Start the next goal. Return False if there is no further goal."""
-        found = next(self._goals, None)
-        if found is None:
-            self.phase = PlayPhase.DONE
-            return False
-        phase, goal = found
-        if reason := self._follow.check(goal):
-            raise TeachError(f"the motion cannot be played: {reason}")
-        self._running = phase, self._follow.submit(goal)
+            self._begin(now_s)
+        elif self._running.done:
+            return self._next(self._running, now_s)
         return True
 
-    def _make_goals(
-        self, poses: FloatArray, points: tuple[GoalPoint, ...], speed: float
-    ) -> Iterator[tuple[PlayPhase, TrajectoryGoal]]:
-        """Yield the goals of the motion. Each goal is computed only after the previous goal was reached."""
-        if not points:
-            for pose in poses:
-                yield PlayPhase.PLAYING, self._slowly_to(pose, speed)
+    def _begin(self, now_s: float) -> None:
+        self.phase, self._began_s = self._legs[0].phase, now_s
+        self._running = self._legs[0].begin(self._arm, self._speed)
+
+    def _next(self, ended: ArmMotion, now_s: float) -> bool:
+        if ended.failure is not None:
+            raise TeachError(f"the arm has stopped: {ended.failure}") from ended.failure
+        self._legs, self._running = self._legs[1:], None
+        if not self._legs:
+            self.phase = PlayPhase.DONE
+            return False
+        self._begin(now_s)
+        return True
+
+    def _pause(self) -> None:
+        """Stop the arm, so that the motion can continue from there later."""
+        if self._running is None:
             return
-        yield PlayPhase.APPROACHING, self._slowly_to(poses[0])
-        yield PlayPhase.PLAYING, TrajectoryGoal(self._arm.joints, points)
-
-    def _slowly_to(self, pose: FloatArray, speed: float = 1.0) -> TrajectoryGoal:
-        limits = [replace(one, velocity=APPROACH * speed * one.velocity) for one in self._arm.loop.limits]
-        here, there = Kinematics.at_rest(self._arm.loop.command), Kinematics.at_rest(pose)
-        try:
-            duration_s = motion_to(here, there, limits, 0.0, self._arm.joints).duration_s
-        except MotionError as error:
-            raise TeachError(f"the arm cannot move to the start of the motion: {error}") from error
-        return TrajectoryGoal(self._arm.joints, (_point(pose, max(duration_s, 1e-3)),))
+        state = self._arm.state
+        self._running.cancel()
+        self._running, self.phase = None, PlayPhase.PAUSED
+        at = np.array([state.command[joint] for joint in self._arm.joints])
+        self._legs = [*self._legs[0].rest(at, state.time_s - self._began_s), *self._legs[1:]]
 
 
-def _point(pose: FloatArray, time_s: float) -> GoalPoint:
-    return GoalPoint(tuple(pose.tolist()), time_s)
+class _Leg:
+    """Part of a motion from rest to rest: a path, or a slow motion to a single pose."""
+
+    def __init__(self, joints: Sequence[str], times_s: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
+        """Create a path with k points: times (k,), positions (k, n) and velocities (k, n)."""
+        self._joints = tuple(joints)
+        self._times_s, self._position, self._velocity = times_s, position, velocity
+        self.phase = PlayPhase.PLAYING
+
+    def begin(self, arm: Arm, speed: float) -> ArmMotion:
+        """Start to move along the path, whose first point is near the arm, or slowly to the pose."""
+        if len(self._times_s) == 1:
+            pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
+            share = APPROACH if self.phase is PlayPhase.APPROACHING else APPROACH * speed
+            return arm.move_to(pose, speed=share, wait=False)
+        positions = {joint: self._position[:, index].tolist() for index, joint in enumerate(self._joints)}
+        velocities = {joint: self._velocity[:, index].tolist() for index, joint in enumerate(self._joints)}
+        times_s = (self._times_s - self._times_s[0]).tolist()
+        return arm.follow(ArmTrajectory(times_s, positions, velocities), approach=APPROACH, wait=False)
+
+    def approached(self) -> "list[_Leg]":
+        """Return the slow motion to the first point of the path, and the path."""
+        first = _Leg(self._joints, self._times_s[:1], self._position[:1], self._velocity[:1])
+        first.phase = PlayPhase.APPROACHING
+        return [first, self]
+
+    def rest(self, at: FloatArray, passed_s: float) -> "list[_Leg]":
+        """Return the parts of the motion from the point of the path that is nearest to a position (n,).
+
+        ``passed_s`` is the time since the start of the path.
+        """
+        if len(self._times_s) == 1:
+            return [self]
+        reachable = self._times_s - self._times_s[0] <= passed_s + AHEAD_S
+        distance = np.abs(self._position - at).max(axis=1)
+        first = int(np.argmin(np.where(reachable, distance, np.inf)))
+        rest = _Leg(self._joints, self._times_s[first:], self._position[first:], self._velocity[first:])
+        return rest.approached()
+
+
+def _legs(arm: Arm, motion: RecordedMotion, speed: float) -> list[_Leg]:
+    """Plan a motion and return its parts. Raises TeachError if the motion cannot be played."""
+    joints, limits = arm.joints, tuple(arm.limits[joint] for joint in arm.joints)
+    if motion.path is None:
+        rest = np.zeros((1, len(joints)))
+        return [_Leg(joints, np.zeros(1), pose[None, :], rest) for pose in motion.position]
+    check_duration(motion.path.duration_s / speed, "the motion")
+    path = slowed(motion.path, limits, speed)
+    points = goal_points(path, limits)
+    try:
+        first = Kinematics.at_rest(path.position[0])
+        GoalPlanner(joints, limits, "ruckig").plan(TrajectoryGoal(joints, points), Allowed(), first)
+    except GoalRejected as error:
+        raise TeachError(f"the motion cannot be played, and the arm has not moved: {error}") from error
+    times_s = np.array([0.0, *(point.time_from_start_s for point in points)])
+    position = np.array([path.position[0], *(point.positions for point in points)])
+    velocity = np.array([np.zeros(len(joints)), *(point.velocities for point in points)])
+    return _Leg(joints, times_s, position, velocity).approached()

@@ -1,27 +1,25 @@
 """Record a motion while a person moves the arm by hand. At the end the arm holds its position."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
-from controller.manager.requests import Request
-from controller.teach.freedrive_controller import FreedriveController
 from controller.teach.hand_path import inside, path_of
 from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.errors import DriverError
-from hal.errors import HalError
-from hal.lifecycle import LifecycleState
-from hal.servos.limp_arm import release_question
-from hal.types import FloatArray, JointState
-from servoloop.teach.arm import ARM, TeachArm
+from hal.types import FloatArray
+from servoloop.api.arm import Arm
+from servoloop.api.backend import ArmState
+from servoloop.api.errors import ArmError
 from servoloop.teach.taught import RecordedMotion, TeachError, beyond
 
 SOFT: Final = (
-    "Torque is about to be enabled softly at the current position. Keep a hand on the arm. After a second you can move "
-    "it. Continue?"
+    "The arm is about to yield to your hand. Keep a hand on the arm. After a second you can move it. Continue?"
 )
+LIMP: Final = "The torque is about to be disabled, and the arm may fall: hold the arm. Disable torque?"
 HANDS_S: Final = 2.0
 """Time for the person to react to an instruction, in seconds."""
 GAP_S: Final = 0.2
@@ -46,106 +44,89 @@ class RecordPhase(StrEnum):
 
 
 class TeachRecording:
-    """Recording of one motion. The loop thread calls ``take``; the user interface calls all other methods."""
+    """Recording of one motion, used in the thread of the user interface. The arm calls ``take`` after each cycle."""
 
-    def __init__(self, arm: TeachArm, freedrive: FreedriveController | None, poses: bool, keep: Keep) -> None:
+    def __init__(self, arm: Arm, soft: bool, poses: bool, keep: Keep) -> None:
         """Prepare a recording.
 
         Args:
-            arm: Arm to record.
-            freedrive: Freedrive controller of a soft arm. None: the arm is limp.
+            arm: Arm to record, connected or in this process.
+            soft: Whether the servos carry the arm. Otherwise its torque is disabled.
             poses: Whether to record poses marked with a key instead of the path.
             keep: Function that saves the motion.
         """
         self.phase = RecordPhase.READYING
         self.error: Exception | None = None
         """Reason why the motion was not saved."""
-        self._arm, self._freedrive, self._keep = arm, freedrive, keep
+        self._arm, self._soft, self._keep = arm, soft, keep
+        self._by_hand, self._watching = ExitStack(), ExitStack()
         self._poses: list[FloatArray] | None = [] if poses else None
         self._samples: list[tuple[float, FloatArray]] = []
         self._unmeasured: dict[str, None] = {}
-        self._back: Request[None] | None = None
         self._held_s = 0.0
 
-    def ask(self, confirm: Callable[[str], None]) -> None:
-        """Ask the person to hold the arm if necessary. ``confirm`` raises an error if the person refuses."""
-        if self._freedrive is not None:
-            confirm(SOFT)
-        elif servos := self._arm.hardware.held():
-            confirm(release_question(servos))
-
     def begin(self) -> None:
-        """Make the arm limp or soft."""
-        if self._freedrive is not None:
-            self._arm.loop.activate()
+        """Make the arm soft or limp, and start to record. Raises ArmError."""
+        if self._soft:
+            self._by_hand.enter_context(self._arm.freedrive())
         else:
-            self._arm.hardware.release()
-            self._arm.loop.activate(keep_inactive=[ARM])
+            self._arm.torque(False, park=False)
+            self._by_hand.callback(self._arm.torque, True)
+        self.phase = RecordPhase.BY_HAND
+        self._watching.callback(self._arm.on_state(self.take))
 
-    def take(self, state: JointState) -> None:
+    def take(self, state: ArmState) -> None:
         """Record the joint positions of a cycle if all joints were measured."""
         if self.phase is not RecordPhase.BY_HAND:
             return
+        position = np.array([state.position[joint] for joint in self._arm.joints])
         self._unmeasured.update(dict.fromkeys(state.faults))
-        if not state.faults and np.isfinite(state.position).all():
-            self._samples.append((state.stamp_s, state.position.copy()))
+        if not state.faults and np.isfinite(position).all():
+            self._samples.append((state.time_s, position))
 
     def press(self, key: str) -> None:
         """Process a key, which marks the current pose or ends the recording."""
         if self._poses is not None and key in MARK_KEYS:
             if self.phase is RecordPhase.BY_HAND and self._samples:
-                count = max(1, round(POSE_S / self._arm.loop.period_s))
+                count = max(1, round(POSE_S * self._arm.rate_hz))
                 self._poses.append(np.median([position for _, position in self._samples[-count:]], axis=0))
         elif key in STOP_KEYS:
             self.stop()
 
     def stop(self) -> None:
-        """End and save the recording, and make the arm hold its position."""
+        """End and save the recording, and make the arm hold its position. Raises TeachError if the arm does not."""
         if self.phase not in (RecordPhase.READYING, RecordPhase.BY_HAND):
             return
         self.phase = RecordPhase.HOLDING
+        self._watching.close()
         try:
             self._keep(*self.shown())
         except DriverError as error:  # The error is raised later, once the arm holds its position.
             self.error = error
-        if self._freedrive is not None:
-            self._freedrive.holds = True
-        else:
-            self._back = self._arm.loop.component_transitions.ask(ARM, LifecycleState.ACTIVE)
+        try:
+            self._by_hand.close()
+        except ArmError as error:
+            how = "soft: release it" if self._soft else "limp: lay it down"
+            raise TeachError(f"torque could not be enabled on all servos, and the arm is {how}. {error}") from error
+        self.phase, self._held_s = RecordPhase.HELD, self._arm.state.time_s
 
-    def update(self, now_s: float) -> bool:
+    def update(self) -> bool:
         """Update the state. Return False once the arm has held its position for ``HANDS_S``.
 
-        Raises TeachError if torque cannot be enabled.
+        Raises TeachError if torque cannot be enabled, and ArmError if the arm can no longer be moved.
         """
-        if self.phase is RecordPhase.READYING and (self._freedrive is None or self._freedrive.free):
-            self.phase = RecordPhase.BY_HAND
-        elif self.phase is RecordPhase.BY_HAND and self._poses is None and self._is_full():
+        if self.phase is RecordPhase.BY_HAND and self._poses is None and self._is_full():
             self.stop()
-        elif self.phase is RecordPhase.HOLDING and self._holds():
-            self.phase, self._held_s = RecordPhase.HELD, now_s
-        return not (self.phase is RecordPhase.HELD and now_s - self._held_s >= HANDS_S)
+        return not (self.phase is RecordPhase.HELD and self._arm.state.time_s - self._held_s >= HANDS_S)
 
     def _is_full(self) -> bool:
         """Return whether the path has reached the maximum length for playback."""
         return bool(self._samples) and self._samples[-1][0] - self._samples[0][0] >= LONGEST_GOAL_S - 1.0
 
-    def _holds(self) -> bool:
-        """Return whether torque is enabled again, with the goals at the measured positions."""
-        if self._freedrive is not None and self._back is None and self._freedrive.held:
-            self._back = self._arm.loop.requests.ask(self._arm.hardware.restore_torque_limits)
-        if self._back is None or not self._back.done:
-            return False
-        try:
-            self._back.result()
-        except (DriverError, HalError) as error:
-            how = "limp: lay it down" if self._freedrive is None else "soft: release it"
-            raise TeachError(f"torque could not be enabled on all servos, and the arm is {how}. {error}") from error
-        return True
-
     def shown(self) -> tuple[RecordedMotion, list[str]]:
         """Return the recorded motion and warnings about it. Raises TeachError if nothing was recorded."""
-        joints, limits = self._arm.joints, self._arm.loop.limits
+        joints = self._arm.joints
+        limits = [self._arm.limits[joint] for joint in joints]
         if not self._samples:
             raise TeachError("nothing was recorded")
         if self._poses is not None:

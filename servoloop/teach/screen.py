@@ -1,7 +1,7 @@
 """Display the state of the arm, its joints and its faults during a recording or playback."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Self
 
@@ -9,29 +9,27 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from hal.types import JointState
+from servoloop.api.arm import Arm
+from servoloop.api.backend import ArmState
 from servoloop.manual.live_table import LiveTable
 from servoloop.stack.terminal import raw_keys, typed
-from servoloop.teach.arm import TeachArm
 
 
-class TeachScreen(LiveTable):
+class ArmScreen(LiveTable):
     """Live table of one arm."""
 
-    def show(self, phase: str, arm: TeachArm) -> None:
+    def show(self, phase: str, arm: Arm) -> None:
         """Display the current state."""
-        state = arm.loop.manager.cycle.seen
-        faults = [fault.text for fault in state.faults.values()] if state else []
-        text = "; ".join([phase, *dict.fromkeys(faults)])
-        self.draw(text, lambda: Group(Text(phase, style="cyan"), _table(arm, state)))
+        state = arm.state
+        text = "; ".join([phase, *dict.fromkeys(state.faults.values())])
+        self.draw(text, lambda: Group(Text(phase, style="cyan"), _table(state)))
 
 
-class Teacher(TeachScreen):
+class Teacher(ArmScreen):
     """Terminal user interface of a recording."""
 
-    def __init__(self, console: Console, confirm: Callable[[str], None]) -> None:
+    def __init__(self, console: Console) -> None:
         super().__init__(console)
-        self.confirm = confirm
         self._raw = ExitStack()
 
     def __enter__(self) -> Self:
@@ -51,10 +49,9 @@ class Teacher(TeachScreen):
         return typed(0.0)
 
 
-def _table(arm: TeachArm, state: JointState | None) -> Table:
+def _table(state: ArmState) -> Table:
     table = Table("joint", "measured", "commanded")
-    if state is None:
-        return table
-    for name, position, command in zip(arm.joints, state.position.tolist(), arm.loop.command.tolist(), strict=True):
-        table.add_row(name, f"{position:+.3f}", f"{command:+.3f}", style="red" if name in state.faults else "")
+    for name, position in state.position.items():
+        style = "red" if name in state.faults else ""
+        table.add_row(name, f"{position:+.3f}", f"{state.command[name]:+.3f}", style=style)
     return table

@@ -175,7 +175,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
         raise TeleopError(
             f"{leader.arm} lacks {', '.join(missing)} of {follower.arm}: a leader must have the joints of its follower"
         )
-    hands = hand_joints(follower)
+    hands = follower.hand_joints
     made = []
     for joint in follower.robot.joints:
         gain, offset = 1.0, 0.0
@@ -189,14 +189,3 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
             )
         )
     return made
-
-
-def hand_joints(files: Files) -> set[str]:
-    """Return the joints without a trajectory controller, such as those of grippers."""
-    arm = {
-        joint
-        for spec in files.controllers.controllers
-        if spec.kind.endswith("JointTrajectoryController")
-        for joint in getattr(spec.parameters, "joints", ())
-    }
-    return {joint for component in files.description.components for joint in component.joints} - arm

@@ -290,6 +290,18 @@ class ArmContract:
         arm.move_to({PAN: 0.2}, duration=0.8)
         assert arm.state.position[PAN] == pytest.approx(0.2, abs=NEAR)
 
+    def test_joints_in_freedrive_refuse_motions_until_it_ends(self, arm: Arm) -> None:
+        before = arm.state.command
+        with arm.freedrive():
+            with pytest.raises(ArmBusyError, match="the arm is in freedrive: end it before you start a motion"):
+                arm.move_to({PAN: 0.1})
+            with pytest.raises(ArmBusyError, match="in freedrive"), arm.freedrive():
+                pass
+        after = arm.step(3).command
+        assert max(abs(after[joint] - before[joint]) for joint in arm.joints) < NEAR
+        arm.move_to({PAN: 0.1}, duration=1.0)
+        assert arm.state.position[PAN] == pytest.approx(0.1, abs=NEAR)
+
     def test_a_part_of_a_run_is_recorded(self, arm: Arm, tmp_path: Path) -> None:
         path = tmp_path / "part.mcap"
         with arm.record(path):

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from hal.hardware import Softening
+from servoloop.api.freedrive import FREEDRIVE
 from servoloop.command_server import connection, server, session
 from servoloop.command_socket.client import CommandClient
 from servoloop.command_socket.errors import CommandError
@@ -84,6 +86,20 @@ def test_motion_of_a_killed_client_ends_within_the_limits_and_holds(move: str, r
     assert np.abs(np.diff(velocity)).max() / period_s <= 1.1 * limit.acceleration
     with rig.client() as other:
         other.request("take")  # the motion is free again
+
+
+def test_freedrive_of_a_killed_client_ends_and_the_arm_holds(rig: SocketRig) -> None:
+    registry = rig.stack.loop.manager.registry
+    process = child("client.request('freedrive', on=True)")
+    assert registry.loaded[FREEDRIVE].active and not registry.loaded["arm_controller"].active
+    with rig.client() as other, pytest.raises(CommandError, match=r"child \(process \d+\) has it"):
+        other.request("freedrive", on=False)
+    process.send_signal(signal.SIGKILL)
+    process.wait(20.0)
+    eventually(lambda: registry.loaded["arm_controller"].active and not registry.loaded[FREEDRIVE].active)
+    assert at_rest(rig) == pytest.approx(READY, abs=0.05)
+    (hardware,) = (component.hardware for component in rig.stack.loop.hardware.components)
+    assert isinstance(hardware, Softening) and not hardware.soft
 
 
 def test_a_stalled_client_loses_the_motion_to_a_client_that_takes_it_by_force(rig: SocketRig) -> None:

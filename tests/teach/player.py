@@ -3,11 +3,11 @@
 import numpy as np
 
 from controller.teach.hand_path import HandPath
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray
-from servoloop.teach.arm import add_trajectory
 from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.taught import RecordedMotion
-from tests.teach.rig import FREE, SO101, Pose, Rig
+from tests.teach.rig import FREE, RATE_HZ, SO101, Pose, Rig
 
 FASTEST = np.array([joint.limits.velocity for joint in SO101.robot.joints])
 PAN = 0
@@ -32,12 +32,8 @@ class Player:
     def __init__(self, taught: RecordedMotion, speed: float = 1.0, key: Key | None = None, pose: Pose = FREE) -> None:
         self.rig = Rig(pose=pose)
         self.key = key or Key()
-        self.follow = add_trajectory(self.rig.arm)
-        self.play = Play(self.rig.arm, self.follow, taught, speed, self.key)
-        self.speeds: list[FloatArray] = []
-        """Velocities (n,) of the references."""
-        self.rig.configure()
-        self.play.begin()
+        self.rig.run(1.5)
+        self.play = Play(self.rig.arm, taught, speed, self.key)
 
     def go_on(self, seconds: float = 60.0, until: PlayPhase | None = None) -> bool:
         """Run for a given time, or until the end or until a phase is reached. Return whether the playback is still
@@ -46,13 +42,22 @@ class Player:
 
         def poll() -> bool:
             nonlocal going
-            if self.follow.tracking is not None:
-                self.speeds.append(self.follow.tracking.reference.velocity)
-            going = self.play.update(self.rig.clock.now())
+            going = self.play.update()
             return going and self.play.phase is not until
 
         self.rig.run(seconds, poll)
         return going
+
+    @property
+    def reference_speeds(self) -> FloatArray:
+        """Velocities (n - 1,) of the reference of the arm, without its gripper and without the compensation of lag."""
+        arm = self.rig.loop.manager.registry.loaded["arm_controller"].controller
+        assert isinstance(arm, JointTrajectoryController)
+        return np.abs(arm.tracking.reference.velocity) if arm.tracking is not None else np.zeros(len(FASTEST) - 1)
+
+    def speeds(self, since: int = 0) -> FloatArray:
+        """Return the velocities of the commands (k, n)."""
+        return np.diff(np.array(self.rig.commands[since:])[:, : len(FASTEST)], axis=0) * RATE_HZ
 
 
 def path(seconds: float = 3.0, turns: float = 0.8) -> RecordedMotion:

@@ -2,19 +2,27 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from controller.component_transitions import run_at_once
+from controller.teach.freedrive_controller import FreedriveController
 from drivers.servos.register import Register
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
+from servoloop.api.arm import Arm
+from servoloop.api.errors import ArmEndedError
+from servoloop.api.freedrive import FREEDRIVE
+from servoloop.api.own_loop import describe
+from servoloop.api.pace import SimulatedPace
+from servoloop.api.stack_backend import StackBackend
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack import hardware
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.robot_files import Files
-from servoloop.teach.arm import add_freedrive, build_arm
-from servoloop.teach.record import TeachRecording
-from servoloop.teach.taught import RecordedMotion
-from servoloop.teleop.arms import Side
+from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.robot_files import Files, initial_states
+from servoloop.teach.record import RecordPhase, TeachRecording
+from servoloop.teach.taught import RecordedMotion, TeachError
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
 from tests.teleop.rig import Lines
@@ -28,42 +36,47 @@ Pose = Mapping[str, float]
 
 
 class Rig:
-    """Arm with its loop, which is not configured yet, so that a controller can be added first."""
+    """Active arm with its controllers."""
 
-    def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
+    def __init__(self, pose: Pose = FREE, files: Files = SO101) -> None:
+        files = replace(files, controllers=replace(files.controllers, update_rate_hz=RATE_HZ))
         self.clock = SimulatedClock()
         self.take_to: Callable[[float], Pose] = lambda time_s: {}
         """Positions to which the hand moves the joints at a given time. Other joints are free."""
         self._moved = [joint.name for joint in files.robot.joints]
         self.lines = Lines(files, pose, self._push)
-        self.arm = build_arm(Side(files, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
-        self.loop, self.names = self.arm.loop, self.arm.joints
+        setup = hardware.build(None, files, self.lines.devices, self.clock, self.lines)
+        self.stack = ControlStack.build(setup, files, self.clock)
+        self.stack.load_controllers()
+        self.loop = self.stack.loop
         self.states: list[JointState] = []
         self.commands: list[FloatArray] = []
-
-    def configure(self, take: Callable[[JointState], None] = lambda state: None) -> None:
-        """Configure the arm. ``take`` is called at the end of each cycle."""
-
-        def on_cycle(state: JointState) -> None:
-            self.states.append(state)
-            self.commands.append(self.loop.command)
-            take(state)
-
-        self.loop.on_cycle = on_cycle
+        self.loop.on_cycle = self._on_cycle
+        self._why: Exception | None = None
+        pace = SimulatedPace(self.loop, self._ended, self._fail)
+        self.backend = StackBackend(self.stack, describe(self.stack), pace, self._ended, StackRecording(None))
+        self.arm = Arm.__new__(Arm)
+        self.arm._use(self.backend, lambda: None, files.arm)
         configure_all(self.loop.hardware)
+        self.loop.activate(initial_states(files).inactive)
+        self.names = self.loop.hardware.joints
+        self.arm.step()
 
     def run(self, seconds: float, poll: Callable[[], bool] = lambda: True) -> bool:
         """Run cycles for a given time, or until the callback between cycles returns False. Return its last result."""
         end_s = self.clock.now() + seconds - 1e-9
-        going = True
+        while self.clock.now() < end_s:
+            if not poll():
+                return False
+            self.arm.step()
+        return True
 
-        def stop() -> bool:
-            nonlocal going
-            going = going and poll()
-            return not going or self.clock.now() >= end_s
-
-        self.loop.run(stop)
-        return going
+    def guided(self) -> FreedriveController:
+        """Let a hand move the arm, and return the controller."""
+        self.backend.begin_freedrive()
+        controller = self.loop.manager.registry.loaded[FREEDRIVE].controller
+        assert isinstance(controller, FreedriveController) and controller.free
+        return controller
 
     @property
     def places(self) -> FloatArray:
@@ -76,7 +89,7 @@ class Rig:
 
     def register(self, joint: str, register: Register) -> int:
         """Return the value of a register in a joint's servo."""
-        one = next(one for one in self.arm.files.robot.joints if one.name == joint)
+        one = next(one for one in self.stack.files.robot.joints if one.name == joint)
         return int(self.lines.lines[one.bus].servo(one.servo_id).memory.get(register))
 
     def measured(self, since: int = 0) -> FloatArray:
@@ -86,6 +99,16 @@ class Rig:
     def speeds(self, since: int = 0) -> FloatArray:
         """Return the velocity of the commands in each cycle (k, n)."""
         return np.abs(np.diff(np.array(self.commands[since:]), axis=0)) * RATE_HZ
+
+    def _on_cycle(self, state: JointState) -> None:
+        self.states.append(state)
+        self.commands.append(self.loop.command)
+
+    def _ended(self) -> ArmEndedError | None:
+        return ArmEndedError(str(self._why)) if self._why else None
+
+    def _fail(self, error: Exception) -> None:
+        self._why = error
 
     def _push(self, time_s: float) -> None:
         """Apply the force of the hand, a spring with a limited force."""
@@ -101,25 +124,22 @@ class Lesson:
     """Recording with its own rig. ``kept`` contains the saved motions and their warnings."""
 
     def __init__(self, soft: bool, poses: bool = False, pose: Pose = FREE) -> None:
-        self.rig = Rig(soft, pose)
+        self.rig = Rig(pose)
         self.kept: list[tuple[RecordedMotion, Sequence[str]]] = []
-        self.asked: list[str] = []
-        freedrive = add_freedrive(self.rig.arm) if soft else None
-        self.recording = TeachRecording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
+        self.recording = TeachRecording(self.rig.arm, soft, poses, lambda *found: self.kept.append(found))
 
     def begin(self) -> "Lesson":
         """Start the recording. The hand holds the arm still while the arm becomes free."""
-        self.rig.configure(self.recording.take)
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: here
-        self.recording.ask(self.asked.append)
         self.recording.begin()
-        self.go_on(1.1)
+        assert self.recording.phase is RecordPhase.BY_HAND
+        self.go_on(0.1)
         return self
 
     def go_on(self, seconds: float) -> bool:
         """Run for a given time or until the end of the recording. Return whether the recording is still running."""
-        return self.rig.run(seconds, lambda: self.recording.update(self.rig.clock.now()))
+        return self.rig.run(seconds, self.recording.update)
 
     def show(self, seconds: float, size: float = 1.0) -> None:
         """Move the hand along a path in a given time, and then hold it still."""
@@ -127,6 +147,14 @@ class Lesson:
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: way(here, min((time_s - begun_s) / seconds, 1.0), size)
         self.go_on(seconds + 0.4)
+
+    def failure(self) -> str:
+        """End the recording, and return the error of the arm."""
+        try:
+            self.recording.press("\n" if self.recording._poses is None else "q")
+        except TeachError as error:
+            return str(error)
+        return ""
 
 
 def way(here: Pose, share: float, size: float = 1.0) -> Pose:

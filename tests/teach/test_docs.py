@@ -145,7 +145,7 @@ def test_documented_replay_moves_the_virtual_arm(tmp_path: Path) -> None:
     assert shlex.split(shown) == shlex.split(onto)[:3]
     with started("servoloop emulate ./bus", tmp_path, "ready"):
         replayed = run(f"{of_mine(onto)} --hands-free", tmp_path)
-        assert replayed.returncode == 0 and "playing" in replayed.stdout, replayed.stderr
+        assert replayed.returncode == 0 and "playing" in replayed.stderr, replayed.stderr
         assert abs(place("joint1", tmp_path) - 0.4) < 0.03
         refused = run(of_mine(onto), tmp_path)
         assert refused.returncode == 1 and "stdin is not a terminal" in refused.stderr

@@ -6,14 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controller.manager.switch import SwitchRequest
+from controller.shutdown import shut_down
 from controller.teach.freedrive_controller import FreedriveController, GuidedJoint
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.joint import Joint
-from hal.servos.hand_guided_arm import SOFT_SHARE
+from hal.mock_hardware import MockHardware
+from hal.servos.soft_torque import SOFT_SHARE
 from hal.types import JointFault, JointLimits, JointState
-from servoloop.teach.arm import add_freedrive
-from servoloop.teach.taught import TeachError
+from servoloop.api.errors import ArmBusyError, ArmError
+from servoloop.api.freedrive import FREEDRIVE, Freedrive
 from tests.teach.rig import FREE, SO101, Rig
 
 STRETCHED: Mapping[str, float] = {"shoulder_lift": 0.0, "elbow_flex": -0.5, "wrist_flex": 0.2}
@@ -24,13 +27,8 @@ LIFT, PAN = "shoulder_lift", "shoulder_pan"
 
 
 def floating(pose: Mapping[str, float]) -> tuple[Rig, FreedriveController]:
-    rig = Rig(soft=True, pose=pose)
-    freedrive = add_freedrive(rig.arm)
-    rig.configure()
-    rig.loop.activate()
-    rig.run(1.1)
-    assert freedrive.free
-    return rig, freedrive
+    rig = Rig(pose)
+    return rig, rig.guided()
 
 
 @pytest.mark.parametrize("pose", [FREE, STRETCHED, FOLDED])
@@ -45,9 +43,8 @@ def test_soft_arm_holds_its_position_without_help(pose: Mapping[str, float]) -> 
 
 
 def test_limp_arm_sinks_without_help() -> None:
-    rig = Rig(pose=STRETCHED)
-    rig.configure()
-    rig.loop.activate(keep_inactive=["arm"])
+    rig = Rig(STRETCHED)
+    rig.arm.torque(False, park=False)
     begun = rig.places
     rig.run(1.0)
     assert np.abs(rig.places - begun).max() > 0.3
@@ -175,13 +172,108 @@ def test_holding_sets_the_set_points_to_the_measured_positions() -> None:
 
 
 def test_arm_without_gravity_compensation_is_not_made_soft() -> None:
+    rig = Rig()
+
     def refused(joints: tuple[Joint, ...]) -> str:
-        rig = Rig(soft=True, files=replace(SO101, robot=replace(SO101.robot, joints=joints)))
-        with pytest.raises(TeachError, match="use --limp, and hold the arm") as error:
-            add_freedrive(rig.arm)
+        stack = replace(rig.stack, files=replace(SO101, robot=replace(SO101.robot, joints=joints)))
+        with pytest.raises(ArmError, match="release its torque instead, and hold the arm") as error:
+            Freedrive(stack, rig.arm.joints, lambda action: action()).begin()
         return str(error.value)
 
     joints = SO101.robot.joints
     assert "gravity is not compensated" in refused(tuple(replace(one, gravity_compensation=False) for one in joints))
-    scs = replace(joints[1], model=MODELS["scs0009"])
-    assert "the stiffness of shoulder_lift is unknown" in refused((joints[0], scs, *joints[2:]))
+    assert "the stiffness of shoulder_lift is unknown" in refused(
+        (joints[0], replace(joints[1], model=MODELS["scs0009"]), *joints[2:])
+    )
+
+
+def test_arm_without_servos_is_not_made_soft() -> None:
+    rig = Rig()
+    (component,) = rig.loop.hardware.components
+    component.hardware = MockHardware("mock", rig.names, rig.clock)
+    component.hardware.configure()
+    component.hardware.activate()
+    with pytest.raises(ArmError, match="gripper have no servo: release"):
+        rig.backend.begin_freedrive()
+
+
+def limits(rig: Rig) -> list[int]:
+    return [rig.register(name, sts.torque_limit) for name in rig.names]
+
+
+def running(rig: Rig) -> set[str]:
+    return {entry.spec.name for entry in rig.loop.manager.registry.running if entry.controller.command_interfaces}
+
+
+def test_after_freedrive_the_arm_has_its_full_torque_and_its_controllers() -> None:
+    rig = Rig()
+    full, former = limits(rig), running(rig)
+    with rig.arm.freedrive():
+        assert running(rig) == {FREEDRIVE} and all(soft < hard for soft, hard in zip(limits(rig), full, strict=True))
+        with pytest.raises(ArmBusyError, match="in freedrive: end it"):
+            rig.arm.move_to({PAN: 0.2})
+        with pytest.raises(ArmBusyError, match="in freedrive: end it"):
+            rig.arm.stream()
+        with pytest.raises(ArmBusyError, match="in freedrive"), rig.arm.freedrive():
+            pass
+    assert running(rig) == former and limits(rig) == full
+    rig.arm.move_to({PAN: 0.2}, duration=1.0)
+    assert rig.arm.state.position[PAN] == pytest.approx(0.2, abs=0.02)
+
+
+def test_freedrive_is_refused_during_a_motion_and_without_torque() -> None:
+    rig = Rig()
+    motion = rig.arm.move_to({PAN: 0.5}, duration=1.0, wait=False)
+    rig.arm.step()
+    with pytest.raises(ArmBusyError, match=r"before you move the arm by hand"), rig.arm.freedrive():
+        pass
+    motion.wait()
+    rig.arm.torque(False, park=False)
+    with pytest.raises(ArmBusyError, match="its torque is off"), rig.arm.freedrive():
+        pass
+
+
+def test_stop_and_release_end_the_freedrive() -> None:
+    rig = Rig()
+    full = limits(rig)
+    rig.backend.begin_freedrive()
+    rig.arm.stop()
+    rig.run(0.5)
+    assert limits(rig) == full and FREEDRIVE not in running(rig)
+    rig.backend.begin_freedrive()
+    rig.arm.torque(False, park=False)
+    assert not any(rig.register(name, sts.torque_enable) for name in rig.names)
+    rig.arm.torque(True)
+    assert limits(rig) == full and FREEDRIVE not in running(rig)
+
+
+def test_another_program_that_activates_a_controller_ends_the_freedrive() -> None:
+    rig = Rig()
+    full = limits(rig)
+    rig.backend.begin_freedrive()
+    rig.loop.manager.switch(SwitchRequest(("arm_controller",), (FREEDRIVE,)), rig.loop.within_limits)
+    rig.run(0.3)
+    assert limits(rig) == full and "arm_controller" in running(rig)
+
+
+def test_servo_that_is_silent_at_the_end_gets_its_torque_back_once_it_answers() -> None:
+    rig = Rig()
+    full = limits(rig)
+    (line,) = rig.lines.lines.values()
+    rig.backend.begin_freedrive()
+    line.faults.silence(3)
+    rig.run(0.5)
+    with pytest.raises(ArmError, match="the torque of elbow_flex is still reduced"):
+        rig.backend.end_freedrive()
+    assert [one == all_ for one, all_ in zip(limits(rig), full, strict=True)] == [True, True, False, True, True, True]
+    line.faults.restore(3)
+    rig.run(2.0)
+    assert limits(rig) == full
+
+
+def test_arm_that_ends_in_freedrive_holds_with_its_full_torque() -> None:
+    rig = Rig()
+    full = limits(rig)
+    rig.backend.begin_freedrive()
+    assert shut_down(rig.loop, False, None, 1.0) == []
+    assert limits(rig) == full and all(rig.register(name, sts.torque_enable) for name in rig.names)

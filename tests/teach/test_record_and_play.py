@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from controller.shutdown import shut_down
-from drivers.errors import PortLost
 from drivers.servos import sts
-from hal.errors import ActivationError
-from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
+from servoloop.api.errors import ArmEndedError, ArmError
 from servoloop.teach.play import APPROACH, PlayPhase
-from servoloop.teach.record import HANDS_S, SOFT, RecordPhase
+from servoloop.teach.record import HANDS_S, RecordPhase
 from servoloop.teach.taught import TeachError
 from tests.teach.player import FASTEST, PAN, Player
 from tests.teach.rig import FREE, SO101, Lesson
@@ -64,8 +62,6 @@ def test_playback_repeats_the_motion_of_the_hand(soft: bool) -> None:
 def test_arm_does_not_move_when_torque_is_enabled_again(soft: bool) -> None:
     lesson, _ = recorded(soft)
     rig, left = lesson.rig, lesson.rig.places
-    assert lesson.recording.phase is RecordPhase.HOLDING
-    lesson.go_on(0.5)
     assert lesson.recording.phase is RecordPhase.HELD
     rig.take_to = lambda time_s: {}
     assert not lesson.go_on(HANDS_S + 1.0), "hands have had their time"
@@ -85,8 +81,9 @@ def test_arm_is_parked_from_its_last_position(soft: bool) -> None:
     park = SO101.robot.file.park
     assert park is not None
     sent: list[FloatArray] = []
-    write = rig.arm.hardware.write
-    rig.arm.hardware.write = lambda command: (sent.append(command.values), write(command))  # type: ignore[method-assign]
+    (hardware,) = (component.hardware for component in rig.loop.hardware.components)
+    write = hardware.write
+    hardware.write = lambda command: (sent.append(command.values), write(command))  # type: ignore[method-assign]
     assert shut_down(rig.loop, True, park.pose, park.velocity_scale) == []
     steps = np.abs(np.diff(np.array([rig.commands[cycle], *sent]), axis=0)) * 50.0
     assert (steps <= park.velocity_scale * FASTEST + 1e-6).all(), "slowly, without a leap"
@@ -101,43 +98,6 @@ def test_limp_arm_stays_limp_after_an_aborted_recording() -> None:
     assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
 
 
-def test_torque_is_disabled_only_after_confirmation() -> None:
-    lesson = Lesson(soft=False)
-    lesson.rig.configure()
-    lesson.recording.ask(lesson.asked.append)
-    lesson.recording.begin()
-    assert not lesson.asked, "it is limp already"
-    lesson.recording.update(0.0)
-    lesson.recording.stop()
-    lesson.rig.run(0.2)
-    assert lesson.rig.arm.hardware.state is LifecycleState.ACTIVE
-    lesson.rig.arm.hardware.deactivate(relax=False)
-
-    def no(question: str) -> None:
-        assert question.startswith("shoulder_pan (servo 1), ") and "the arm may fall" in question
-        raise TeachError("no")
-
-    with pytest.raises(TeachError, match="no"):
-        lesson.recording.ask(no)
-    assert all(lesson.rig.register(name, sts.torque_enable) == 1 for name in lesson.rig.names)
-    lesson.recording.ask(lesson.asked.append)
-    lesson.recording.begin()
-    assert len(lesson.asked) == 1
-    assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
-
-
-def test_soft_torque_needs_confirmation_and_recording_starts_when_the_arm_is_free() -> None:
-    lesson = Lesson(soft=True)
-    lesson.rig.configure(lesson.recording.take)
-    lesson.recording.ask(lesson.asked.append)
-    lesson.recording.begin()
-    assert lesson.asked == [SOFT]
-    lesson.go_on(0.5)
-    assert lesson.recording.phase is RecordPhase.READYING
-    lesson.go_on(0.7)
-    assert lesson.recording.phase is RecordPhase.BY_HAND
-
-
 def test_unmoved_arm_saves_nothing_and_holds_its_position() -> None:
     lesson = Lesson(soft=False).begin()
     lesson.recording.press("q")
@@ -150,7 +110,7 @@ def test_lost_port_ends_the_loop_and_the_motion_so_far_is_saved() -> None:
     lesson = Lesson(soft=True).begin()
     lesson.show(2.0)
     lesson.rig.lines.unplug()
-    with pytest.raises(PortLost):
+    with pytest.raises(ArmEndedError):
         lesson.rig.run(1.0)
     lesson.recording.stop()
     (found,) = lesson.kept
@@ -175,26 +135,24 @@ def test_silent_servo_is_named_and_the_path_continues() -> None:
 
 
 @pytest.mark.parametrize("soft", [True, False])
-def test_failure_to_enable_torque_is_reported_and_the_arm_is_unchanged(soft: bool) -> None:
+def test_failure_to_enable_torque_is_reported_and_the_motion_is_saved(soft: bool) -> None:
     lesson = Lesson(soft).begin()
     lesson.show(1.0)
     (line,) = lesson.rig.lines.lines.values()
     line.faults.silence(3)
-    lesson.recording.press("\n")
-    assert len(lesson.kept) == 1, "what was shown is kept first"
+    lesson.rig.run(0.2)
     how = "soft: release it" if soft else "limp: lay it down"
-    with pytest.raises(TeachError, match=rf"the arm is {how}\..*(elbow_flex|servo 3)"):
-        lesson.go_on(3.0)
+    assert re.search(rf"the arm is {how}\..*(elbow_flex|servo 3)", lesson.failure())
+    assert len(lesson.kept) == 1, "what was shown is kept first"
     held = [lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names]
     assert held == [int(soft)] * 6
 
 
 def test_servo_that_may_hold_torque_is_reported_before_the_recording() -> None:
     lesson = Lesson(soft=False)
-    lesson.rig.configure()
     (line,) = lesson.rig.lines.lines.values()
     line.faults.silence(3)
-    with pytest.raises(ActivationError, match="must be limp to be moved by hand: servo 3"):
+    with pytest.raises(ArmError, match="servo 3"):
         lesson.recording.begin()
 
 
@@ -210,10 +168,14 @@ def test_marked_poses_are_recorded_and_played_in_order() -> None:
     assert taught.position[1] == pytest.approx(marked, abs=0.01)
     assert taught.position[1, PAN] - taught.position[0, PAN] == pytest.approx(0.2, abs=0.03)
     player = Player(taught, pose={**FREE, "shoulder_pan": -0.5})
-    assert not player.go_on() and player.rig.measured()[-1] == pytest.approx(taught.position[1], abs=0.02)
+    speeds = []
+    while player.go_on(0.02):
+        speeds.append(player.reference_speeds)
+    player.rig.run(0.5)
+    assert player.rig.measured()[-1] == pytest.approx(taught.position[1], abs=0.02)
     stood = nearest(taught.position, player.rig.measured())
     assert stood.max() < 0.02, "it was at each"
-    assert (np.abs(player.speeds) <= APPROACH * FASTEST + 1e-6).all()
+    assert (np.array(speeds) <= APPROACH * FASTEST[:-1] + 1e-6).all()
 
 
 def test_error_without_marked_poses_explains_the_keys() -> None:

@@ -16,7 +16,6 @@ from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import read_recording
 from servoloop.recording.recorder import RecordingFile
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.teach.arm import add_trajectory
 from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.recorded import recorded_motion
 from servoloop.teach.taught import TeachError
@@ -54,15 +53,13 @@ def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
     taught, warnings = recorded_motion(recordings[0], NAMES, LIMITS)
     assert not warnings and np.ptp(recorded[:, 0]) > 0.45
     rig = Rig(pose=dict(zip(NAMES, (*HERE, 0.0), strict=True)), files=FILES)
-    play = Play(rig.arm, add_trajectory(rig.arm), taught, 1.0, HandsFree())
-    rig.configure()
-    play.begin()
+    play = Play(rig.arm, taught, 1.0, HandsFree())
     cycles: list[int] = []
 
     def poll() -> bool:
         if play.phase is PlayPhase.PLAYING:
             cycles.append(len(rig.states))
-        return play.update(rig.clock.now())
+        return play.update()
 
     assert not rig.run(60.0, poll) and play.phase is PlayPhase.DONE
     done = rig.measured(cycles[0])

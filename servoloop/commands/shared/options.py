@@ -53,7 +53,8 @@ def set_network(network: bool) -> None:
         open_to_network(os.environ)
 
 
-SLOWEST_HZ, FASTEST_HZ = 20, 200
+SLOWEST_HZ: Final = 20
+FASTEST_HZ: Final = 200
 RATE_HZ: Final = 50
 RateOption = Annotated[int, typer.Option("--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help="Cycles per second.")]
 HandsFreeOption = Annotated[
