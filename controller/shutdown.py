@@ -12,7 +12,7 @@ from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
 from controller.stops import StopMotion
 from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
-from hal.hardware import Holding
+from hal.hardware import Holding, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, joints_of
 
@@ -103,7 +103,13 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
     if hardware.holds():  # Joints without torque have already dropped and stay there.
         hardware.activate()
         loop.hardware.rejoin(component)
-        loop.take_over(component, loop.hardware.read())
+        try:
+            loop.take_over(component, loop.hardware.read())
+        except Exception as error:  # Its last commands are from before the loss, so it must not be driven.
+            for problem in undo_activation(hardware):
+                LOG.error("torque may still be on: %s", problem)
+            loop.hardware.lose(component, error)
+            raise
 
 
 def _release(component: Component) -> dict[str, Sequence[str]]:

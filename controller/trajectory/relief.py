@@ -31,7 +31,9 @@ LOOSE: Final = 5.0
 """Minimum motion that shows that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
 """Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
-ATTEMPTS: Final = 3
+GROWS: Final = 1.25
+"""Growth of the distance from its command that shows that a neighbor has pushed a joint that seemed free."""
+ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
 blocked after that, so one attempt is not enough.
 """
@@ -56,6 +58,8 @@ class Relief:
         self._stood_s = 0.0
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
+        self._free_error = np.full(len(joints), np.inf)
+        """Distance of each joint from its command (n,) when it was found to be free; infinite for the other joints."""
         self._begun: Cycle | None = None
         """The cycle in which commands started to move back, or None while no command moves back."""
 
@@ -64,6 +68,7 @@ class Relief:
         self.due, self._begun = True, None
         self._relieved[:] = False
         self._attempts[:] = 0
+        self._free_error[:] = np.inf
         self._rest, self._stood_s = Rest(self._sampler.still), 0.0
 
     @property
@@ -87,11 +92,13 @@ class Relief:
             self._begun = None
         self._stood_s += now.step_s
         off = np.abs(now.error) > PRESSES * self._sampler.still
-        held = off & self._rest.for_at_least(HELD_S) & ~self._relieved
+        pushed = (np.abs(now.error) > GROWS * self._free_error) & (self._attempts < ATTEMPTS)
+        held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | pushed)
         if held.any():
             self._relieve(held, now)
         else:  # A joint that creeps may still reach an obstacle.
-            self.due = not (self._rest.for_at_least(RESTS_S) & (~off | self._relieved)).all()
+            settled = ~off | (self._relieved & ~pushed)
+            self.due = not (self._rest.for_at_least(RESTS_S) & settled).all()
 
     def _relieve(self, held: BoolArray, now: Cycle) -> None:
         """Start to move the commands of the ``held`` joints (n,) back to their measured positions."""
@@ -99,6 +106,7 @@ class Relief:
             text = "%s: %s is blocked %.4f short of its command: the command moves back to relieve the joint"
             LOG.warning(text, self._name, self._joints[index], abs(now.error[index]))
         self._relieved |= held
+        self._free_error[held] = np.inf
         self._attempts += held
         target = self._sampler.inside(np.where(held, measured(now), now.reference.position))
         try:
@@ -112,9 +120,11 @@ class Relief:
     def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
         """Stop all commands if a joint moves further during the return of its command than a blocked joint can.
 
-        A joint that follows its command is free and is not relieved again. All other joints that still rest short of
-        their commands are relieved again, because a joint that advances toward its old command may meet the obstacle
-        again.
+        A joint that loses its torque meanwhile falls, so its command no longer returns to it.
+
+        A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
+        other joints that still rest short of their commands are relieved again, because a joint that advances toward
+        its old command may meet the obstacle again.
         """
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)
@@ -122,8 +132,11 @@ class Relief:
         returns = known & (back != 0.0)
         advances = returns & (forth > loose)
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
-        if (advances | follows).any():
+        faults = now.state.faults
+        limp = np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints]) & (back != 0.0)
+        if (advances | follows | limp).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
+            self._free_error[follows] = np.abs(begun.error[follows])
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
 

@@ -17,7 +17,7 @@ from servoloop.simulation.acts import (
 
 FIRST: Final = 0.7
 """Share of the actions of the first program. The second program mostly requests control of the arm without success."""
-REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state")
+REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end")
 
 
 def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) -> Act:

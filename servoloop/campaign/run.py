@@ -11,6 +11,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from pick_place.settings import JobSettings
+from servoloop.api.freedrive import Freedrive
 from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.invariants.watch import ALL, Watch
 from servoloop.campaign.socket_programs import ConnectedPrograms
@@ -100,7 +101,8 @@ def run_schedule(
     try:
         stack.up()
         programs = ConnectedPrograms(stack) if any(isinstance(act, SocketAct) for act in schedule.clients) else None
-        stack.clients = SimulatedClients(stack, stack.arm, schedule.clients, programs)
+        freedrive = Freedrive(stack.control_stack, stack.arm.joints, lambda action: action())
+        stack.clients = SimulatedClients(stack, stack.arm, schedule.clients, freedrive, programs)
         run_jobs(stack, settings, schedule.job, jobs.append)
         stack.run(schedule.seconds)
     except (DriverError, HalError) as error:  # These errors end the program as usual.

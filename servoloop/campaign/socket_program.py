@@ -147,6 +147,11 @@ class SocketProgram:
     def _request(self, act: SocketRequest) -> None:
         if act.op == "seize":
             self._ask("take", force=True)
+        elif act.op == "freedrive":
+            self._ask("take")
+            self._ask("freedrive", on=True)
+        elif act.op == "freedrive_end":
+            self._ask("freedrive", on=False)
         elif act.op != "cancel":
             if act.op in ("release", "stop"):
                 self._expect_end(self._goals if act.op == "release" else self._all_goals())

@@ -162,11 +162,11 @@ class SocketStream(SocketAct):
 class SocketRequest(SocketAct):
     """Send one message about the control, the motions or the state of the arm.
 
-    ``seize`` takes control of the arm by force.
+    ``seize`` takes control of the arm by force. ``freedrive`` takes control and lets the joints yield to a hand.
     """
 
     kind: Literal["socket_request"] = "socket_request"
-    op: Literal["take", "seize", "release", "stop", "cancel", "state"]
+    op: Literal["take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end"]
 
 
 class SocketNonsense(SocketAct):

@@ -1,7 +1,7 @@
 """Simulated clients, which carry out the actions of a schedule between cycles."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -9,7 +9,6 @@ import numpy as np
 from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from controller.manager.switch import ManagerError, SwitchRequest
 from controller.motion import Kinematics, MotionError, motion_to
-from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
 from drivers.errors import DriverError
@@ -44,7 +43,22 @@ JOG_SHARE: Final = 0.3
 """Maximum jogging velocity, as a share of the velocity limit."""
 PULL_SHARE: Final = 0.5
 """Maximum pull by hand, as a share of the servo's full effort."""
-FREEDRIVE: Final = "freedrive_controller"
+
+
+class HandGuidance(Protocol):
+    """Freedrive of a stack."""
+
+    def begin(self) -> None:
+        """Let the joints yield to a hand. Raises DriverError."""
+        ...
+
+    def end(self) -> None:
+        """Let the joints hold their positions."""
+        ...
+
+    def update(self, silent: Sequence[str], now_s: float) -> None:
+        """Continue after a cycle in which the joints ``silent`` were not measured."""
+        ...
 
 
 class SocketPrograms(Protocol):
@@ -77,7 +91,12 @@ class SimulatedClients:
     """Clients that carry out ``acts`` on an active stack. Call ``cycle`` after every cycle."""
 
     def __init__(
-        self, stack: SimulatedStack, arm: Any, acts: tuple[Act, ...], programs: SocketPrograms | None = None
+        self,
+        stack: SimulatedStack,
+        arm: Any,
+        acts: tuple[Act, ...],
+        freedrive: HandGuidance,
+        programs: SocketPrograms | None = None,
     ) -> None:
         """Connect clients to a stack.
 
@@ -85,11 +104,12 @@ class SimulatedClients:
             stack: The stack.
             arm: Trajectory controller that receives the goals.
             acts: Actions of the clients.
+            freedrive: Freedrive of the stack, for actions that move joints by hand.
             programs: Programs that carry out the actions on the command socket. Required if there are such actions.
         """
         self.programs = programs
         """Programs on the command socket, if there are any."""
-        self._stack, self._arm = stack, arm
+        self._stack, self._arm, self._freedrive = stack, arm, freedrive
         self._since_s = stack.clock.now()
         self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]
         self._due.sort(key=lambda one: one[0])
@@ -98,8 +118,6 @@ class SimulatedClients:
         """Kind of the latest act, empty before the first act."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
-        if any(isinstance(act, GuideArm) for act in acts):
-            self._add_freedrive()
         self.gripper = GripperClient(stack) if any(isinstance(act, Grip) for act in acts) else None
         """Client of a gripper action controller, if there are such actions."""
 
@@ -111,6 +129,7 @@ class SimulatedClients:
         while self._due and self._due[0][0] <= now_s:
             self._due.pop(0)[1]()
         self._streams = [stream for stream in self._streams if next(stream, self) is not self]
+        self._freedrive.update(tuple(state.faults), state.stamp_s)
         if self.programs is not None:
             self.programs.cycle()
 
@@ -205,27 +224,17 @@ class SimulatedClients:
             yield
 
     def _guide(self, act: GuideArm) -> None:
-        loop, stack = self._stack.loop, self._stack
-        switch = SwitchRequest(activate=(FREEDRIVE,), deactivate=(self._arm.name,))
-        loop.manager.switch(switch, loop.within_limits)
+        stack, freedrive = self._stack, self._freedrive
+        freedrive.begin()
         joint = next(one for one in stack.files.robot.joints if one.name == act.joint)
         pull = act.share * PULL_SHARE * joint.full_effort
         stack.world.load(act.joint, pull)
 
         def release() -> None:
             stack.world.load(act.joint, -pull)
-            try:
-                back = SwitchRequest(activate=(self._arm.name,), deactivate=(FREEDRIVE,))
-                loop.manager.switch(back, loop.within_limits)
-            except ManagerError as error:
-                LOG.info("a simulated client's request was refused: %s", error)
+            freedrive.end()
 
         self._later(act.for_s, release)
-
-    def _add_freedrive(self) -> None:
-        joints = [one for one in self._stack.files.robot.joints if one.name in self._arm.joints]
-        hardware_joints = self._stack.loop.hardware.joints
-        self._stack.add_controller(FreedriveController(FREEDRIVE, list(map(guided_joint, joints)), hardware_joints))
 
     def _cancel(self, act: Cancel) -> None:
         if self._arm.newest is not None:

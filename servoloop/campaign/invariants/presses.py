@@ -12,8 +12,10 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 REDUCED_S: Final = 2.0
 """Time after which the drive of a joint that presses without motion must have been reduced, in seconds."""
-PRESSES: Final = 0.9
-"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on."""
+PRESSES: Final = 0.98
+"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on, and a strong
+motor with a high supply has up to 1.2 times the torque that the servo reports.
+"""
 STILL_TURNS: Final = 0.004
 """Largest motion of a joint, or change of its command, during a press, in turns of its servo."""
 

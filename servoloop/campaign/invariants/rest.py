@@ -10,10 +10,10 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
+from servoloop.api.freedrive import FREEDRIVE
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
-from servoloop.simulation.clients import FREEDRIVE
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
