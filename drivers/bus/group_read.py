@@ -20,6 +20,10 @@ kernels, because a wait that ends before the next tick would cost two timer sett
 """
 TURNAROUND_S: Final = 0.0005
 """Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""
+FAST_LATE_S: Final = 0.004
+"""Maximum additional time for a fast reply of which nothing has arrived, in seconds. Other processes on a busy machine
+delay a reply by some milliseconds.
+"""
 DRAIN_S: Final = 0.002
 """Maximum time for discarding input after the bus was flooded with bytes, in seconds."""
 _MANY: Final = 4096
@@ -98,6 +102,8 @@ class GroupRead:
             wait_s = GROUP_WAIT_S if responsive else GAP_S
         until_s = due_s + wait_s
         data = line.receive(plan.request, expected, until_s if until_s < deadline_s else deadline_s)
+        if plan.fast and not data:
+            data = self._wait_for_fast_reply(plan, deadline_s)
         if not self._late.open or not self._late.ambiguous(plan.sizes):
             states = plan.decode_all(data)
             if states is not None:
@@ -128,6 +134,17 @@ class GroupRead:
         if plan.fast:
             self.fast.failed()
         self._count(plan, dict.fromkeys(plan.servo_ids, "no_time"))
+
+    def _wait_for_fast_reply(self, plan: ReadPlan, deadline_s: float) -> bytes:
+        """Wait longer for a fast reply of which nothing has arrived, as far as time is left for separate replies.
+
+        Either the first servo is silent, or the system has delayed the reply. A failed fast read is expensive, because
+        no fast read can be sent while its reply may still arrive.
+        """
+        line = self._line
+        separate_s = 2.0 * plan.exchange_size * line.byte_s + GROUP_WAIT_S
+        until_s = min(line.now() + FAST_LATE_S, deadline_s - separate_s)
+        return line.receive(plan.request, plan.reply_size, until_s) if until_s > line.now() else b""
 
     def _wait_for_slow_adapter(self, expected: int, deadline_s: float) -> bytes:
         """Wait longer when no servo has answered, because the adapter may be slow."""

@@ -231,6 +231,43 @@ def test_a_late_packet_is_never_a_reply_to_the_next_request() -> None:
     assert line.bus.counters.noise > 0
 
 
+class DelayedReplies:
+    """Replies that arrive some time after their request, as on a busy machine."""
+
+    def __init__(self, line: Line, delay_s: float) -> None:
+        self._line, self._delay_s, self._due_s, self._write = line, delay_s, 0.0, line.write
+        line.write = self.write  # type: ignore[method-assign]
+        line.read = self.read  # type: ignore[method-assign]
+
+    def write(self, data: bytes) -> None:
+        self._due_s = self._line.clock.now() + self._delay_s
+        self._write(data)
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        line = self._line
+        line.clock.sleep_until(min(max(self._due_s, line.clock.now()), deadline_s))
+        if line.clock.now() < self._due_s:
+            return b""
+        data, line.input = line.input[:size], line.input[size:]
+        return data
+
+
+def test_a_fast_reply_that_is_late_by_some_milliseconds_is_awaited() -> None:
+    line = ready()
+    DelayedReplies(line, 0.006)
+    assert right(line.bus.read_states(IDS, line.clock.now() + 0.03))
+    assert line.codes() == [Code.FAST_SYNC_READ]
+
+
+def test_a_late_reply_is_not_awaited_without_time_for_separate_replies() -> None:
+    line = ready()
+    DelayedReplies(line, 1.0)
+    begun_s = line.clock.now()
+    line.bus.request(IDS, begun_s + 0.008)
+    line.bus.receive()
+    assert line.codes()[:2] == [Code.FAST_SYNC_READ, Code.SYNC_READ]
+
+
 def test_too_many_consecutive_failures_end_fast_reads(caplog: pytest.LogCaptureFixture) -> None:
     line = ready()
     line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
