@@ -1,82 +1,22 @@
 """LeRobot's Dynamixel bus class on virtual servos, with the settings that LeRobot gives a Koch.
 
-LeRobot needs Python 3.12 and is not in the group ``peers``: the test runs only where LeRobot is installed (tested with
-0.6.1).
+LeRobot has an environment of its own.
 """
 
-import importlib
-from collections.abc import Iterator
-from typing import Any
+import subprocess
 
 import pytest
 
+from tests.integrations.lerobot.environment import lerobot_environment
 from tests.peers.conftest import Serve
-from tests.peers.waiting import eventually
+from tests.peers.waiting import ROOT
 
-pytestmark = pytest.mark.slow
-
-motors: Any = pytest.importorskip("lerobot.motors")
-dynamixel: Any = importlib.import_module("lerobot.motors.dynamixel")
-MODELS = {
-    "shoulder_pan": "xl430-w250",
-    "shoulder_lift": "xl430-w250",
-    "elbow_flex": "xl330-m288",
-    "wrist_flex": "xl330-m288",
-    "wrist_roll": "xl330-m288",
-    "gripper": "xl330-m288",
-}
-IDS = dict(zip(MODELS, range(1, 7), strict=True))
-RANGE = (700, 3400)
-RETRIES = 20
-"""A busy machine loses replies, and the class repeats a request only if its caller asks for it."""
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+MODELS = ("xl430-w250",) * 2 + ("xl330-m288",) * 4
 
 
-@pytest.fixture
-def bus(serve: Serve) -> Iterator[Any]:
-    link = serve(",".join(MODELS.values()), *IDS.values())
-    norm = motors.MotorNormMode.RANGE_M100_100
-    bus = dynamixel.DynamixelMotorsBus(
-        port=link, motors={name: motors.Motor(IDS[name], model, norm) for name, model in MODELS.items()}
-    )
-    bus.connect()
-    yield bus
-    bus.disconnect(disable_torque=False)
-
-
-def write(bus: Any, name: str, motor: str, value: int) -> None:
-    bus.write(name, motor, value, normalize=False, num_retry=RETRIES)
-
-
-def read(bus: Any, name: str) -> dict[str, int]:
-    values: dict[str, int] = bus.sync_read(name, normalize=False, num_retry=RETRIES)
-    return values
-
-
-def calibrate(bus: Any) -> dict[str, Any]:
-    """Make the present pose the middle of all motors, as ``KochFollower.calibrate`` does."""
-    bus.disable_torque(num_retry=RETRIES)
-    for motor in MODELS:
-        write(bus, "Operating_Mode", motor, dynamixel.OperatingMode.EXTENDED_POSITION.value)
-    offsets = bus.set_half_turn_homings()
-    lowest, highest = RANGE
-    calibration = {m: motors.MotorCalibration(IDS[m], 0, offsets[m], lowest, highest) for m in MODELS}
-    bus.write_calibration(calibration)
-    return calibration
-
-
-def test_a_koch_with_lerobots_settings_keeps_its_calibration_and_reaches_its_goals(bus: Any) -> None:
-    calibration = calibrate(bus)
-    assert bus.read_calibration() == calibration
-    assert bus.is_calibrated
-    with bus.torque_disabled():
-        bus.configure_motors()
-        for motor in MODELS:
-            mode = "CURRENT_POSITION" if motor == "gripper" else "EXTENDED_POSITION"
-            write(bus, "Operating_Mode", motor, dynamixel.OperatingMode[mode].value)
-        for name, value in (("Position_P_Gain", 1500), ("Position_I_Gain", 0), ("Position_D_Gain", 600)):
-            write(bus, name, "elbow_flex", value)
-    assert read(bus, "Torque_Enable") == dict.fromkeys(MODELS, 1)
-    for shift in (400, -600, 0):
-        goals = {motor: 2047 + shift + 10 * i for motor, i in IDS.items()}
-        bus.sync_write("Goal_Position", goals, normalize=False)
-        eventually(lambda goals=goals: read(bus, "Present_Position") == pytest.approx(goals, abs=40))
+def test_a_koch_with_lerobots_settings_keeps_its_calibration_and_reaches_its_goals(serve: Serve) -> None:
+    link = serve(",".join(MODELS), *range(1, 7))
+    program = [str(lerobot_environment() / "bin" / "python"), "tests/peers/lerobot_koch.py", link]
+    done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=300.0)
+    assert (done.returncode, done.stdout) == (0, "the Koch has reached its goals\n"), done.stderr

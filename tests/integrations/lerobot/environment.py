@@ -27,7 +27,7 @@ def lerobot_environment() -> Path:
     if not complete.exists():
         _uv("venv", "--clear", "--python", ">=3.12,<3.14", str(folder))
         install = ("pip", "install", "--python", str(folder / "bin" / "python"))
-        wanted = f"lerobot[dataset,hardware]=={VERSION}"
+        wanted = f"lerobot[dataset,dynamixel,hardware]=={VERSION}"
         if _failure(*install, "--torch-backend", "cpu", wanted):
             _uv(*install, wanted)  # the package index of this machine may have the CPU build itself
         complete.touch()
