@@ -1,6 +1,6 @@
 """Interfaces of hardware components, with the life cycle of ros2_control."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from hal.lifecycle import LifecycleState
@@ -162,31 +162,6 @@ class AskedForTorque(Protocol):
 
         Returns:
             The names of the joints that did not answer.
-        """
-        ...
-
-
-@runtime_checkable
-class Softening(Protocol):
-    """Active hardware whose joints a person can move by hand. All methods are called between two cycles."""
-
-    @property
-    def soft(self) -> frozenset[str]:
-        """Joints whose torque limits may be reduced."""
-        ...
-
-    def soften(self) -> Sequence[str]:
-        """Reduce the torque limits of all joints. Return one sentence for each failure."""
-        ...
-
-    def stiffen(self, silent: Collection[str] = ()) -> None:
-        """Restore the torque limits that are reduced. Failures are logged, and their joints stay in ``soft``.
-
-        Args:
-            silent: Joints that do not answer now. Their torque limits stay reduced.
-
-        Raises:
-            DriverError: The hardware does not answer.
         """
         ...
 

@@ -78,13 +78,15 @@ class Relief:
 
     def step(self, now: Cycle) -> None:
         """Run one cycle in which relief is due."""
-        unknown = np.array([now.waits or name in now.state.faults for name in self._joints])
+        faults = now.state.faults
+        unknown = np.array([now.waits or name in faults for name in self._joints])
         creeps = CREEPS_SHARE * np.abs(now.error)
         self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s, creeps)
         if now.waits and self._begun:
             self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
         if self._begun:
-            self._stop_if_joints_move(self._begun, now, ~unknown)
+            limp = np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints])
+            self._stop_if_joints_move(self._begun, now, ~unknown | limp)
         if not self._sampler.ended:
             return
         if self._begun:  # The commands have come back. A joint that keeps sliding may press again.
@@ -118,9 +120,7 @@ class Relief:
         self._begun, self._stood_s = now, 0.0
 
     def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
-        """Stop all commands if a joint moves further during the return of its command than a blocked joint can.
-
-        A joint that loses its torque meanwhile falls, so its command no longer returns to it.
+        """Stop all commands if a joint, with or without torque, moves further meanwhile than a blocked joint can.
 
         A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
         other joints that still rest short of their commands are relieved again, because a joint that advances toward
@@ -132,9 +132,7 @@ class Relief:
         returns = known & (back != 0.0)
         advances = returns & (forth > loose)
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
-        faults = now.state.faults
-        limp = np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints]) & (back != 0.0)
-        if (advances | follows | limp).any():
+        if (advances | follows).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
             self._free_error[follows] = np.abs(begun.error[follows])
             self._sampler.stop(now.reference, now.parameters)

@@ -70,8 +70,7 @@ class JointOffset:
             measured: Measured position; NaN if there is none, which keeps the offset.
             torque: Torque or force due to gravity, in N m or N.
             dt_s: Period of the control loop, in seconds.
-            share: Share of the offset to apply, from 0 to 1. The offset fades to this share. Below 1, the arm is moved
-                by hand, and the slow correction fades out, because it would work against the hand.
+            share: Share of the offset to apply, from 0 to 1. The slow correction, which resists a hand, is off below 1.
 
         Returns:
             The offset.

@@ -78,15 +78,9 @@ class GravityCompensation:
         """
         return self._offset(command.tolist(), measured.tolist(), dt_s)
 
-    @property
-    def _share(self) -> float:
-        """Share of the offsets to apply."""
-        if not self.enabled:
-            return 0.0
-        return GUIDED_SHARE if self.guided else 1.0
-
     def _offset(self, command: list[float], measured: list[float], dt_s: float) -> FloatArray:
         if self._gravity is not None and command != self._weighed:  # an arm at rest is weighed once
             self._weighed, self._torques = command, self._gravity.torques_at(command)
-        each, share = zip(self._each, command, measured, self._torques, strict=True), self._share
+        share = self.enabled * (GUIDED_SHARE if self.guided else 1.0)
+        each = zip(self._each, command, measured, self._torques, strict=True)
         return np.array([own.update(goal, at, torque, dt_s, share) for own, goal, at, torque in each])

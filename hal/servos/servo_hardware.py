@@ -1,7 +1,7 @@
 """Hardware component for serial bus servos. Real and virtual servos differ only below the port."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from drivers.bus.bus import Bus
@@ -52,7 +52,7 @@ class ServoHardware:
         self._outputs = outputs if outputs and (outputs.names or outputs.has_inputs) else None
         self._period_s = FIRST_PERIOD_S
         self._goals = ServoGoals(joints)
-        self._soft = SoftTorque(joints)
+        self.soft_torque = SoftTorque(joints, lambda: ServoSetup(self._opened("limit the torque")), compensation)
         self._states = ServoStates(joints, clock)
         self._states.stalls = self._goals.stalls
         self._requested = self._measured = False
@@ -145,40 +145,13 @@ class ServoHardware:
             self.compensation.restart(names)
         return names
 
-    def soften(self) -> Sequence[str]:
-        """Reduce the torque limits, so that a person can move the joints by hand. Return one sentence for each failure.
-
-        Gravity compensation then carries most of the weight, and does not work against the hand.
-        """
-        require(self.state, LifecycleState.ACTIVE, "soften")
-        if self.compensation is not None:
-            self.compensation.guided = True
-        return self._soft.reduce(ServoSetup(self._opened("soften")))
-
-    def stiffen(self, silent: Collection[str] = ()) -> None:
-        """Restore the torque limits that ``soften`` has reduced. Failures are logged.
-
-        Args:
-            silent: Joints that do not answer now. Their torque limits stay reduced.
-        """
-        if self.compensation is not None:
-            self.compensation.guided = False
-        self._soft.restore(ServoSetup(self._opened("stiffen")), silent)
-
-    @property
-    def soft(self) -> frozenset[str]:
-        """Joints whose torque limits may be reduced."""
-        return self._soft.reduced
-
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE
         self._goals.forget_stalls()
-        if relax:
-            return ServoSetup(self._opened("deactivate")).torque_off(self._joints)
-        if self.soft:
-            self.stiffen()
-        return []
+        if not relax:
+            self.soft_torque.restore()
+        return ServoSetup(self._opened("deactivate")).torque_off(self._joints) if relax else []
 
     def cleanup(self) -> None:
         self.state = LifecycleState.UNCONFIGURED

@@ -1,12 +1,13 @@
 """Torque limits that are reduced while a person moves the joints by hand."""
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 from drivers.errors import ServoError
 from hal.joint import Joint
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_setup import ServoSetup
 
 LOG = logging.getLogger("servoloop.hal")
@@ -17,39 +18,64 @@ a servo does not answer and does not yield, the user can move the joint by hand.
 
 
 class SoftTorque:
-    """Torque limits of the joints of one component, reduced and restored between two cycles."""
+    """Torque limits of the joints of one active component, reduced and restored between two cycles."""
 
-    def __init__(self, joints: Sequence[Joint]) -> None:
-        """``joints`` have their full torque limits."""
-        self._joints = tuple(joints)
+    def __init__(
+        self, joints: Sequence[Joint], setup: Callable[[], ServoSetup], compensation: GravityCompensation | None
+    ) -> None:
+        """Create the torque limits.
+
+        Args:
+            joints: Joints with their full torque limits.
+            setup: Function that returns the access to the servos.
+            compensation: Gravity compensation, which does not work against the hand while the limits are reduced.
+        """
+        self._joints, self._setup, self._compensation = tuple(joints), setup, compensation
         self.reduced: frozenset[str] = frozenset()
         """Joints whose torque limits may be reduced."""
 
-    def reduce(self, setup: ServoSetup) -> list[str]:
-        """Reduce the torque limits of all joints to ``SOFT_SHARE``. Return one sentence for each failure."""
-        self.reduced = frozenset(joint.name for joint in self._joints)  # a servo that fails may have the new limit
-        return _write(setup, [replace(one, torque_limit=SOFT_SHARE * one.torque_limit) for one in self._joints])[0]
+    def reduce(self) -> list[str]:
+        """Reduce the torque limits of all joints to ``SOFT_SHARE``. Return one sentence for each failure.
 
-    def restore(self, setup: ServoSetup, silent: Collection[str] = ()) -> None:
+        Raises DriverError if the port is lost.
+        """
+        self._guide(True)
+        self.reduced = frozenset(joint.name for joint in self._joints)  # a servo that fails may have the new limit
+        return self._write([replace(one, torque_limit=SOFT_SHARE * one.torque_limit) for one in self._joints])[0]
+
+    def restore(self, silent: Collection[str] = ()) -> None:
         """Restore the torque limits that are reduced. Joints whose servos fail are logged and stay in ``reduced``.
 
         Args:
-            setup: Access to the servos.
             silent: Joints that do not answer now. They are left out and stay in ``reduced``.
+
+        Raises:
+            DriverError: The port is lost.
         """
-        problems, written = _write(setup, [j for j in self._joints if j.name in self.reduced and j.name not in silent])
+        self._guide(False)
+        problems, written = self._write([j for j in self._joints if j.name in self.reduced and j.name not in silent])
         self.reduced -= written
         for problem in problems:
             LOG.error("a torque limit is still reduced: %s", problem)
 
+    def _guide(self, guided: bool) -> None:
+        if self._compensation is not None:
+            self._compensation.guided = guided
 
-def _write(setup: ServoSetup, joints: Sequence[Joint]) -> tuple[list[str], set[str]]:
-    """Write the torque limits of joints, even if some servos fail. Return the failures and the joints written."""
-    problems, written = list[str](), set[str]()
-    for joint in joints:
-        try:
-            setup.limit_torque(joint)
-            written.add(joint.name)
-        except ServoError as error:  # the other joints also hold the arm
-            problems.append(str(error))
-    return problems, written
+    def _write(self, joints: Sequence[Joint]) -> tuple[list[str], set[str]]:
+        """Write the torque limits of joints, even if some servos fail. Return the failures and the joints written."""
+        problems, written = list[str](), set[str]()
+        for joint in joints:
+            try:
+                self._setup().limit_torque(joint)
+                written.add(joint.name)
+            except ServoError as error:  # the other joints also hold the arm
+                problems.append(str(error))
+        return problems, written
+
+
+@runtime_checkable
+class Softening(Protocol):
+    """Hardware whose torque limits can be reduced while a person moves its joints by hand."""
+
+    soft_torque: SoftTorque

@@ -8,8 +8,8 @@ from typing import Final
 from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from drivers.errors import DriverError
 from hal.components.component import Component
-from hal.hardware import Softening
 from hal.joint import Joint
+from hal.servos.soft_torque import Softening, SoftTorque
 from servoloop.api.errors import ArmBusyError, ArmError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
@@ -53,7 +53,7 @@ class Freedrive:
     @property
     def soft(self) -> list[str]:
         """Joints whose torque limits may be reduced."""
-        reduced = frozenset[str]().union(*(hardware.soft for _, hardware in self._parts))
+        reduced = frozenset[str]().union(*(torque.reduced for _, torque in self._parts))
         return [joint for joint in self._joints if joint in reduced]
 
     def begin(self) -> None:
@@ -96,9 +96,9 @@ class Freedrive:
         self._takeover.take()
         self.open = self._softened = True  # From here on, ``update`` restores the torque limits, also after an error.
         problems: list[str] = []
-        for component, hardware in self._parts:
+        for component, torque in self._parts:
             try:
-                problems += hardware.soften() if component.active else ()
+                problems += torque.reduce() if component.active else ()
             except DriverError as error:
                 problems.append(str(error))
         if problems:
@@ -115,22 +115,22 @@ class Freedrive:
         return controller
 
     @cached_property
-    def _parts(self) -> list[tuple[Component, Softening]]:
+    def _parts(self) -> list[tuple[Component, SoftTorque]]:
         """Components whose torque limits can be reduced."""
         components = self._stack.loop.hardware.components
-        return [(one, one.hardware) for one in components if isinstance(one.hardware, Softening)]
+        return [(one, one.hardware.soft_torque) for one in components if isinstance(one.hardware, Softening)]
 
     def _stiffen(self, silent: Sequence[str], now_s: float) -> None:
         """Restore the torque limits of all components that can be reached."""
         self._retry_s = now_s + RETRY_S
-        for component, hardware in self._parts:
-            if not (hardware.soft and component.sound):
+        for component, torque in self._parts:
+            if not (torque.reduced and component.sound):
                 continue
             try:
-                hardware.stiffen(silent)
+                torque.restore(silent)
             except DriverError as error:  # The next cycle finds the lost port.
                 LOG.error("%s: the torque limits are still reduced: %s", component.name, error)
-        self._softened = any(hardware.soft for _, hardware in self._parts)
+        self._softened = any(torque.reduced for _, torque in self._parts)
 
 
 def _guidable(files: Files, names: Sequence[str], with_servos: set[str]) -> list[Joint]:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hal.hardware import Softening
+from hal.servos.soft_torque import Softening
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.command_server import connection, server, session
 from servoloop.command_socket.client import CommandClient
@@ -99,7 +99,7 @@ def test_freedrive_of_a_killed_client_ends_and_the_arm_holds(rig: SocketRig) -> 
     eventually(lambda: registry.loaded["arm_controller"].active and not registry.loaded[FREEDRIVE].active)
     assert at_rest(rig) == pytest.approx(READY, abs=0.05)
     (hardware,) = (component.hardware for component in rig.stack.loop.hardware.components)
-    assert isinstance(hardware, Softening) and not hardware.soft
+    assert isinstance(hardware, Softening) and not hardware.soft_torque.reduced
 
 
 def test_a_stalled_client_loses_the_motion_to_a_client_that_takes_it_by_force(rig: SocketRig) -> None:

@@ -42,7 +42,7 @@ UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
 
 def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
     made = GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
-    made._each = [KnownOnly(joint, guided=False) for joint in joints]
+    made._each = [KnownOnly(joint) for joint in joints]
     return made
 
 
