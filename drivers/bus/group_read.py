@@ -21,9 +21,7 @@ kernels, because a wait that ends before the next tick would cost two timer sett
 TURNAROUND_S: Final = 0.0005
 """Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""
 FAST_LATE_S: Final = 0.004
-"""Maximum additional time for a fast reply of which nothing has arrived, in seconds. Other processes on a busy machine
-delay a reply by some milliseconds.
-"""
+"""Maximum additional time for a fast reply of which nothing has arrived, in seconds. A busy machine delays replies."""
 DRAIN_S: Final = 0.002
 """Maximum time for discarding input after the bus was flooded with bytes, in seconds."""
 _MANY: Final = 4096
@@ -138,8 +136,7 @@ class GroupRead:
     def _wait_for_fast_reply(self, plan: ReadPlan, deadline_s: float) -> bytes:
         """Wait longer for a fast reply of which nothing has arrived, as far as time is left for separate replies.
 
-        Either the first servo is silent, or the system has delayed the reply. A failed fast read is expensive, because
-        no fast read can be sent while its reply may still arrive.
+        A failed fast read is expensive, because no fast read can be sent while its reply may still arrive.
         """
         line = self._line
         separate_s = 2.0 * plan.exchange_size * line.byte_s + GROUP_WAIT_S
