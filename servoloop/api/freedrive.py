@@ -144,5 +144,7 @@ def _guidable(files: Files, names: Sequence[str], with_servos: set[str]) -> list
             why = f"{', '.join(without)} {'have' if len(without) > 1 else 'has'} no servo"
         else:
             why = f"the stiffness of {', '.join(unknown)} is unknown" if unknown else "its gravity is not compensated"
-        raise ArmError(f"the arm cannot be made soft, because {why}: release its torque instead, and hold the arm")
+        raise ArmError(
+            f"the arm cannot be made soft, because {why}: release its torque instead, and hold the arm (`teach record --limp`)"
+        )
     return joints
