@@ -145,6 +145,7 @@ def _guidable(files: Files, names: Sequence[str], with_servos: set[str]) -> list
         else:
             why = f"the stiffness of {', '.join(unknown)} is unknown" if unknown else "its gravity is not compensated"
         raise ArmError(
-            f"the arm cannot be made soft, because {why}: release its torque instead, and hold the arm (`teach record --limp`)"
+            f"the arm cannot be made soft, because {why}: release its torque instead (`teach record --limp`), and hold "
+            "the arm"
         )
     return joints

@@ -116,11 +116,14 @@ def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -
     """Draw up to four points for joints in any order, mostly near zero. Some goals have a stamp in the future."""
     mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
     anywhere = random.random() < 0.1
+    delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.5 else 0.0
+    # A goal that the limits slow down, or that another goal replaces, does not show whether its stamp is ignored.
+    most, times_s = (1, (1.0, 2.0)) if delay_s else (4, (0.3, 0.8))
     points = tuple(
-        {name: _position(random, limit, anywhere) for name, limit in mixed.items()} for _ in range(random.randint(1, 4))
+        {name: _position(random, limit, anywhere) for name, limit in mixed.items()}
+        for _ in range(random.randint(1, most))
     )
-    delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.3 else 0.0
-    return FollowWaypoints(at_s=at_s, points=points, seconds=round(random.uniform(0.3, 0.8), 2), delay_s=delay_s)
+    return FollowWaypoints(at_s=at_s, points=points, seconds=round(random.uniform(*times_s), 2), delay_s=delay_s)
 
 
 def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:

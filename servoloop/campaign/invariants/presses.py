@@ -12,9 +12,9 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 REDUCED_S: Final = 2.0
 """Time after which the drive of a joint that presses without motion must have been reduced, in seconds."""
-PRESSES: Final = 0.98
-"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on, and a strong
-motor with a high supply has up to 1.2 times the torque that the servo reports.
+PRESSES: Final = 0.9
+"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on. The reported
+drive must be as large, because a strong motor has up to 1.2 times the torque that its servo reports.
 """
 STILL_TURNS: Final = 0.004
 """Largest motion of a joint, or change of its command, during a press, in turns of its servo."""
@@ -56,8 +56,9 @@ class LongPressesAreReduced(Invariant):
         for joint, effort_at, place in self._limited:
             name, command = joint.name, float(self.stack.loop.command[place])
             drive = abs(float(self.stack.world.arrays.effort[effort_at])) / joint.full_effort
+            reported = abs(float(state.effort[self.stack.loop.hardware.joints.index(name)])) / joint.full_effort
             excused = name in state.faults or self.stack.touches.since_s(name) < REDUCED_S
-            if not self.active or excused or drive < PRESSES * self._limits[name]:
+            if not self.active or excused or min(drive, reported) < PRESSES * self._limits[name]:
                 self._presses.pop(name, None)
                 continue
             press = self._presses.setdefault(name, _Press(true[name], command, now_s))
