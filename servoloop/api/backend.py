@@ -47,6 +47,8 @@ class ArmState:
     """Positions that the control loop sent last, in rad or m; NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
     """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
+    unmeasured: tuple[str, ...] = ()
+    """Joints with a fault because of which their position may be old. A joint with an alarm is measured."""
 
 
 Observer = Callable[[ArmState], None]

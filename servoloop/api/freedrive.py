@@ -19,7 +19,7 @@ LOG = logging.getLogger("servoloop")
 FREEDRIVE: Final = "freedrive_controller"
 """Name of the controller that lets a hand move the joints."""
 HELD_CYCLES: Final = 4
-"""Number of cycles with constant commands before the former controllers begin, which would else continue the motion."""
+"""Number of cycles with constant commands before the former controllers begin. Otherwise they continue the motion."""
 RETRY_S: Final = 1.0
 """Time between two attempts to restore torque limits, in seconds."""
 

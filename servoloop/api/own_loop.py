@@ -87,9 +87,7 @@ def _hand(files: Files, joints: Sequence[str]) -> str:
     if HAND in by_controller:
         found = [name for name in joints_of(by_controller[HAND].parameters.claims()) if name in joints]
     else:
-        trajectories = [one for one in by_controller.values() if one.kind.endswith("JointTrajectoryController")]
-        driven = {joint for one in trajectories for joint in joints_of(one.parameters.claims())}
-        found = [joint for joint in joints if joint not in driven]
+        found = [joint for joint in joints if joint in files.hand_joints]
     return found[0] if len(found) == 1 else ""
 
 

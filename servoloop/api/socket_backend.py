@@ -278,6 +278,7 @@ def _state(fields: Mapping[str, Any]) -> ArmState:
         numbers("temperature"),
         numbers("command"),
         fields["faults"],
+        tuple(fields["unmeasured"]),
     )
 
 

@@ -349,6 +349,7 @@ class StackBackend:
             {joint: health[joint].temperature_c if joint in health else math.nan for joint in joints},
             by_joint(command, self._commands),
             _faults(state, joints),
+            tuple(joint for joint in joints if joint in state.faults),
         )
 
 

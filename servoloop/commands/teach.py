@@ -195,7 +195,6 @@ def _saved_motion(
 
     if folder is None:
         raise TeachError(NO_FOLDER)
-
     motions = MotionStore(folder)
     path, motion = str(motions.path(name)), motions.get(name).of(tuple(joints), name)
     own = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}

@@ -17,9 +17,9 @@ from servoloop.api.errors import ArmError
 from servoloop.teach.taught import RecordedMotion, TeachError, beyond
 
 SOFT: Final = (
-    "The arm is about to yield to your hand. Keep a hand on the arm. After a second you can move it. Continue?"
+    "Torque is about to be enabled at the current position. Keep a hand on the arm. After a second the arm yields, and "
+    "you can move it. Continue?"
 )
-LIMP: Final = "The torque is about to be disabled, and the arm may fall: hold the arm. Disable torque?"
 HANDS_S: Final = 2.0
 """Time for the person to react to an instruction, in seconds."""
 GAP_S: Final = 0.2
@@ -80,8 +80,8 @@ class TeachRecording:
         if self.phase is not RecordPhase.BY_HAND:
             return
         position = np.array([state.position[joint] for joint in self._arm.joints])
-        self._unmeasured.update(dict.fromkeys(state.faults))
-        if not state.faults and np.isfinite(position).all():
+        self._unmeasured.update(dict.fromkeys(state.unmeasured))
+        if not state.unmeasured and np.isfinite(position).all():
             self._samples.append((state.time_s, position))
 
     def press(self, key: str) -> None:

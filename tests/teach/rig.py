@@ -151,7 +151,7 @@ class Lesson:
     def failure(self) -> str:
         """End the recording, and return the error of the arm."""
         try:
-            self.recording.press("\n" if self.recording._poses is None else "q")
+            self.recording.press("q")
         except TeachError as error:
             return str(error)
         return ""

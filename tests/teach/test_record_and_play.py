@@ -1,6 +1,7 @@
 """Playback repeats motions recorded by hand, on virtual servos in simulated time."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -132,6 +133,15 @@ def test_silent_servo_is_named_and_the_path_continues() -> None:
     (warning,) = warnings
     assert re.fullmatch(r"elbow_flex not measured for 0\.\d s: the path is a straight line in this gap", warning)
     assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
+
+
+def test_a_joint_with_an_alarm_is_recorded_and_a_joint_without_measurement_is_not() -> None:
+    lesson = Lesson(soft=True).begin()
+    count, state = len(lesson.recording._samples), lesson.rig.arm.state
+    lesson.recording.take(replace(state, faults={"elbow_flex": "servo 3 is hot"}))
+    assert len(lesson.recording._samples) == count + 1
+    lesson.recording.take(replace(state, faults={"elbow_flex": "silent"}, unmeasured=("elbow_flex",)))
+    assert len(lesson.recording._samples) == count + 1
 
 
 @pytest.mark.parametrize("soft", [True, False])
