@@ -116,7 +116,7 @@ def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -
     """Draw up to four points for joints in any order, mostly near zero. Some goals have a stamp in the future."""
     mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
     anywhere = random.random() < 0.1
-    delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.5 else 0.0
+    delay_s = round(random.uniform(0.3, 2.0), 2) if random.random() < 0.5 else 0.0
     # A goal that the limits slow down, or that another goal replaces, does not show whether its stamp is ignored.
     most, times_s = (1, (1.0, 2.0)) if delay_s else (4, (0.3, 0.8))
     points = tuple(

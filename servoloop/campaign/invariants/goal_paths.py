@@ -22,6 +22,10 @@ JOINED_S: Final = 0.3
 """Time after which a path that starts in motion must pass through the points of the client, in seconds."""
 EARLY_CYCLES: Final = 2.0
 """Number of cycles by which a goal may end before the time of its last point: its start is rounded to a cycle."""
+ENDS_EARLY_CYCLES: Final = 4
+"""Number of cycles by which a reference may stand at the last point before its time, because a path ends slowly."""
+AT_POINT: Final = 1e-4
+"""Distance within which a reference stands at a point, in rad or m."""
 FORWARDED_S: Final = 0.5
 """Time within which a joint with a forward controller starts and stops, in seconds."""
 FORWARDED_FACTOR: Final = 1.2
@@ -33,7 +37,7 @@ REPLACED_CYCLES: Final = 2
 
 
 class PathIsAsSent(Invariant):
-    """The path of a goal that succeeds passes through all points of its client, and does not end before their times."""
+    """The path of a goal that succeeds passes through all points of its client, and no path ends before their times."""
 
     name = "path is as sent"
     of_each_arm = True
@@ -53,11 +57,25 @@ class PathIsAsSent(Invariant):
                 if logged.controller == arm.name and (tracking.on_goal or self._paths[id(logged)]):
                     self._begun_s.setdefault(id(logged), state.stamp_s - tracking.elapsed_s)
                     self._paths[id(logged)].append(tracking.reference.position)
+                    self._examine_end(logged, self._paths[id(logged)])
         for logged in self.stack.ended_goals:
             path, begun_s = self._paths.pop(id(logged), []), self._begun_s.pop(id(logged), 0.0)
             if logged.controller == arm.name and logged.handle.status is GoalStatus.SUCCEEDED:
                 self.examined += 1
                 self._examine(logged, np.array(path), begun_s)
+
+    def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
+        """Examine that an open goal with one point does not stand at this point before its time."""
+        goal = logged.goal
+        early_s = logged.sent_s + goal.delay_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
+        if len(goal.points) > 1 or early_s <= ENDS_EARLY_CYCLES * self.stack.loop.period_s or len(path) < 2:
+            return
+        columns = [self.arm.joints.index(joint) for joint in goal.joints]
+        point = np.array(goal.points[0].positions)
+        begin, before, now = (np.abs(one[columns] - point).max() for one in (path[0], *path[-2:]))
+        if begin > PASSES and max(before, now) < AT_POINT:
+            self.examined += 1
+            self.say(f"the path of a goal sent at {logged.sent_s:.2f} s ends {early_s:.2f} s before the goal's time")
 
     def _examine(self, logged: LoggedGoal, path: FloatArray, begun_s: float) -> None:
         goal, period_s = logged.goal, self.stack.loop.period_s
