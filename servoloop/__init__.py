@@ -22,10 +22,9 @@ if TYPE_CHECKING:
         PlanFailedError,
         StreamEndedError,
     )
-    from servoloop.api.motion import ArmMotion
+    from servoloop.api.motion import ArmMotion, TargetStream
     from servoloop.api.planning.motion_planner import MotionPlanner
     from servoloop.api.planning.pose import ArmPose
-    from servoloop.api.stream import TargetStream
     from servoloop.api.trajectory import ArmTrajectory
 
 __all__ = [
@@ -55,7 +54,7 @@ _MODULES = {
     "ArmState": "backend",
     "ArmTrajectory": "trajectory",
     "MotionPlanner": "planning.motion_planner",
-    "TargetStream": "stream",
+    "TargetStream": "motion",
 }
 
 

@@ -33,7 +33,7 @@ LONG_FILES = (
     "tests/docs/test_pictures",
 )
 
-settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50)
 settings.load_profile("repeatable")
 
 

@@ -144,7 +144,7 @@ NAMES = ["arm", "rival", "hand", "raw", "broken", "nope"]
 SOME = st.lists(st.sampled_from(NAMES), max_size=4).map(tuple)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.builds(SwitchRequest, SOME, SOME, st.sampled_from(Strictness)), max_size=6))
 def test_no_sequence_of_switches_gives_a_joint_two_controllers(
     wishes: list[SwitchRequest],

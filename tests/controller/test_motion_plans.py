@@ -41,7 +41,7 @@ def test_smoothed_paths_keep_all_limits_and_both_ends(way: Waypoints) -> None:
 
 
 @given(random_waypoints(largest=6))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 def test_ruckig_keeps_all_limits_and_ends_at_the_last_point(way: Waypoints) -> None:
     try:
         path = prepare("ruckig", task(way)).join(START, 0.0)
@@ -54,7 +54,7 @@ def test_ruckig_keeps_all_limits_and_ends_at_the_last_point(way: Waypoints) -> N
 
 
 @given(st.lists(positions_, min_size=2, max_size=6), st.floats(0.1, 0.6))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 def test_a_path_whose_times_are_too_short_hardly_misses_any_of_few_points(
     points: list[tuple[float, float]], span_s: float
 ) -> None:
@@ -75,7 +75,7 @@ def test_a_path_whose_times_are_too_short_hardly_misses_any_of_few_points(
     st.floats(0.0, 1.0),
     positions_,
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 def test_a_plan_is_joined_from_any_motion_without_a_step(
     way: Waypoints, share: float, target: tuple[float, float]
 ) -> None:

@@ -54,7 +54,7 @@ def test_another_draw_within_one_kind_does_not_change_other_kinds(monkeypatch: p
 
 
 def test_leaving_out_a_kind_only_makes_room_for_others() -> None:
-    for seed in range(20):
+    for seed in range(8):
         fewer = draw(seed, TWO_LINES, 10.0, 20, set(KINDS) - {"hot"})
         kept = [event for event in draw(seed, TWO_LINES, 10.0, 20) if event.kind != "hot"]
         assert set(kept) <= set(fewer)
@@ -72,7 +72,7 @@ def test_only_requested_kinds_are_drawn() -> None:
 
 def test_impossible_faults_are_not_drawn() -> None:
     bare = Inventory({"": TWO_LINES.servos["the hand"]}, world=False, adapters=False, stack=False)
-    drawn = {event.kind for seed in range(20) for event in draw(seed, bare, 10.0, 40)}
+    drawn = {event.kind for seed in range(8) for event in draw(seed, bare, 10.0, 40)}
     missing = {"jammed", "overload", "overcurrent", "dead_encoder", "adapter_unplugged", "stall"}
     assert not drawn & missing
     assert "silent" in drawn

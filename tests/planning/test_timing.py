@@ -29,7 +29,7 @@ LIMITS = (JointLimits(-3.0, 3.0, 1.5, 4.0, 40.0), JointLimits(-3.0, 3.0, 1.0, 2.
     points=st.lists(st.tuples(st.floats(-2.5, 2.5), st.floats(-2.0, 2.0)), min_size=2, max_size=7),
     factors=st.tuples(st.sampled_from([0.1, 0.5, 1.0]), st.sampled_from([0.2, 1.0])),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_timed_path_keeps_all_limits(points, factors):
     limits = scaled(LIMITS, *factors)
     path = timed(np.array(points), limits, FREE)

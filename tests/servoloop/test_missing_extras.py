@@ -155,8 +155,9 @@ def names(extra: str, printed: str) -> bool:
 
 
 def test_the_table_has_every_command() -> None:
-    known = {tuple(one.line.split()[: len(path)]) for one in LINES for path in commands()}
-    assert {path for path in commands() if path not in known} == set()
+    paths = commands()
+    known = {tuple(one.line.split()[: len(path)]) for one in LINES for path in paths}
+    assert {path for path in paths if path not in known} == set()
 
 
 def commands() -> Iterator[tuple[str, ...]]:

@@ -112,7 +112,7 @@ def conversations(make: str) -> st.SearchStrategy[list[bytes]]:
 
 @pytest.mark.parametrize("make", MAKES)
 def test_random_bytes_do_not_end_an_emulator(make: str, tmp_path: Path) -> None:
-    @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
     @given(conversations(make))
     def send(pieces: list[bytes]) -> None:
         line = MAKES[make][0]()
