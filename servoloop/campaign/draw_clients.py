@@ -36,9 +36,9 @@ PAUSE_S: Final = 6.0
 """Longest time between two acts, in seconds. Goals without a result need this time to end."""
 DIES: Final = 0.5
 """Share of motions over the command socket during which the program dies."""
-OWN_TOLERANCES: Final = 0.2
+OWN_TOLERANCES: Final = 0.3
 """Share of the goals that have their own tolerances."""
-TOLERANCES: Final = (0.01, 0.5)
+TOLERANCES: Final = (0.01, 0.2)
 """Range of these tolerances, in rad or m."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
@@ -145,7 +145,7 @@ def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     if draw < 0.3:
         return Switch(at_s=at_s, for_s=for_s)
     if draw < 0.5:
-        return Reactivate(at_s=at_s, for_s=random.choice([for_s, 0.0]))
+        return Reactivate(at_s=at_s, for_s=random.choice([for_s, 0.0]), push=_share(random))
     return _move(random, joints, hand, at_s)
 
 

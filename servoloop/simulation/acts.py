@@ -92,11 +92,14 @@ class Switch(_Act):
 class Reactivate(_Act):
     """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``.
 
-    If ``for_s`` is 0, activate the active hardware, which enables the torque of joints that have lost it.
+    If ``for_s`` is 0, activate the active hardware, which enables the torque of joints that have lost it. A hand may
+    push these joints beforehand.
     """
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Time = 0.5
+    push: Share = 0.0
+    """Effort of the hand, as a share of a strong pull. A negative share pushes toward smaller positions."""
 
 
 class Jog(_Act):

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
 from drivers.errors import DriverError
 from hal.errors import HalError
+from hal.hardware import Reactivating
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
 from servoloop.simulation.acts import (
@@ -43,6 +45,8 @@ JOG_SHARE: Final = 0.3
 """Maximum jogging velocity, as a share of the velocity limit."""
 PULL_SHARE: Final = 0.5
 """Maximum pull by hand, as a share of the servo's full effort."""
+PUSHED_S: Final = 0.3
+"""Time for which a hand pushes limp joints, in seconds."""
 
 
 class HandGuidance(Protocol):
@@ -277,11 +281,23 @@ class SimulatedClients:
             self._later(2.0 * loop.period_s, lambda: self._activate(*running))
 
         if act.for_s == 0.0:
-            activate()
+            self._push_limp(act.push)
+            self._later(PUSHED_S, activate)
             return
         for name in components:
             transitions.ask(name, LifecycleState.INACTIVE)
         self._later(act.for_s, activate_all)
+
+    def _push_limp(self, share: float) -> None:
+        """Push the joints that have lost their torque, as a person does before an activation."""
+        stack = self._stack
+        parts = [one.hardware for one in stack.loop.hardware.components if one.active]
+        limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}
+        for joint in stack.files.robot.joints:
+            if joint.name in limp and share:
+                pull = share * PULL_SHARE * joint.full_effort
+                stack.world.load(joint.name, pull)
+                self._later(PUSHED_S, partial(stack.world.load, joint.name, -pull))
 
     def _send(self, goal: TrajectoryGoal) -> None:
         if self._arm.check(goal) is None:

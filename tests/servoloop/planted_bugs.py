@@ -14,6 +14,7 @@ from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, RuckigMotion, motion_to
+from controller.stops import DecelerationStops
 from controller.trajectory import active_goal, execution, goal_planner, paths
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import GoalExecution
@@ -22,7 +23,7 @@ from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
-from controller.trajectory.tolerances import excess
+from controller.trajectory.tolerances import Tolerances, excess, resolve
 from drivers.bus.bus import Bus
 from drivers.types import ServoFault, ServoGoal
 from hal.compensation.joint_offset import JointOffset
@@ -417,3 +418,33 @@ def results_do_not_wait_for_rest(patch: pytest.MonkeyPatch) -> None:
         execution._end(active, ending)
 
     patch.setattr(GoalExecution, "_come_to_rest", ended)
+
+
+@detected_by("deviation ends a goal", "success is true")
+def tolerances_of_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(
+        GoalExecution,
+        "_tolerances",
+        lambda execution, asked, default: resolve(Tolerances(), default, execution._joints),
+    )
+
+
+@detected_by("goals mean commands", "nothing presses after the end")
+def gravity_offsets_have_the_wrong_sign(patch: pytest.MonkeyPatch) -> None:
+    sag = JointOffset._sag
+    patch.setattr(JointOffset, "_sag", lambda offset, torque: -sag(offset, torque))
+
+
+@detected_by("safe wire")
+def goals_have_no_speed(patch: pytest.MonkeyPatch) -> None:
+    write_goals = Bus.write_goals
+
+    def wrong(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
+        write_goals(bus, {servo_id: ServoGoal(goal.position_counts) for servo_id, goal in goals.items()})
+
+    patch.setattr(Bus, "write_goals", wrong)
+
+
+@detected_by("smooth end", "smooth reference")
+def joints_without_a_controller_stop_at_once(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(DecelerationStops, "begin", lambda stops, index, command, velocity: None)

@@ -26,10 +26,15 @@ CHANGES: Final = frozenset(
     }
 )
 """Faults after which a servo's registers may differ from the values written by the activation."""
+LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
+"""Faults after which an activation writes all values again."""
 
 
 class ActivatedAsConfigured(Invariant):
-    """After an activation, every servo has the torque limit, gains and settings of the robot file."""
+    """After an activation, every servo has the torque limit, gains and settings of the robot file.
+
+    This also holds for a single servo that has lost its power and is activated again.
+    """
 
     name = "activated as configured"
 
@@ -37,14 +42,20 @@ class ActivatedAsConfigured(Invariant):
         super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files)
         self._was_active = False
+        self._released: set[str] = set()
 
     def on_state(self, state: JointState) -> None:
         begins, self._was_active = self.active and not self._was_active, self.active
-        if not begins:
+        released, self._released = self._released, self.released(state)
+        if not begins and not released:
             return
         for joint in self.joints:
-            touched = self.stack.touches.kinds(joint.name) & CHANGES
-            if joint.name in self._reference and joint.name not in state.faults and not touched:
+            again = joint.name in released and self.torque(joint)
+            if not (begins or again) or joint.name in state.faults or joint.name not in self._reference:
+                continue
+            touches = self.stack.touches
+            touched = touches.kinds(joint.name) & (CHANGES - LOSSES if again else CHANGES)
+            if not touched and touches.since_s(joint.name, LOSSES) > self.stack.loop.period_s:
                 self._examine(joint, self._reference[joint.name])
 
     def _examine(self, joint: Joint, wanted: ReferenceJoint) -> None:

@@ -17,7 +17,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 ROUNDING: Final = 1e-9
 RETURN_SHARE: Final = 0.1
 """Speed at which a joint outside its limits returns, as a share of its velocity limit."""
-TAKEN_OVER_S: Final = 0.05
+TAKEN_OVER_S: Final = 0.02
 """Maximum age of the measured position from which a controller takes over a moving joint, in seconds."""
 OFF_CYCLES: Final = 6
 """Number of cycles within which the stack detects a servo that switched its torque off.
@@ -94,8 +94,11 @@ class SafeCommands(Invariant):
         limits = stack.loop.limits
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
         self._velocity = np.array([one.velocity for one in limits])
+        self._by_name = {joint.name: joint for joint in self.joints}
+        self._released: set[str] = set()
 
     def on_state(self, state: JointState) -> None:
+        self._released = self.released(state)
         if self.active and not math.isfinite(self.stack.loop.command.sum()):
             for name, command in zip(self.commanded, self.stack.loop.command.tolist(), strict=True):
                 if not math.isfinite(command) and name not in state.faults:
@@ -116,7 +119,7 @@ class SafeCommands(Invariant):
         self.examined += 1
         if (np.isfinite(before) & ~np.isfinite(command)).any():  # The command is NaN until the first measurement.
             self.say("a command of the loop has become NaN")
-        if last is None or not np.array_equal(before, last):
+        if last is None or self._released or not np.array_equal(before, last):
             self._taken_over(before, last)
         # A joint that was outside its limits when its torque was enabled may be on its way back.
         outside = np.maximum(self._lower - command, command - self._upper)
@@ -129,10 +132,14 @@ class SafeCommands(Invariant):
             self.say(f"commands jump in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
-        true = self.true_positions()
+        true, hardware = self.true_positions(), self.stack.loop.hardware
         for place, name in enumerate(self.commanded):
             unchanged = last is not None and taken[place] == last[place]
-            if unchanged or name not in true or self.deceived(name) or not math.isfinite(taken[place]):
+            if name in self._released and self.torque(self._by_name[name]):
+                unchanged = not hardware.ready(hardware.command_interfaces[place])
+            if unchanged or name not in true or not math.isfinite(taken[place]):
+                continue
+            if self.deceived(name) and not self.never_confirmed(name, LEAP_COUNTS):
                 continue
             if abs(taken[place] - true[name]) > TAKEN_OVER_S * self._velocity[place]:
                 self.say(f"{name} is taken over at {taken[place]:.4f}, but it is at {true[name]:.4f}")

@@ -12,6 +12,8 @@ from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
+PRESSES_SHARE: Final = 0.03
+"""Allowed distance between command and joint of a held arm, as a share of its range."""
 LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode", "wrong_setting", "collision"})
 """Faults after which a component cannot be activated again, so it keeps its state."""
 
@@ -19,8 +21,8 @@ LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode
 class EndsAsChosen(Invariant):
     """At the end the arm is held, or parked and released, as ``on_exit`` specifies, if its servos can be reached.
 
-    A servo that should hold may still release its torque for protection and report an error. Faults that are active
-    while the program ends excuse the joints that they affect.
+    A servo that should hold may still release its torque for protection and report an error. No joint of a held arm
+    presses against an obstacle. Faults that are active while the program ends excuse the joints that they affect.
     """
 
     name = "ends as chosen"
@@ -48,6 +50,8 @@ class EndsAsChosen(Invariant):
         if not self.stack.control_stack.releases:
             without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
             self._report("released instead of held", (driven & without_error) - on)
+            if not affected and len(driven) == len(self.joints):
+                self._report("pressing", {joint for joint in driven & without_error if self._presses(joint)})
             return
         reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
         if not self._cannot_return() and not self._inactive and len(reached) == len(self.joints):
@@ -55,6 +59,14 @@ class EndsAsChosen(Invariant):
             self._report("still under torque", on & reached)
         if len(driven) == len(self.joints):
             self._report("not parked", self._not_parked())
+
+    def _presses(self, joint: str) -> bool:
+        """Return whether a joint of the arm is held far from its command, and was not moved by hand."""
+        if joint not in self.arm.joints or self.deceived(joint):
+            return False
+        place = self.commanded.index(joint)
+        limit, command = self.stack.loop.limits[place], float(self.stack.loop.command[place])
+        return abs(command - self.true_positions()[joint]) > PRESSES_SHARE * (limit.upper - limit.lower)
 
     def _cannot_return(self) -> bool:
         """Return whether a servo differs from the robot file, so that a lost component cannot be activated again."""

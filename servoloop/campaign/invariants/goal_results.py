@@ -21,6 +21,10 @@ DEVIATION: Final = 0.1
 """Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
 DEVIATES_S: Final = 0.6
 """Time within which a goal with a larger deviation ends, in seconds."""
+OWN_S: Final = 0.4
+"""Time within which a goal ends if a reported position deviates by more than the goal's own tolerance, in seconds."""
+READING: Final = 0.003
+"""Deviation of a reported position allowed in addition to the goal's own tolerance, in rad or m."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal that are searched for a deviation.
 
@@ -105,6 +109,7 @@ class DeviationEnds(Invariant):
     """A goal ends if a joint deviates from the path by more than its tolerance for some time.
 
     The deviation is measured in the simulated world. The allowed lag of a moving joint is added to its tolerance.
+    Tolerances that a client has set may be small, and are compared with the reported positions.
     """
 
     name = "deviation ends a goal"
@@ -113,6 +118,8 @@ class DeviationEnds(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
+        self._own_s = defaultdict[str, float](float)
+        """Time for which the reported position has been beyond the goal's own tolerance, in seconds, by joint."""
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
@@ -122,13 +129,17 @@ class DeviationEnds(Invariant):
         on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s
         if tracking is None or not on_path or not open_goals or state.faults:
             self._off_s.clear()
+            self._own_s.clear()
             return
+        reported = dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
         true, reference = self.true_positions(), tracking.reference
         defaults, asked = arm.parameters.tolerances(), open_goals[-1].goal.tolerances.path
         for place, joint in enumerate(arm.joints):
             allowed = asked.get(joint) or defaults.path.get(joint, 0.0)
             lag_s = 0.0 if asked.get(joint) else defaults.lag_time_s.get(joint, 0.0)
             lag = abs(float(reference.velocity[place])) * lag_s
+            if asked.get(joint):
+                self._examine_own(joint, float(reference.position[place]) - reported[joint], asked[joint])
             if allowed <= 0.0 or self.deceived(joint):
                 continue
             self.examined += 1
@@ -137,6 +148,13 @@ class DeviationEnds(Invariant):
             if self._off_s[joint] > DEVIATES_S:
                 wanted = f"its reference is at {reference.position[place]:.3f}"
                 self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
+
+    def _examine_own(self, joint: str, off: float, allowed: float) -> None:
+        """Examine a reported deviation against a tolerance of the goal."""
+        period_s = self.stack.loop.period_s
+        self._own_s[joint] = self._own_s[joint] + period_s if abs(off) > allowed + READING else 0.0
+        if self._own_s[joint] > OWN_S:
+            self.say(f"a goal continues although {joint} is reported {abs(off):.3f} off its path, allowed is {allowed}")
 
     def _deviation(self, joint: str, wanted: float, true: float) -> float:
         """Return the smallest distance between the reference and a position that the servo may report."""

@@ -124,6 +124,12 @@ class Invariant:
         """Return whether the torque of the joint's virtual servo is enabled. The stack may report another state."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
+    def released(self, state: JointState) -> set[str]:
+        """Return the joints that the stack reports and whose servos have no torque. Only an activation enables it."""
+        if not state.faults or not self.active:
+            return set()
+        return {joint.name for joint in self.joints if joint.name in state.faults and not self.torque(joint)}
+
     def on_write(self, bus: str, data: bytes) -> None:
         """Called with every packet before the servos on this bus receive it."""
 

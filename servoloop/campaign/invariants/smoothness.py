@@ -104,6 +104,8 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
+    A joint that has lost its controller stops within its acceleration limit, too.
+
     If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
     joints without torque are not examined either, because they follow joints that fall. A command leads its reference
     by the servo lag. The command stays at a limit of the joint while the reference still brakes before the limit, and
@@ -127,16 +129,21 @@ class SmoothEnd(Invariant):
         if not self.active or now_s - self._upset_s < UPSET_S:
             self._commands.clear()
             return
+        if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
+            self._commands.clear()  # Joints were taken over.
         self._commands.append(values.copy())  # The last commands before the end show how fast each joint moved.
-        if self.stack.ending and len(self._commands) == 3:
+        claimed = self.stack.manager.registry.claimed
+        examined = [self.stack.ending or one not in claimed for one in self.stack.loop.hardware.command_interfaces]
+        if any(examined) and len(self._commands) == 3:
             self.examined += 1
             change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
             limp = {joint.name for joint in self.joints if not self.torque(joint)}
             change[[name in limp for name in self.commanded]] = 0.0
             change[(np.abs(values - self._ends) < AT_END).any(axis=0)] = 0.0
+            change[np.logical_not(examined)] = 0.0
             worst = int((change / self._acceleration).argmax())
-            share = COMMANDS_SHARE if self.stack.control_stack.releases else RELIEF_SHARE
-            if change[worst] > share * self._acceleration[worst]:
+            parks = self.stack.ending and self.stack.control_stack.releases
+            if change[worst] > (COMMANDS_SHARE if parks else RELIEF_SHARE) * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
 

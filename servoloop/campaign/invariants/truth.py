@@ -1,6 +1,7 @@
 """Invariants that compare the stack with the simulated world and with a second reading of the arm's files."""
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
@@ -22,11 +23,25 @@ READING_AGE_S: Final = 0.004
 """Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a share of the joint's range."""
+OFFSET: Final = 0.006
+"""Smallest compensation offset whose direction is examined, in rad or m: several counts of a servo."""
+LOADED: Final = 0.15
+"""Holding effort from which the direction of the offset is examined, as a share of the full effort. A lighter joint may
+also have an offset against friction.
+"""
+NEAR_COMMAND: Final = 0.05
+"""Distance from its command up to which a joint counts as free, in rad or m."""
+STANDS: Final = 0.01
+"""Speed below which a joint is at rest, in rad/s or m/s."""
+STANDS_CYCLES: Final = 10
+"""Number of cycles for which a joint is at rest before the direction of its offset is examined."""
 RECENT_S: Final = 0.5
 """Time for which a joint is skipped after a false position, or after it was reported and the stack has no former
 reading to compare with, in seconds."""
 LEAP_S: Final = 0.1
 """Maximum time between two readings of a joint that was not reported, in seconds, with the margin of the stack."""
+REPORTED: Final = 0.002
+"""Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
 ARRIVED: Final = 0.02
 """Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
 
@@ -100,7 +115,8 @@ class GoalsMeanCommands(Invariant):
     """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
     The goal may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a
-    limited speed, so a goal outside of this range may still be approaching the range.
+    limited speed, so a goal outside of this range may still be approaching the range. The compensation of a joint at
+    rest acts against the gravity torque of the simulated world.
     """
 
     name = "goals mean commands"
@@ -117,6 +133,27 @@ class GoalsMeanCommands(Invariant):
         }
         self._last: dict[str, float] = {}
         """Position of each joint's last goal."""
+        self._loaded = {joint.name: LOADED * joint.full_effort for joint in self.joints}
+        self._stands = Counter[str]()
+        """Number of cycles for which each joint of the arm has been at rest near its command."""
+
+    def on_state(self, state: JointState) -> None:
+        if not self.active or state.faults:
+            self._stands.clear()
+            return
+        world, true = self.stack.world, self.true_positions()
+        speeds = dict(zip(world.joints, np.abs(world.velocity()).tolist(), strict=True))
+        for joint in self.arm.joints:
+            command = float(self.stack.loop.command[self.commanded.index(joint)])
+            offset = self._last.get(joint, command) - command
+            holding = float(world.data.joint(joint).qfrc_bias[0])
+            free = abs(true[joint] - command) < NEAR_COMMAND and not self.deceived(joint)
+            if speeds[joint] > STANDS or not free or abs(offset) < OFFSET or abs(holding) < self._loaded[joint]:
+                self._stands[joint] = 0
+                continue
+            self._stands[joint] += 1
+            if self._stands[joint] > STANDS_CYCLES and holding * offset < 0.0:
+                self.say(f"the goal of {joint} is {offset:+.4f} off, but holding it needs an effort of {holding:+.3f}")
 
     def on_write(self, bus: str, data: bytes) -> None:
         goals = self._readers[bus].read(data)
@@ -148,24 +185,30 @@ def _outside(value: float, low: float, high: float) -> float:
 
 
 class SuccessIsTrue(Invariant):
-    """When a goal succeeds, the joints of the simulated world are at the positions that its client sent."""
+    """When a goal succeeds, its joints are reported within its goal tolerance of the positions that its client sent.
+
+    The joints are also there in the simulated world.
+    """
 
     name = "success is true"
 
     def on_state(self, state: JointState) -> None:
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
-                self._arrived(logged)
+                self._arrived(logged, state)
 
-    def _arrived(self, logged: LoggedGoal) -> None:
+    def _arrived(self, logged: LoggedGoal, state: JointState) -> None:
         tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal
         asked = logged.goal.tolerances.goal
         true, last = self.true_positions(), logged.goal.points[-1]
+        reported = dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
         for joint, wanted in zip(logged.goal.joints, last.positions, strict=False):
             allowed = asked.get(joint) or tolerances.get(joint, 0.0)
             if allowed <= 0.0 or joint not in true or self.deceived(joint):
                 continue
             self.examined += 1
+            if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
+                self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")
             off = abs(true[joint] - wanted)
             if off > allowed + ARRIVED:
                 self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")

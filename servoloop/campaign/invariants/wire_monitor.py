@@ -5,7 +5,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import inf, pi
 from typing import Any, Final
 
+from drivers.servos import sts
 from drivers.servos.catalog import registers_of, series_of
+from drivers.servos.feetech import STS
 from drivers.servos.register import ByteOrder, Register
 from drivers.servos.series import Series
 from hal.joint import Joint
@@ -23,6 +25,10 @@ SWITCHED_ON_S: Final = 0.02
 
 The stack cannot know how far a moving joint gets in this time.
 """
+SPEED_SHARE: Final = 1.1
+"""Largest goal speed of a Feetech servo, as a share of the velocity limit of its joint, so that it catches up."""
+SPEED_COUNTS_S: Final = 101.0
+"""Goal speed allowed in addition, in counts/s."""
 CONFIRMING_READS: Final = 2
 """Minimum number of readings of the position between the last setting of a limp servo and its first goal."""
 
@@ -93,6 +99,9 @@ class WireMonitor:
         limp = servo.memory.get(series.torque_enable) == 0
         if goal is not None:
             self._goal(joint, goal, position, limp)
+            speed = _value(sts.goal_velocity, order, servo.memory, address, content) if series is STS else None
+            if speed is not None and not limp and not self._activating():
+                self._speed(joint, speed)
         if torque is not None:
             self._torque(joint, torque, position, limp)
         if goal is None and torque is None:
@@ -122,6 +131,13 @@ class WireMonitor:
                 f"{joint.name}: gets goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree"
             )
         self._goals[joint.servo_id] = goal
+
+    def _speed(self, joint: Joint, speed: int) -> None:
+        """Examine the speed of a goal, in counts/s. At speed 0, an STS servo moves as fast as it can."""
+        reach = joint.limits.velocity / abs(joint.units_per_count) + 1.0 / self._period_s  # whole counts in a period
+        fastest = SPEED_SHARE * reach + SPEED_COUNTS_S
+        if not 0 < speed <= fastest:
+            self.broken.append(f"{joint.name}: goal speed {speed}, but at most {fastest:.0f} counts/s are allowed")
 
     def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
         """Examine a write to the torque register. Servos that have had torque since their last goal may have sagged."""
