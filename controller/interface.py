@@ -104,7 +104,7 @@ class Controller(Protocol):
 
     @property
     def command(self) -> FloatArray:
-        """Command for the end of the coming period, in the order of ``command_interfaces``: shape (n,), rad or m."""
+        """Command for the end of the next period, in the order of ``command_interfaces``: shape (n,), rad or m."""
         ...
 
     def activate(self, state: JointState, command: FloatArray) -> None:

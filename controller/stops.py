@@ -108,7 +108,7 @@ class DecelerationStops:
         return rest
 
     def fill(self, wanted: FloatArray, period_s: float) -> None:
-        """Set the commands of stopping joints in ``wanted`` (n,) for the end of the coming period."""
+        """Set the commands of stopping joints in ``wanted`` (n,) for the end of the next period."""
         for stopping in self.moving:
             stopping.elapsed_s += period_s
             self._put(wanted, stopping, stopping.elapsed_s)

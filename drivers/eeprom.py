@@ -47,7 +47,7 @@ class EepromError(ServoError):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A setting that was written."""
+    """EEPROM setting that was written, with its old and new value."""
 
     register: Register
     old: int

@@ -29,8 +29,7 @@ EARLY = 0.25
 
 
 class RateLimiter:
-    """Rate limiter for a publisher. On average, the limiter allows the given rate, but at most the rate of the
-    cycles."""
+    """Rate limiter for a publisher. The average rate is the given rate, or the cycle rate if that is lower."""
 
     def __init__(self) -> None:
         self._next_s = self._last_s = float("-inf")

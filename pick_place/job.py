@@ -51,7 +51,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of a job, with the reason."""
+    """Result of a job: how the job ended, and why."""
 
     ending: JobEnding
     request_id: int

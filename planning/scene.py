@@ -208,9 +208,8 @@ def check_object(item: SceneObject) -> None:
     for shape, pose in item.shapes:
         kind = type(shape).__name__.lower()
         if isinstance(shape, Mesh) and len(shape.vertices_m) < 4:
-            raise PlanningError(
-                "INVALID_OBJECT_NAME", f'mesh of object "{item.name}" has {len(shape.vertices_m)} vertices: give 4'
-            )
+            mesh = f'mesh of object "{item.name}" has {len(shape.vertices_m)} vertices'
+            raise PlanningError("INVALID_OBJECT_NAME", f"{mesh}: a mesh needs at least 4")
         if not all(math.isfinite(side) and side > 0.0 for side in shape.sides_m()):
             sides = " x ".join(f"{side:g}" for side in shape.sides_m())
             raise PlanningError(

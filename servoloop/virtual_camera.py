@@ -77,7 +77,7 @@ class VirtualCamera:
 
     @property
     def name(self) -> str:
-        """Name of the source for messages."""
+        """Camera name for use in messages."""
         return f"the virtual camera at {self._feed}"
 
     @property

@@ -98,8 +98,9 @@ At lower speeds, two gears cannot be distinguished reliably.
 PERIOD_S: Final = 0.04
 PACE: Final = TrialPace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
-"""Torque limit, as a share of full drive. Half of this drive is for the speed, and the rest covers friction and weak
-models.
+"""Torque limit, as a share of full drive.
+
+Reaching the test speed takes half of this limit; the other half covers friction and weak models.
 """
 MARGIN_COUNTS: Final = 32
 """Distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""

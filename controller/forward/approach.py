@@ -39,7 +39,7 @@ class Approach:
         return points
 
     def step(self, goal: FloatArray, period_s: float, share: FloatArray | float = 1.0) -> FloatArray:
-        """Return the commands (n,) for the end of the coming period.
+        """Return the commands (n,) for the end of the next period.
 
         Args:
             goal: Goals (n,) within the limits, in rad or m.

@@ -242,6 +242,6 @@ class GripperActionController:
 
 
 class PositionGripperActionController(GripperActionController):
-    """The same controller with the older action of ros2_control, GripperCommand."""
+    """Gripper controller with ros2_control's older action, GripperCommand."""
 
     kind: ClassVar[str] = "position_controllers/GripperActionController"

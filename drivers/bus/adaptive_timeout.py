@@ -48,7 +48,7 @@ class AdaptiveTimeout:
         return self._slowest_s or 0.0
 
     def wait_s(self, responsive: bool) -> float:
-        """Return the timeout of the next reply. ``responsive`` is whether the servo answered its last request."""
+        """Return the timeout of the next reply. ``responsive`` must be True if the servo answered its last request."""
         if self._slowest_s is None:
             return RESPONSIVE_S if self._missed else FIRST_REPLY_S
         return self._slowest_s + RESPONSIVE_S if responsive else max(PROBE_S, self._slowest_s + SPARE_S)

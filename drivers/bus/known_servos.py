@@ -56,7 +56,7 @@ class KnownServos:
 
     @property
     def in_sync(self) -> bool:
-        """Whether one sync read requests the states of any servos of this bus."""
+        """Whether one sync read can request the states of any selection of servos on this bus."""
         return self.protocol.group_read == "sync" and not self.separate
 
     def together(self, servo_ids: tuple[int, ...]) -> tuple[int, ...]:

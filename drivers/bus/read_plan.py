@@ -58,7 +58,7 @@ def state_plan(
     *,
     separate: bool = False,
 ) -> ReadPlan:
-    """Plan a read of states. ``separate`` is whether the only servo gets a plain read instead of a group read."""
+    """Plan a read of states. ``separate`` selects a plain read instead of a group read if there is only one servo."""
     is_v1 = protocol.packets is v1
     decode_all = _decoder_v1(protocol, blocks, scales) if is_v1 else _decoder_v2(blocks, scales)
 

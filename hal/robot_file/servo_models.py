@@ -24,7 +24,7 @@ from hal.yaml_nodes import YamlFile
 FILE_NAME: Final = "servo_models.yaml"
 SIZES: Final = (1, 2, 4)
 _LAST_ADDRESS: Final = {True: 255, False: 167}
-"""Largest address of a register. The key is whether the protocol is 1.0. Indirect registers of an X begin at 168."""
+"""Largest address of a register. The key is True for protocol 1.0. Indirect registers of an X begin at 168."""
 
 Whole = Annotated[int, NoTruth]
 Angle = Annotated[float, NoTruth, Field(allow_inf_nan=False)]

@@ -130,7 +130,7 @@ def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
 
 def _cause(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str:
     if "reset" in kinds:
-        return f"servo {servo_id}: restarts again and again: check its supply"
+        return f"servo {servo_id}: restarts repeatedly: check its supply"
     if "silent" not in kinds:  # two servos with the same ID answer simultaneously, so every reply is corrupted
         return (
             f"servo {servo_id}: answers, but every reply is corrupted: do two servos have ID {servo_id}? "

@@ -25,7 +25,7 @@ TIMES: Final = "~/statistics"
 EVERY_CYCLE: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 """Profile of pal_statistics for values."""
 NAMES: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Profile for names: a late subscriber gets them, too."""
+"""QoS profile for the names topic, so that late subscribers also receive the names."""
 VERSION: Final = 1
 """Version of the names, which do not change while the stack runs."""
 PARTS: Final = ("max", "min", "average", "standard_deviation", "sample_count")

@@ -49,7 +49,7 @@ class StopRequest:
         return bool(self.future.done())
 
     def request(self, code: str, message: str) -> None:
-        """Stop the motion. The first reason counts."""
+        """Stop the motion. Only the first reason is kept."""
         if not self.requested:
             self.code, self.message = code, message
             self.future.set_result(None)

@@ -226,9 +226,8 @@ class WorldEdit:
 
     def _check_subframes(self, message: CollisionObject) -> None:
         if len(message.subframe_names) != len(message.subframe_poses):
-            raise RequestError(
-                "INVALID_OBJECT_NAME", f'object "{message.id}" has not as many subframe poses as names: give as many'
-            )
+            text = "has different numbers of subframe names and poses: send one pose for each name"
+            raise RequestError("INVALID_OBJECT_NAME", f'object "{message.id}" {text}')
         for pose in message.subframe_poses:
             pose_of(pose)
 

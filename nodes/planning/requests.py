@@ -237,7 +237,7 @@ def _steps(request: GetCartesianPath.Request) -> Steps:
         raise RequestError("FAILURE", f"max_step is {request.max_step} m: send a number above 0")
     given = (request.jump_threshold, request.prismatic_jump_threshold, request.revolute_jump_threshold)
     if any(math.isnan(value) for value in given):
-        raise RequestError("INVALID_GOAL_CONSTRAINTS", "a jump threshold is nan: send 0 for no limit")
+        raise RequestError("INVALID_GOAL_CONSTRAINTS", "a jump threshold is NaN: send a number, or 0 for no limit")
     factor, prismatic_m, revolute_rad = (max(value, 0.0) for value in given)
     usual = Steps()
     return Steps(

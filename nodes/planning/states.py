@@ -24,9 +24,8 @@ def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[
     """
     names, positions = message.joint_state.name, message.joint_state.position
     if len(names) != len(positions):
-        raise RequestError(
-            "INVALID_ROBOT_STATE", f"the state has {len(names)} joints and {len(positions)} positions: send as many"
-        )
+        counts = f"{len(names)} joints and {len(positions)} positions"
+        raise RequestError("INVALID_ROBOT_STATE", f"the state has {counts}: send one position for each joint")
     if message.multi_dof_joint_state.joint_names:
         raise RequestError(
             "INVALID_ROBOT_STATE",

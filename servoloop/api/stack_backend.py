@@ -286,7 +286,7 @@ class StackBackend:
         if self._stream.open:
             raise ArmBusyError("a stream is open: close it before you start a motion")
         if self._freedrive.open:
-            raise ArmBusyError("the arm is in freedrive: end it before you start a motion")
+            raise ArmBusyError("the arm is in freedrive: end freedrive before you start a motion")
 
     def _require_rest(self, to: str) -> None:
         """Raise ArmBusyError unless all joints have torque, and neither a motion nor a stream nor a hand moves them."""

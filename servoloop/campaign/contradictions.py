@@ -61,7 +61,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
 
 
 def _named(act: Act) -> Iterator[tuple[str | int, ...]]:
-    """Yield the keys of each joint name in the positions of an act."""
+    """Yield the key path of each joint name in an act's positions and points."""
     yield from (("positions", name) for name in getattr(act, "positions", ()))
     yield from (("points", n, name) for n, point in enumerate(getattr(act, "points", ())) for name in point)
 

@@ -134,7 +134,7 @@ class ArmRequests:
         try:
             self._arm.end_stream()
         except ArmError as error:  # The loop brings the joints to rest before it ends.
-            LOG.info("command socket: the stream of a client ended with the loop: %s", error)
+            LOG.info("command socket: a client's stream ended because the control loop ended: %s", error)
 
 
 def _as_dict(failure: Exception) -> Reply:

@@ -211,7 +211,7 @@ def write(
         typer.Argument(
             metavar="[NAME] VALUE",
             help="Name of the register, and its new value: a raw number (120), or a quantity with its unit (12.0V). "
-            "Without a name if --address is given.",
+            "Omit NAME if you pass --address.",
         ),
     ],
     at: ServoAddress,

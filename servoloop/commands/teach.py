@@ -204,7 +204,7 @@ def _saved_motion(
 
 
 def play_motion(place: TaughtArm, motion_of: MotionOf, options: PlayOptions) -> None:
-    """Play a motion, and show the arm meanwhile."""
+    """Play a motion, and show the arm while it moves."""
     from rich.console import Console
 
     from servoloop.teach.run import play as run

@@ -20,7 +20,7 @@ UrdfOption = Annotated[
 ]
 XacroOption = Annotated[
     list[str] | None,
-    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Argument of a --urdf in xacro. Repeat it for several."),
+    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="xacro argument for the --urdf file. Repeatable."),
 ]
 BacklashOption = Annotated[
     float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each virtual servo, in degrees.")

@@ -155,7 +155,7 @@ class AdapterUnplugged(OfBus, Lasting):
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if not there.adapters:
-            raise FaultError("there is no adapter here that could be unplugged: the line ends in this program")
+            raise FaultError("there is no adapter to unplug: the bus is connected directly to this program")
 
     @contextmanager
     def acting(self, targets: FaultTargets) -> Iterator[None]:

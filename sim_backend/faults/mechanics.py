@@ -75,7 +75,7 @@ class SlippedHorn(Momentary, OfServo):
     @classmethod
     def _slips(cls, counts: int) -> int:
         if counts == 0:
-            raise ValueError("a slip of 0 counts has no effect: give another number")
+            raise ValueError("a slip of 0 counts has no effect: use a positive or negative number of counts")
         return counts
 
     @contextmanager

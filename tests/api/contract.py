@@ -293,7 +293,7 @@ class ArmContract:
     def test_joints_in_freedrive_refuse_motions_until_it_ends(self, arm: Arm) -> None:
         before = arm.state.command
         with arm.freedrive():
-            with pytest.raises(ArmBusyError, match="the arm is in freedrive: end it before you start a motion"):
+            with pytest.raises(ArmBusyError, match="the arm is in freedrive: end freedrive before you start a motion"):
                 arm.move_to({PAN: 0.1})
             with pytest.raises(ArmBusyError, match="in freedrive"), arm.freedrive():
                 pass

@@ -167,13 +167,15 @@ def test_monitor_detects_unsafe_writes() -> None:
     joint = rig.files.robot.joints[0]
     bus = Bus(rig.port, rig.clock)
     assert scenario.monitor.broken == []
-    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # the goal leaps
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0))})  # the servo moves as fast as it can
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400, 500)})  # the goal leaps
     bus.write_goals(
-        {joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)}
+        {joint.servo_id: ServoGoal(joint.counts_range()[1] + 1, 500)}
     )  # the goal jumps and is outside the limits
     bus.torque_off([joint.servo_id])
     bus.torque_on(joint.servo_id)  # the goal is at a different position
     assert [text.split(": ")[1].split(" ")[:2] for text in scenario.monitor.broken] == [
+        ["goal", "speed"],
         ["goal", "leaps"],
         ["goal", f"{joint.counts_range()[1] + 1}"],
         ["goal", "leaps"],

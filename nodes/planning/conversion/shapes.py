@@ -169,7 +169,8 @@ def _posed(
     convert: Callable[[str, Any], tuple[Shape, Pose]],
 ) -> list[tuple[Shape, Pose]]:
     if len(shapes) < len(poses):
-        raise _invalid(f'object "{owner}" has {len(shapes)} {field} and {len(poses)} poses for them: give as many')
+        counts = f"{len(shapes)} {field} and {len(poses)} poses"
+        raise _invalid(f'object "{owner}" has {counts}: send at most one pose for each')
     found = []
     for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses may be omitted.
         converted, own = convert(owner, shape)

@@ -191,7 +191,7 @@ class MotionPlanner:
         """Return the state of all driven joints. The joints of the hand need no position. Raises ArmInputError."""
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
-                f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"
+                f"{missing[0]} has no position in {what}: give a position for each of {', '.join(self.joints)}"
             )
         _check_finite(what, positions)
         return self.robot.state({**self.robot.rest, **positions})

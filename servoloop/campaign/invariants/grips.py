@@ -40,7 +40,7 @@ class GripsAreFollowed(Invariant):
         self._open: dict[int, float] = {}
         """Time for which the joint has been measured and has stood during each open goal, in seconds, by index."""
         self._unmeasured_s: dict[int, float] = {}
-        """Time since the joint was last measured during each open goal, in seconds, by index."""
+        """Seconds since the joint was last measured, for each open goal, keyed by goal index."""
         self._seen = 0
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 

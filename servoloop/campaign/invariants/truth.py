@@ -207,8 +207,8 @@ class SuccessIsTrue(Invariant):
             if allowed <= 0.0 or joint not in true or self.deceived(joint):
                 continue
             self.examined += 1
-            if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
-                self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")
             off = abs(true[joint] - wanted)
             if off > allowed + ARRIVED:
                 self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")
+            if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
+                self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")
