@@ -22,8 +22,8 @@ def confirmed_positions(
         read: Function that measures the joints again, in the same order.
         names: Names of the k joints.
         index: Indices of the joints in a reading, shape (k,).
-        step: Maximum difference between two readings that agree, shape (k,), in rad or m. NaN for a joint that needs no
-            position.
+        step: Maximum difference between two readings that agree, shape (k,), in rad or m. Use NaN for a joint
+            whose position is not needed.
 
     Returns:
         Positions of shape (k,), in rad or m.

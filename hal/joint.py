@@ -23,7 +23,7 @@ class Joint:
     transmission: float = 1.0
     """Joint units per radian of the servo's shaft: 1.0 for a revolute joint without gear, m/rad if it is prismatic."""
     reduction: float = 1.0
-    """Turns of the servo per turn of the output of its gear. ``transmission`` includes this reduction."""
+    """Gear ratio: servo turns per turn of the gear's output. ``transmission`` includes this reduction."""
     homing_offset: int | None = None
     """Homing offset of the servo for which ``zero_counts`` is valid; None if the offset is not checked."""
     extended: bool = False

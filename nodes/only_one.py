@@ -43,7 +43,7 @@ class Discovery(Enum):
     """Result of one check."""
 
     ALONE = auto()
-    """There is no other node, or it has not been there for long enough."""
+    """No other node exists, or the other node has not been visible for long enough."""
     NEWCOMER = auto()
     """There is another node, and this node is new."""
     RIVAL = auto()

@@ -22,7 +22,7 @@ def arm_prefixes(model: Any) -> tuple[str, ...]:
 
 
 def part_name(model: Any, geom: int) -> str:
-    """Return the name of the body of a geom, or of the geom itself if it is fixed to the world."""
+    """Return the name of a geom's body, or the geom's own name if it is fixed to the world."""
     body = int(model.geom_bodyid[geom])
     return str(model.body(body).name if body else model.geom(geom).name)
 

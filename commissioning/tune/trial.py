@@ -101,7 +101,7 @@ PERIODS: Final = 3
 BEHIND_RAD: Final = 0.35
 """Maximum following error, rad of the servo's shaft. At this error, half of the factory P gives almost full drive."""
 HEARD_SHARE: Final = 0.8
-"""Minimum share of the cycles of a motion in which the joint must be measured."""
+"""Minimum share of a motion's cycles in which the joint must be measured."""
 MOVED_SHARE: Final = 0.5
 """Minimum motion in the slow pass, as a share of the step. A joint that moves less is blocked."""
 

@@ -14,7 +14,7 @@ STREAM_AGAIN_S: Final = 60.0
 
 
 class StretchLog:
-    """Warnings of one controller about stretched motions."""
+    """Log of one controller's warnings about motions that the limits stretch."""
 
     def __init__(self, name: str) -> None:
         self._name = name

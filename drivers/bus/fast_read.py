@@ -24,7 +24,7 @@ LOG = logging.getLogger("servoloop.drivers")
 FAST_TRIES: Final = 5
 """Number of consecutive failures after which fast sync reads are no longer used."""
 FAST_TRIAL_S: Final = 0.005
-"""Timeout of the trial of a fast sync read in addition to the transmission time, in seconds."""
+"""Timeout of a trial fast sync read, in seconds, in addition to the transmission time."""
 
 _EXECUTED: Final = frozenset((0, v2.ALERT))
 """Error bytes of a servo that has executed the instruction."""

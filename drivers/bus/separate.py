@@ -114,7 +114,7 @@ class SeparateServos:
         return error if data == packets.packet(servo_id, *parts) else None
 
     def size(self, goals: Mapping[int, ServoGoal]) -> int:
-        """Return the number of bytes of the separate writes of these goals, with their acknowledgments."""
+        """Return the number of bytes needed to write these goals separately, including the acknowledgments."""
         acknowledgment: int = self._servos.protocol.packets.OVERHEAD
         written = [i for i in goals if i in self._servos.written_alone]
         return sum(len(self._servos.goal_packet(i, goals[i])) + acknowledgment for i in written)

@@ -74,7 +74,8 @@ class SingleServo:
             return
         self._line.clean = False
         self._sdk.txPacket(self._adapter, self._packets.sdk_request(servo_id, self._packets.REBOOT, b""))
-        self._late.add_single(servo_id, self._line.now())  # in case the servo replies nevertheless
+        # The servo should not reply, but a late reply must be recognized.
+        self._late.add_single(servo_id, self._line.now())
 
     def factory_reset(self, servo_id: int) -> None:
         """Restore the factory settings except for the ID. Servos with Dynamixel protocol 1.0 also get ID 1."""
@@ -89,7 +90,7 @@ class SingleServo:
         if not self._protocol.broadcast_ping:
             raise DriverError("the replies to a broadcast ping collide in this protocol: ping each ID separately")
         self._line.clean = False
-        found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
+        found, _ = self._sdk.broadcastPing(self._adapter)  # at 1 Mbit/s, the SDK waits 0.8 s for the replies
         return tuple(sorted(found))
 
     def _request(self, servo_id: int, instruction: int, parameters: bytes, size: int | None, what: str) -> bytes:

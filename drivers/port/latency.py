@@ -16,7 +16,7 @@ def latency_advice(device: str, sys_tty: Path = _SYS) -> str | None:
     timer = sys_tty / Path(device).resolve().name / "device" / "latency_timer"
     try:
         latency_ms = int(timer.read_text())
-    except (OSError, ValueError):  # another kind of adapter
+    except (OSError, ValueError):  # other kinds of adapters have no latency timer
         return None
     if latency_ms <= GOOD_MS:
         return None

@@ -47,7 +47,7 @@ def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
 
 
 def new_offset(reading: int, offset: int, wanted: int, turn: int = TURN) -> int:
-    """Return the offset with which a servo reports ``wanted`` if it reports ``reading`` with the present ``offset``."""
+    """Return the offset that makes a servo report ``wanted``, given that it reports ``reading`` with ``offset``."""
     return offset_for(actual_of(reading, offset, turn), wanted, turn)
 
 

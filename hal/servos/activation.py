@@ -21,7 +21,7 @@ CONFIRMING_READS: Final = 8
 AGREE_S: Final = 0.01
 """Time in which a joint at its velocity limit travels the maximum difference between two readings that agree."""
 AGREE_COUNTS: Final = 3
-"""Difference, in counts, at which two readings always agree because of encoder noise."""
+"""Maximum difference between two readings that is always attributed to encoder noise, in counts."""
 FRESH_S: Final = 0.1
 """Age at which a measurement is repeated before torque is enabled, because a limp joint may have sunk."""
 

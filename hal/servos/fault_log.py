@@ -62,7 +62,7 @@ class _Event:
 
     level: int
     lead: str
-    """Text before the names of the servos. For a whole bus, the complete text."""
+    """Text that precedes the servo names. For a whole bus, the complete text."""
     servos: list[tuple[str, int]] = field(default_factory=list)
     """Joint label and servo ID of each servo."""
     texts: list[str] = field(default_factory=list)

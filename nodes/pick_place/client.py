@@ -25,8 +25,8 @@ GONE_S: Final = 3.5
 """Time without an answer after which the server counts as gone, in seconds. A killed node leaves the graph only when
 its liveliness lease ends, after 20 s (Fast DDS)."""
 GONE_CANCELED_S: Final = 0.8
-"""Maximum time without an answer from the server after a cancel, in seconds. It is shorter, because the user is waiting
-for the program to end."""
+"""Maximum time without an answer from the server after a cancel, in seconds. This limit is shorter than ``GONE_S``,
+because the user is waiting for the program to end."""
 QUIET_S: Final = 120.0
 """Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
 15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""

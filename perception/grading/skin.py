@@ -75,7 +75,7 @@ class VisibleSkin:
 
 
 def rim_px(radius_px: float) -> float:
-    """Return the width of the rim of an apple that is not judged, in pixels."""
+    """Return the width of the apple's rim that is not judged, in pixels."""
     return min(max(RIM * radius_px, RIM_PX[0]), RIM_PX[1])
 
 

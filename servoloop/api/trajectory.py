@@ -18,7 +18,7 @@ class ArmTrajectory:
     positions: Mapping[str, Sequence[float]]
     """Positions (k,) of each joint, in rad or m."""
     velocities: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    """Velocities (k,) of each joint, in rad/s or m/s. Empty: the controller chooses them."""
+    """Velocities (k,) of each joint, in rad/s or m/s. If empty, the controller chooses the velocities."""
 
     @classmethod
     def recorded(cls, states: Sequence[ArmState], limits: Mapping[str, JointLimits]) -> Self:

@@ -137,7 +137,7 @@ def _limit_endless(joint: Element, reach_rad: float) -> None:
 
 
 def keep_meshes(robot: Element, home: Path, folder: Path) -> None:
-    """Change relative paths of meshes so that they are valid in the new folder."""
+    """Rewrite relative mesh paths so that they remain valid in the new folder."""
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
         if "://" not in name and not os.path.isabs(name) and (home / name).exists():

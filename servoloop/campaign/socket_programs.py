@@ -23,7 +23,7 @@ class ConnectedPrograms:
 
     @property
     def last_target_s(self) -> float:
-        """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
+        """Time of the latest stream target, in seconds; minus infinity before the first stream."""
         return self.served.last_target_s
 
     @property

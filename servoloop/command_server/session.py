@@ -30,7 +30,7 @@ COSTS: Final[Mapping[type, float]] = {
     messages.MoveJoints: 20.0,
     messages.SendSetPoint: 4.0,
 }
-"""Messages that count as several, because a trajectory is planned for each.
+"""Messages that count as more than one message, because each requires planning a trajectory.
 
 This allows 100 goals a second, as over ROS.
 """
@@ -108,7 +108,7 @@ class Session:
         return 0.0
 
     def watch(self, rate_hz: float) -> None:
-        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the states."""
+        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops sending states."""
         self._watch_s = 1.0 / rate_hz if rate_hz > 0.0 else None
 
     def post(self, message: dict[str, Any]) -> None:

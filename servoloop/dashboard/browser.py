@@ -11,7 +11,7 @@ from servoloop.recording.sources import Source
 ARM_S: Final = 0.05
 """Interval at which the drawn arm is updated, in seconds."""
 NUMBERS: Final = 7
-"""Number of updates of the arm per update of the numbers."""
+"""Number of arm updates per update of the displayed numbers."""
 BEAT: Final = 20
 """Number of updates of the arm per heartbeat to the browsers."""
 

@@ -111,7 +111,7 @@ class PlannedScene:
 
 
 def mesh_of(shape: Shape) -> trimesh.Trimesh:
-    """Return the triangles of a shape, in m. The planner uses the convex hull of a mesh."""
+    """Return a shape as a triangle mesh, with vertices in meters. The planner uses the convex hull of a mesh."""
     found: trimesh.Trimesh
     if isinstance(shape, Box):
         found = trimesh.creation.box(extents=shape.sides_m())

@@ -29,7 +29,7 @@ MIN_INTERVAL_S: Final = KEPT_S - 1.0
 FILES: Final = 20
 """Maximum number of files. The oldest file is deleted first."""
 LARGEST_FOLDER: Final = 100_000_000
-"""Maximum size of all files together, in bytes. The oldest files are deleted first, the newest file never."""
+"""Maximum size of all files together, in bytes. The oldest files are deleted first, but never the newest file."""
 MIN_DURATION_S: Final = 0.25
 """Minimum duration of a fault, in seconds. Shorter gaps in the measurements are normal on a busy computer or bus."""
 LOST: Final = "lost"

@@ -91,7 +91,7 @@ class FaultyStack(SimulatedStack):
         super()._after_step(time_s)
 
     def _on_cycle(self, state: JointState) -> None:
-        for line in self.lines.values():  # time also passes for servos that are not read
+        for line in self.lines.values():  # also advance servos that are not read
             line.advance(self.clock.now())
         self.touches.update()
         self.ended_goals = self.goals.end_cycle()

@@ -91,7 +91,7 @@ def _existing(homes: Sequence[Path], folders: Sequence[str], name: str) -> Itera
 
 
 def _is_file(path: Path) -> bool:
-    """Whether the path is a file, a device or a pipe. A name without a file is reported by MuJoCo itself."""
+    """Whether the path is a file, a device or a pipe. MuJoCo itself reports a name that matches no file."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):

@@ -210,9 +210,9 @@ def test_after_freedrive_the_arm_has_its_full_torque_and_its_controllers() -> No
     full, former = limits(rig), running(rig)
     with rig.arm.freedrive():
         assert running(rig) == {FREEDRIVE} and all(soft < hard for soft, hard in zip(limits(rig), full, strict=True))
-        with pytest.raises(ArmBusyError, match="in freedrive: end it"):
+        with pytest.raises(ArmBusyError, match="in freedrive: end freedrive"):
             rig.arm.move_to({PAN: 0.2})
-        with pytest.raises(ArmBusyError, match="in freedrive: end it"):
+        with pytest.raises(ArmBusyError, match="in freedrive: end freedrive"):
             rig.arm.stream()
         with pytest.raises(ArmBusyError, match="in freedrive"), rig.arm.freedrive():
             pass

@@ -22,7 +22,7 @@ def pose_message(pose: Pose) -> PoseMessage:
 
 
 def point_message(pose: Pose) -> Point:
-    """Return the message of the position of a pose."""
+    """Return a pose's position as a Point message."""
     x, y, z = pose.position_m.tolist()
     return Point(x=x, y=y, z=z)
 

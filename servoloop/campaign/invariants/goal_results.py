@@ -119,7 +119,7 @@ class DeviationEnds(Invariant):
         super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
         self._own_s = defaultdict[str, float](float)
-        """Time for which the reported position has been beyond the goal's own tolerance, in seconds, by joint."""
+        """Seconds that the reported position has been outside the goal's own tolerance, keyed by joint."""
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:

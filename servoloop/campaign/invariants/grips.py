@@ -20,7 +20,7 @@ ANSWER_CYCLES: Final = 2
 OFF_SHARE: Final = 0.03
 """Deviation allowed in addition to the goal tolerance, as a share of the joint's range, because of backlash."""
 CREEP_SHARE: Final = 0.05
-"""Highest speed at which fingers stand, in goal tolerances per second."""
+"""Maximum speed at which fingers count as at rest, in goal tolerances per second."""
 STANDS_S: Final = 0.5
 """Time before the end of a stalled goal in which the fingers must stand, in seconds."""
 

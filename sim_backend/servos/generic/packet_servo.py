@@ -1,4 +1,4 @@
-"""Base classes of all virtual servos, and of those with packets of Feetech or Dynamixel protocol 1.0."""
+"""Define the base class of all virtual servos, and that of servos with Feetech or Dynamixel protocol 1.0 packets."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
