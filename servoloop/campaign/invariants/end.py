@@ -9,11 +9,10 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.campaign.invariants.rest import PRESSES_SHARE
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
-PRESSES_SHARE: Final = 0.03
-"""Allowed distance between command and joint of a held arm, as a share of its range."""
 LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode", "wrong_setting", "collision"})
 """Faults after which a component cannot be activated again, so it keeps its state."""
 

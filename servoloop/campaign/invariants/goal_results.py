@@ -131,7 +131,7 @@ class DeviationEnds(Invariant):
             self._off_s.clear()
             self._own_s.clear()
             return
-        reported = dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
+        reported = self.reported_positions(state)
         true, reference = self.true_positions(), tracking.reference
         defaults, asked = arm.parameters.tolerances(), open_goals[-1].goal.tolerances.path
         for place, joint in enumerate(arm.joints):

@@ -96,6 +96,10 @@ class Invariant:
         """
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
+    def reported_positions(self, state: JointState) -> dict[str, float]:
+        """Return the positions that the stack reports in a cycle, in rad or m, by joint name."""
+        return dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
+
     def deceived(self, joint: str) -> bool:
         """Return whether the joint's servo may report a wrong position because of a fault."""
         return bool(DECEIVING & self.stack.touches.kinds(joint))

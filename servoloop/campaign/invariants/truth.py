@@ -201,7 +201,7 @@ class SuccessIsTrue(Invariant):
         tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal
         asked = logged.goal.tolerances.goal
         true, last = self.true_positions(), logged.goal.points[-1]
-        reported = dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
+        reported = self.reported_positions(state)
         for joint, wanted in zip(logged.goal.joints, last.positions, strict=False):
             allowed = asked.get(joint) or tolerances.get(joint, 0.0)
             if allowed <= 0.0 or joint not in true or self.deceived(joint):
