@@ -49,19 +49,24 @@ class PluginNode:
         self.statuses += [status for status in message.status if status.name == STATUS]
 
     def run(self, seconds: float, wanted: Callable[[float], dict[str, float]] | None = None) -> None:
-        """Run cycles. Without ``wanted``, the plug-in sends nothing."""
-        begun_s = due_s = time.monotonic()
-        while (now_s := time.monotonic()) < begun_s + seconds:
-            self.executor.spin_once(timeout_sec=max(0.0, due_s - now_s))
-            if wanted is not None and time.monotonic() >= due_s:
-                due_s += PERIOD_S
-                self.plugin.commands = wanted(time.monotonic() - begun_s)
-                if (message := self.plugin.write()) is not None:
-                    self.sent += 1
-                    stamp = self.node.get_clock().now().to_msg()
-                    command = JointState(name=message.name, position=message.position)
-                    command.header.stamp = stamp
-                    self.publisher.publish(command)
+        """Run cycles. Without ``wanted``, the plug-in sends nothing.
+
+        After a pause of this process, the next cycle continues where the last one ended, so that commands do not jump.
+        """
+        for cycle in range(round(seconds / PERIOD_S)):
+            due_s = time.monotonic() + PERIOD_S
+            if wanted is not None:
+                self._send(wanted(cycle * PERIOD_S))
+            while (left_s := due_s - time.monotonic()) > 0.0:
+                self.executor.spin_once(timeout_sec=left_s)
+
+    def _send(self, commands: dict[str, float]) -> None:
+        self.plugin.commands = commands
+        if (message := self.plugin.write()) is not None:
+            self.sent += 1
+            command = JointState(name=message.name, position=message.position)
+            command.header.stamp = self.node.get_clock().now().to_msg()
+            self.publisher.publish(command)
 
     def run_until(self, reached: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + PATIENCE_S
@@ -82,12 +87,11 @@ class PluginNode:
         return max(positions) - min(positions)
 
 
-@pytest.fixture(scope="module")
-def host(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    folder = tmp_path_factory.mktemp("host")
-    ready = folder / "ready"
+@pytest.fixture
+def host(ros_domain: int, tmp_path: Path) -> Iterator[StackProcess]:
+    ready = tmp_path / "ready"
     words = HOST.removeprefix("servoloop ").replace("--port /dev/ttyACM0", "--hardware mock").split()
-    host = StackProcess(folder / "host.log", *words, "--ready-file", str(ready))
+    host = StackProcess(tmp_path / "host.log", *words, "--ready-file", str(ready))
     try:
         host.wait_for(ready)
         yield host
@@ -145,7 +149,6 @@ def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: P
 
 @pytest.mark.parametrize("topic", ["robot states", COMMANDS])
 def test_a_wrong_topic_is_refused_in_one_sentence(topic: str, ros_domain: int, tmp_path: Path) -> None:
-    options = ("--hardware", "mock", "--namespace", "other")  # The host of the other tests is running.
-    host = StackProcess(tmp_path / "log", "topic-host", *options, "--states-topic", topic)
+    host = StackProcess(tmp_path / "log", "topic-host", "--hardware", "mock", "--states-topic", topic)
     assert host.process.wait(PATIENCE_S) == 1
     assert topic in host.words and "Traceback" not in host.words
