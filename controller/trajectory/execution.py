@@ -86,10 +86,14 @@ class GoalExecution:
         self._unmeasured = FaultTimeout(self._joints)
 
     def relieve(self, now: Cycle) -> bool:
-        """Run one cycle of the relief. Return whether another cycle is needed."""
+        """Run one cycle of the relief. Return whether another cycle is needed.
+
+        A joint without torque is still measured, and its neighbors may press.
+        """
         faults = now.state.faults
         gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
-        if gone or self._unmeasured.lasting(faults, now.period_s):
+        unmeasured = {name: fault for name, fault in faults.items() if fault.kind != "no_torque"}
+        if gone or self._unmeasured.lasting(unmeasured, now.period_s):
             return False
         self._relief.step(now)
         return not self._relief.done

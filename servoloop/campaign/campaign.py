@@ -12,8 +12,9 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
 from servoloop.campaign.draw_clients import draw_client
+from servoloop.campaign.draw_limits import draw_limits
 from servoloop.campaign.ray_workers import on_ray
-from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule
+from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError
 from servoloop.campaign.supervised import Loss, WorkerError, ended_when_it_stands, limit
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
@@ -23,6 +24,8 @@ from servoloop.simulation.schedule import Schedule, ScheduleError
 from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 from servoloop.stack.arm_folders import arm_in, find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
+from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import NOMINAL_BUILD
 from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
@@ -85,6 +88,8 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
     files = files_of(arm)
     jobs = scenario.job if client == "job" else ()
+    limits = {} if jobs else _draw_limits(seed, arm)
+    files = with_narrow_limits(files, limits)
     acts = draw_client(client, seed, *joints_and_hand(files, seed), scenario.within_s)
     seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
     within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
@@ -97,6 +102,7 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
         seconds=seconds,
         faults=cast(tuple[FaultEvent, ...], faults),
         clients=acts,
+        limits=limits,
         on_exit=on_exit,
     )
 
@@ -145,6 +151,19 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 def files_of(arm: str) -> Files:
     """Return the files of an arm, by its name or folder. The files are read only once."""
     return read_arm_files(find_arm(arm))
+
+
+def _draw_limits(seed: int, arm: str) -> dict[str, tuple[float, float]]:
+    files = files_of(arm)
+    park = files.robot.file.park
+    return draw_limits(seed, joints_and_hand(files, seed)[0], _positions_at_the_start(arm), park.pose if park else {})
+
+
+@cache
+def _positions_at_the_start(arm: str) -> dict[str, float]:
+    """Return the positions of an arm's joints when a run begins, in rad or m, by name."""
+    world = VirtualLines(files_of(arm), NOMINAL_BUILD).world
+    return dict(zip(world.joints, world.position().tolist(), strict=True))
 
 
 def campaign(

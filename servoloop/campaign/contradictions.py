@@ -48,6 +48,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
     """Yield the parts of a schedule that its arm cannot do, except for impossible faults."""
     yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
     joints, hand = joints_and_hand(files, schedule.seed)
+    yield from _in_limits(schedule.limits, files)
     for n, act in enumerate(schedule.clients):
         known = ", ".join(joints)
         for *place, name in _named(act):
@@ -58,6 +59,22 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
             yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: choose one of {known}"
         if act.kind in ("hand", "grip") and not hand:
             yield ("clients", n), "the arm has no hand: remove this act"
+
+
+def _in_limits(limits: Mapping[str, tuple[float, float]], files: Files) -> Iterator[Mistake]:
+    """Yield the narrower limits that the robot file of the arm would not allow."""
+    park = files.robot.file.park.pose if files.robot.file.park else {}
+    for name, (lower, upper) in limits.items():
+        if name not in files.robot.limits():
+            yield ("limits", name), f"the arm has no joint {name!r}: choose one of {', '.join(files.robot.limits())}"
+        elif not files.limits[name].lower <= lower < upper <= files.limits[name].upper:
+            widest = f"{files.limits[name].lower:g} to {files.limits[name].upper:g}"
+            yield ("limits", name), f"{lower:g} to {upper:g} is not a range within the limits of {name}, {widest}"
+        elif name in park and not lower <= park[name] <= upper:
+            yield (
+                ("limits", name),
+                f"{name} parks at {park[name]:g}, outside {lower:g} to {upper:g}: include it",
+            )
 
 
 def _named(act: Act) -> Iterator[tuple[str | int, ...]]:

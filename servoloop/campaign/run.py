@@ -91,8 +91,9 @@ def run_schedule(
     Raises:
         FaultError: A fault of the schedule cannot happen to this arm.
     """
-    files = with_exit_policy(files, schedule.on_exit)
+    files = with_narrow_limits(with_exit_policy(files, schedule.on_exit), schedule.limits)
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
+    stack.narrowed = schedule.limits
     stack.player.plan(schedule.faults)
     prepare(stack)
     watch, ended = Watch(stack, kinds), ""
@@ -132,6 +133,22 @@ def with_exit_policy(files: Files, on_exit: ExitPolicy | None) -> Files:
     policies = files.robot.file.on_exit.model_copy(update={"virtual": on_exit})
     robot_file = files.robot.file.model_copy(update={"on_exit": policies})
     return replace(files, robot=replace(files.robot, file=robot_file))
+
+
+def with_narrow_limits(files: Files, limits: Mapping[str, tuple[float, float]]) -> Files:
+    """Return the files with narrower limits (lower, upper) of some joints, in rad or m."""
+    if not limits:
+        return files
+    narrowed = files.limits | {
+        name: replace(files.limits[name], lower=lower, upper=upper) for name, (lower, upper) in limits.items()
+    }
+    joints = tuple(
+        replace(one, limits=narrowed[one.name], stops=one.stops or (one.limits.lower, one.limits.upper))
+        if one.name in limits
+        else one
+        for one in files.robot.joints
+    )
+    return replace(files, limits=narrowed, robot=replace(files.robot, joints=joints))
 
 
 def end_program(stack: FaultyStack) -> None:

@@ -103,6 +103,8 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
         yield schedule.model_copy(update={"clients": (*acts[:i], *acts[i + 1 :])})
     if schedule.arm != OWN:
         yield schedule.model_copy(update={"arm": OWN})
+    if schedule.limits:
+        yield schedule.model_copy(update={"limits": {}})
     if schedule.on_exit is not None:
         yield schedule.model_copy(update={"on_exit": None})
     for seconds in SECONDS:

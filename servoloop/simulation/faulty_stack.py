@@ -1,5 +1,6 @@
 """Simulated stack with fault injection."""
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 from controller.forward.forward_command_controller import ForwardCommandController
@@ -37,6 +38,8 @@ class FaultyStack(SimulatedStack):
         self.clients: SimulatedClients | None = None
         self.ending = False
         """Whether the program is shutting down."""
+        self.narrowed: Mapping[str, tuple[float, float]] = {}
+        """Limits (lower, upper) of joints that the schedule narrows, in rad or m."""
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
         """Goals that ended in the latest cycle."""

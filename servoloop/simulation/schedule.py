@@ -6,7 +6,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict
 
 from drivers.errors import DriverError
-from hal.plausible import Backlash, Seed, Time
+from hal.plausible import Backlash, Position, Seed, Time
 from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
@@ -38,6 +38,8 @@ class Schedule(BaseModel):
     """Faults of the run. Each fault names the event from which its time counts, in seconds."""
     clients: tuple[Act, ...] = ()
     """Actions of clients other than the jobs. Their times count from the activation of the arm."""
+    limits: dict[str, tuple[Position, Position]] = {}
+    """Narrower lower and upper limits of joints, in rad or m, as a ``<command_interface>`` of the URDF sets them."""
     on_exit: ExitPolicy | None = None
     """Exit policy of the arm. None: the robot file's policy for virtual servos."""
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from controller import shutdown
+from controller import loop, shutdown
 from controller.action_goals import GoalStatus
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.gripper.goal import GripperHandle
@@ -26,13 +26,14 @@ from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances, excess, resolve
 from drivers.bus.bus import Bus
 from drivers.types import ServoFault, ServoGoal
+from hal import gate
 from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.leaps import Plausibility
-from hal.servos import activation
+from hal.servos import activation, servo_goals
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
@@ -448,3 +449,15 @@ def goals_have_no_speed(patch: pytest.MonkeyPatch) -> None:
 @detected_by("smooth end", "smooth reference")
 def joints_without_a_controller_stop_at_once(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(DecelerationStops, "begin", lambda stops, index, command, velocity: None)
+
+
+@detected_by("safe commands")
+def joints_outside_their_limits_return_at_full_speed(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(gate, "RETURN_SHARE", 1.0)
+    patch.setattr(servo_goals, "RETURN_SHARE", 1.0)
+
+
+@detected_by("activated as configured")
+def joints_far_outside_their_limits_are_activated(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(activation, "far_outside", lambda *_: "")
+    patch.setattr(loop, "far_outside", lambda *_: "")

@@ -154,6 +154,18 @@ def test_a_promise_that_some_run_can_keep_is_accepted(tmp_path: Path) -> None:
             "5: the arm has no joint 'joint9': choose one of joint1, joint2, joint3, joint4, joint5, joint6",
         ),
         ("seconds: 2\njob:\n- F\n", "3: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
+        (
+            "seconds: 2\nlimits:\n  joint9: [0, 1]\n",
+            "3: the arm has no joint 'joint9': choose one of joint1, joint2, joint3, joint4, joint5, ",
+        ),
+        (
+            "seconds: 2\nlimits:\n  joint1: [-1, 4]\n",
+            "3: -1 to 4 is not a range within the limits of joint1, -3.05 to 3.05",
+        ),
+        (
+            "arm: koch\nlimits: {elbow_flex: [-0.5, 0.1]}\n",
+            "2: elbow_flex parks at -0.808, outside -0.5 to 0.1: include it",
+        ),
         ("seconds: 2\nspeed: 2\n", "2: speed: is not a known key"),
         ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: Input tag 'moves' found using 'kind' does not match"),
     ],

@@ -26,12 +26,16 @@ CHANGES: Final = frozenset(
     }
 )
 """Faults after which a servo's registers may differ from the values written by the activation."""
+OUTSIDE_SHARE: Final = 0.06
+"""Distance from the limits up to which a joint may be activated, as a fraction of its range: 0.05, and backlash."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
 
 class ActivatedAsConfigured(Invariant):
     """After an activation, every servo has the torque limit, gains and settings of the robot file.
+
+    A joint that was far outside its limits has not been activated.
 
     This also holds for a single servo that has lost its power and is activated again.
     """
@@ -40,7 +44,7 @@ class ActivatedAsConfigured(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._reference = read_reference(stack.files)
+        self._reference = read_reference(stack.files, stack.narrowed)
         self._was_active = False
         self._released: set[str] = set()
 
@@ -72,5 +76,9 @@ class ActivatedAsConfigured(Invariant):
             held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
             if not 0 < held <= most or (held < 0.9 * most and held < 0.9 * memory.get(series.max_torque)):
                 self.say(f"{joint.name}: the torque limit is {held}, but the robot file has {most}")
+        position, slack = self.true_positions().get(joint.name), OUTSIDE_SHARE * (wanted.upper - wanted.lower)
+        if position is not None and not wanted.lower - slack <= position <= wanted.upper + slack:
+            limits = f"{wanted.lower:.4f} to {wanted.upper:.4f}"
+            self.say(f"{joint.name} was activated at {position:.4f}, far outside its limits {limits}")
         if not self.torque(joint):
             self.say(f"{joint.name} is active, but its servo has no torque")

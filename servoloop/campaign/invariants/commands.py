@@ -29,6 +29,8 @@ FOUND_CYCLES: Final = 12
 
 On a bad bus, the torque of such servos is read less often.
 """
+SHARED_ID: Final = frozenset({"wrong_id", "collision", "eeprom_gone"})
+"""Faults after which another servo may have answered for a servo that had lost its torque."""
 LEAP_COUNTS: Final = 300
 """Difference between two readings of a position, in counts, from which the stack must not use any of them."""
 
@@ -140,6 +142,8 @@ class SafeCommands(Invariant):
             if unchanged or name not in true or not math.isfinite(taken[place]):
                 continue
             if self.deceived(name) and not self.never_confirmed(name, LEAP_COUNTS):
+                continue
+            if self.stack.touches.kinds(name) & SHARED_ID:
                 continue
             if abs(taken[place] - true[name]) > TAKEN_OVER_S * self._velocity[place]:
                 self.say(f"{name} is taken over at {taken[place]:.4f}, but it is at {true[name]:.4f}")

@@ -92,7 +92,8 @@ class PathIsAsSent(Invariant):
         for number, point in enumerate(goal.points):
             if start_s + point.time_from_start_s < begun_s + JOINED_S and number < len(goal.points) - 1:
                 continue
-            off = _distances(path[before:], np.array(point.positions)[places])
+            ends = [self.end_of_goal(joint, point.positions[i]) for joint, i in zip(joints, places, strict=True)]
+            off = _distances(path[before:], np.array(ends))
             if off.min() > PASSES:
                 text = f"by {off.min():.3f}"
                 self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path misses point #{number} {text}")

@@ -155,14 +155,19 @@ class CancelsAreFollowed(Invariant):
 
 
 class GoalsAreJudged(Invariant):
-    """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted."""
+    """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted.
+
+    A joint outside its limits may also get goals between its position and the limit.
+    """
 
     name = "goals are judged"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._reference = read_reference(stack.files)
+        self._reference = read_reference(stack.files, stack.narrowed)
         self._sent = self._rejected = 0
+        self._stood: dict[str, list[float]] = {}
+        """Positions and commands of joints with narrowed limits in the last cycles, in rad or m."""
 
     def on_state(self, state: JointState) -> None:
         log, answers = self.stack.goals, self.stack.stack_faults.answers
@@ -175,6 +180,9 @@ class GoalsAreJudged(Invariant):
         for logged in sent:
             if beyond := self._beyond(logged.goal, BEYOND):
                 self.say(f"a goal beyond the limits was accepted: {beyond}")
+        true, commands = self.true_positions(), dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
+        for joint in self.stack.narrowed:
+            self._stood[joint] = [*self._stood.get(joint, [])[-2:], true[joint], commands[joint]]
         for goal, reason in rejected:
             if len(goal.points) == 1 and not self._beyond(goal, -BEYOND) and self._complete(goal, reason):
                 self.say(f"a goal within the limits was rejected: {reason}")
@@ -189,7 +197,8 @@ class GoalsAreJudged(Invariant):
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
                 slack = share * (known.upper - known.lower)
-                if not known.lower - slack <= position <= known.upper + slack:
+                stood = self._stood.get(joint, []) if share > 0.0 else []
+                if not min((known.lower, *stood)) - slack <= position <= max((known.upper, *stood)) + slack:
                     return f"{joint} to {position:.4f}, but its limits are {known.lower:g} and {known.upper:g}"
         return ""
 

@@ -100,6 +100,14 @@ class Invariant:
         """Return the positions that the stack reports in a cycle, in rad or m, by joint name."""
         return dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
 
+    def end_of_goal(self, joint: str, position: float) -> float:
+        """Return the position at which a goal ends.
+
+        A joint outside its limits may get goals at its own position. Such goals end at the limit.
+        """
+        lower, upper = self.stack.narrowed.get(joint, (-math.inf, math.inf))
+        return min(max(position, lower), upper)
+
     def deceived(self, joint: str) -> bool:
         """Return whether the joint's servo may report a wrong position because of a fault."""
         return bool(DECEIVING & self.stack.touches.kinds(joint))

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -57,8 +58,18 @@ class ReferenceJoint:
         return abs(math.remainder(one - other, turn))
 
 
-def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
-    """Read every joint that has a servo. Return the joints by name."""
+def read_reference(
+    files: ServoFiles, narrowed: Mapping[str, tuple[float, float]] = MappingProxyType({})
+) -> dict[str, ReferenceJoint]:
+    """Read every joint that has a servo.
+
+    Args:
+        files: Files of the arm.
+        narrowed: Limits (lower, upper) that replace those of the files, in rad or m, by joint name.
+
+    Returns:
+        The joints by name.
+    """
     limits, gears = _limits(files.description.xml), _gears(files.description.xml)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
@@ -69,7 +80,7 @@ def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
         for name, entry in robot["joints"].items():
             if name in limits:
                 mounted = {"bus": first_bus, **entry, **calibrated.get(name, {}), **gears.get(name, {})}
-                joints[name] = _joint(name, mounted, limits[name])
+                joints[name] = _joint(name, mounted, (*narrowed.get(name, limits[name][:2]), limits[name][2]))
     return joints
 
 

@@ -151,6 +151,7 @@ class SmoothEnd(Invariant):
 class NanHolds(Invariant):
     """While a controller commands NaN, its joints hold: their commands do not change.
 
+    A joint outside its limits returns to its limits.
     A controller commands its joints only after these have come to rest from the motion of another controller.
     """
 
@@ -171,6 +172,7 @@ class NanHolds(Invariant):
         ]
         resting = [place for place in places if self.active and self.stack.manager.cycle.at_rest([place])]
         held = {place: float(loop.command[place]) for place in resting}
+        held = {place: at for place, at in held.items() if loop.limits[place].lower <= at <= loop.limits[place].upper}
         for place in held.keys() & self._held.keys():
             self.examined += 1
             if held[place] != self._held[place]:

@@ -31,6 +31,8 @@ also have an offset against friction.
 """
 NEAR_COMMAND: Final = 0.05
 """Distance from its command up to which a joint counts as free, in rad or m."""
+CONTACT: Final = 0.5
+"""Maximum effort of contacts and friction on a free joint, as a fraction of the effort that holds it."""
 STANDS: Final = 0.01
 """Speed below which a joint is at rest, in rad/s or m/s."""
 STANDS_CYCLES: Final = 10
@@ -146,8 +148,10 @@ class GoalsMeanCommands(Invariant):
         for joint in self.arm.joints:
             command = float(self.stack.loop.command[self.commanded.index(joint)])
             offset = self._last.get(joint, command) - command
-            holding = float(world.data.joint(joint).qfrc_bias[0])
-            free = abs(true[joint] - command) < NEAR_COMMAND and not self.deceived(joint)
+            dof = world.data.joint(joint)
+            holding, contact = float(dof.qfrc_bias[0]), float(dof.qfrc_constraint[0])
+            free = abs(true[joint] - command) < NEAR_COMMAND and abs(contact) < CONTACT * abs(holding)
+            free = free and not self.deceived(joint)
             if speeds[joint] > STANDS or not free or abs(offset) < OFFSET or abs(holding) < self._loaded[joint]:
                 self._stands[joint] = 0
                 continue
@@ -207,6 +211,7 @@ class SuccessIsTrue(Invariant):
             if allowed <= 0.0 or joint not in true or self.deceived(joint):
                 continue
             self.examined += 1
+            wanted = self.end_of_goal(joint, wanted)
             off = abs(true[joint] - wanted)
             if off > allowed + ARRIVED:
                 self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")

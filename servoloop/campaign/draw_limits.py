@@ -1,0 +1,48 @@
+"""Draw narrower limits of a joint, so that the joint is outside its limits when a run begins."""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Final
+
+from hal.types import OUTSIDE_TOLERANCE, JointLimits
+
+NARROWED: Final = 0.15
+"""Fraction of the runs in which a joint has narrower limits."""
+FAR: Final = 0.2
+"""Fraction of these runs in which the joint is too far outside its limits to be activated."""
+NARROWEST: Final = 0.3
+"""Minimum range that is left, as a fraction of the range of the joint."""
+
+
+def draw_limits(
+    seed: int, joints: Mapping[str, JointLimits], positions: Mapping[str, float], park: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Return the narrower limits (lower, upper) of at most one joint, in rad or m, by name.
+
+    Args:
+        seed: Seed of the run.
+        joints: Limits of the joints, by name.
+        positions: Positions of the joints when the run begins, in rad or m, by name.
+        park: Park pose in rad or m, by joint name, which stays within the limits.
+    """
+    random = Random(f"{seed}/limits")
+    if random.random() >= NARROWED:
+        return {}
+    outside = random.uniform(1.3, 4.0) if random.random() < FAR else random.uniform(0.1, 0.9)
+    outside *= OUTSIDE_TOLERANCE  # as a fraction of the range that is left
+    ranges = [
+        (name, (round(least, 4), round(greatest, 4)))
+        for name, limit in joints.items()
+        for least, greatest in _ranges(limit, positions[name], outside)
+        if name not in park or least < park[name] < greatest
+    ]
+    return dict([random.choice(ranges)]) if ranges else {}
+
+
+def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[float, float]]:
+    """Return the ranges that end ``outside`` (a fraction of the range) below and above a position."""
+    lower, upper = limit.lower, limit.upper
+    most = NARROWEST * (upper - lower)
+    below = (lower, lower + (position - lower) / (1.0 + outside))
+    above = (upper - (upper - position) / (1.0 + outside), upper)
+    return [(least, greatest) for least, greatest in (below, above) if most < greatest - least < upper - lower]
