@@ -119,9 +119,23 @@ def replay(
     if running and place.port is not None:
         raise DriverError("--running moves the arm of `servoloop up`, which has the port: leave out --port")
     if not running and place.port is None:
+        _require_no_motion_options(place, options)
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
         return
     play_motion(place, partial(_recorded_motion, recording), options)
+
+
+def _require_no_motion_options(place: TaughtArm, options: PlayOptions) -> None:
+    """Raise DriverError if an option chooses an arm or a motion although the recording is only shown."""
+    unset = PlayOptions()
+    given = {
+        "--arm": place.arm is not None,
+        "--namespace": place.namespace is not None,
+        "--speed": options.speed != unset.speed,
+        "--hands-free": options.hands_free,
+    }
+    if names := [name for name, is_given in given.items() if is_given]:
+        raise DriverError(f"{names[0]} applies to an arm that moves: add --port or --running, or omit {names[0]}")
 
 
 def _recorded_motion(

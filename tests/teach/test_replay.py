@@ -113,6 +113,15 @@ def test_without_a_port_the_recording_is_shown(monkeypatch: pytest.MonkeyPatch) 
     assert shown == [(Path("run.mcap"), None)]
 
 
+@pytest.mark.parametrize(
+    "options", [("--arm", "so101"), ("--namespace", "left"), ("--speed", "0.5"), ("--hands-free",)]
+)
+def test_without_an_arm_the_options_of_a_motion_are_refused(options: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(app, ["replay", "run.mcap", *options])
+    refusal = f"{options[0]} applies to an arm that moves: add --port or --running, or omit {options[0]}"
+    assert isinstance(done.exception, DriverError) and str(done.exception) == refusal
+
+
 def test_command_reports_errors_before_it_opens_a_port(recordings: tuple[Path, Path]) -> None:
     def refused(*words: str) -> str:
         with pytest.raises(DriverError) as error:

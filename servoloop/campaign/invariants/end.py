@@ -61,7 +61,7 @@ class EndsAsChosen(Invariant):
 
     def _presses(self, joint: str) -> bool:
         """Return whether a joint of the arm is held far from its command, and was not moved by hand."""
-        if joint not in self.arm.joints or self.deceived(joint):
+        if joint not in self.driven_joints or self.deceived(joint):
             return False
         place = self.commanded.index(joint)
         limit, command = self.stack.loop.limits[place], float(self.stack.loop.command[place])

@@ -70,11 +70,11 @@ class PathIsAsSent(Invariant):
         early_s = logged.sent_s + goal.delay_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
         if len(goal.points) > 1 or early_s <= ENDS_EARLY_CYCLES * self.stack.loop.period_s or len(path) < 2:
             return
+        self.examined += 1
         columns = [self.arm.joints.index(joint) for joint in goal.joints]
         point = np.array(goal.points[0].positions)
         begin, before, now = (np.abs(one[columns] - point).max() for one in (path[0], *path[-2:]))
         if begin > PASSES and max(before, now) < AT_POINT:
-            self.examined += 1
             self.say(f"the path of a goal sent at {logged.sent_s:.2f} s ends {early_s:.2f} s before the goal's time")
 
     def _examine(self, logged: LoggedGoal, path: FloatArray, begun_s: float) -> None:

@@ -71,6 +71,8 @@ class Invariant:
         self.examined = 0
         """Number of times the condition was examined. Zero means that the run proves nothing about it."""
         self.joints = stack.files.robot.joints
+        self.driven_joints = [joint for one in stack.arms for joint in one.joints]
+        """Joints of the trajectory controllers of all arms."""
         self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         """The joint of each command interface."""
         place = stack.player.targets.place

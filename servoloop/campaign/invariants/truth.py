@@ -145,7 +145,7 @@ class GoalsMeanCommands(Invariant):
             return
         world, true = self.stack.world, self.true_positions()
         speeds = dict(zip(world.joints, np.abs(world.velocity()).tolist(), strict=True))
-        for joint in self.arm.joints:
+        for joint in self.driven_joints:
             command = float(self.stack.loop.command[self.commanded.index(joint)])
             offset = self._last.get(joint, command) - command
             dof = world.data.joint(joint)
