@@ -11,8 +11,8 @@ from drivers.errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
+from servoloop.campaign.draw_arm import WRONG_SETTING, draw_limits, draw_setting
 from servoloop.campaign.draw_clients import draw_client
-from servoloop.campaign.draw_limits import draw_limits
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError
@@ -94,6 +94,9 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
     within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
     faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
+    if faults and (scenario.kinds is None or WRONG_SETTING in scenario.kinds):
+        wrong = draw_setting(seed, files.robot.joints)
+        faults = (*wrong, *faults[len(wrong) :])
     return Schedule(
         arm=arm,
         seed=seed,

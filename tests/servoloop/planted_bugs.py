@@ -33,7 +33,7 @@ from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.leaps import Plausibility
-from hal.servos import activation, servo_goals
+from hal.servos import activation, servo_goals, servo_setup
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
@@ -461,3 +461,13 @@ def joints_outside_their_limits_return_at_full_speed(patch: pytest.MonkeyPatch) 
 def joints_far_outside_their_limits_are_activated(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(activation, "far_outside", lambda *_: "")
     patch.setattr(loop, "far_outside", lambda *_: "")
+
+
+@detected_by("activated as configured")
+def settings_are_not_written(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(servo_setup, "apply_settings", lambda joint, bus: None)
+
+
+@detected_by("goals mean commands")
+def goals_run_ahead_of_blocked_joints(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(servo_goals._Servo, "_within_pull", lambda servo, wanted, here, reach, period_s: wanted)

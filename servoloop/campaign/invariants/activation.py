@@ -10,6 +10,7 @@ from hal.types import JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.touches import touched_joints
 
 CHANGES: Final = frozenset(
     {
@@ -28,6 +29,7 @@ CHANGES: Final = frozenset(
 """Faults after which a servo's registers may differ from the values written by the activation."""
 OUTSIDE_SHARE: Final = 0.06
 """Distance from the limits up to which a joint may be activated, as a fraction of its range: 0.05, and backlash."""
+WRONG_SETTING: Final = "wrong_setting"
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -58,9 +60,16 @@ class ActivatedAsConfigured(Invariant):
             if not (begins or again) or joint.name in state.faults or joint.name not in self._reference:
                 continue
             touches = self.stack.touches
-            touched = touches.kinds(joint.name) & (CHANGES - LOSSES if again else CHANGES)
+            touched = touches.kinds(joint.name) & (CHANGES - LOSSES if again else CHANGES) - self._corrected(joint)
             if not touched and touches.since_s(joint.name, LOSSES) > self.stack.loop.period_s:
                 self._examine(joint, self._reference[joint.name])
+
+    def _corrected(self, joint: Joint) -> set[str]:
+        """Return the kinds of faults of a joint that began before the stack started. Activation corrects them."""
+        faults = (*self.stack.player.active.values(), *self.stack.player.happened)
+        own = [one for one in faults if joint.name in touched_joints(one, self.joints)]
+        early = {one.kind for one in own if one.kind == WRONG_SETTING and one.since == "start" and one.at_s == 0.0}
+        return early - {one.kind for one in own if one.since != "start" or one.at_s > 0.0}
 
     def _examine(self, joint: Joint, wanted: ReferenceJoint) -> None:
         series, memory = series_of(joint.model), self.servos[joint.name].memory

@@ -33,6 +33,10 @@ NEAR_COMMAND: Final = 0.05
 """Distance from its command up to which a joint counts as free, in rad or m."""
 CONTACT: Final = 0.5
 """Maximum effort of contacts and friction on a free joint, as a fraction of the effort that holds it."""
+BLOCKED_CYCLES: Final = 5
+"""Minimum number of cycles for which a joint rests off its goal before the distance to the goal is examined."""
+LEAD: Final = 0.05
+"""Distance of a goal from a blocked joint allowed in addition to that of full drive and two cycles, in rad or m."""
 STANDS: Final = 0.01
 """Speed below which a joint is at rest, in rad/s or m/s."""
 STANDS_CYCLES: Final = 10
@@ -129,6 +133,7 @@ class GoalsMeanCommands(Invariant):
         self._joints = {
             bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
         }
+        self._known = reference
         self._readers = {
             name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
             for name, line in stack.lines.items()
@@ -136,16 +141,27 @@ class GoalsMeanCommands(Invariant):
         self._last: dict[str, float] = {}
         """Position of each joint's last goal."""
         self._loaded = {joint.name: LOADED * joint.full_effort for joint in self.joints}
+        period_s = stack.loop.period_s
+        self._lead = {
+            joint.name: joint.full_effort / joint.compliance.stiffness + 2.0 * joint.limits.velocity * period_s + LEAD
+            for joint in self.joints
+            if joint.compliance is not None and joint.name in self.driven_joints
+        }
+        """Maximum distance of a goal from a blocked joint, in rad or m, keyed by joint name."""
+        self._blocked = Counter[str]()
+        """Number of cycles in which the goal of each joint at rest has been further ahead."""
         self._stands = Counter[str]()
         """Number of cycles for which each joint of the arm has been at rest near its command."""
 
     def on_state(self, state: JointState) -> None:
         if not self.active or state.faults:
             self._stands.clear()
+            self._blocked.clear()
             return
         world, true = self.stack.world, self.true_positions()
         speeds = dict(zip(world.joints, np.abs(world.velocity()).tolist(), strict=True))
         for joint in self.driven_joints:
+            self._examine_lead(joint, true[joint], speeds[joint])
             command = float(self.stack.loop.command[self.commanded.index(joint)])
             offset = self._last.get(joint, command) - command
             dof = world.data.joint(joint)
@@ -158,6 +174,22 @@ class GoalsMeanCommands(Invariant):
             self._stands[joint] += 1
             if self._stands[joint] > STANDS_CYCLES and holding * offset < 0.0:
                 self.say(f"the goal of {joint} is {offset:+.4f} off, but holding it needs an effort of {holding:+.3f}")
+
+    def _examine_lead(self, joint: str, true: float, speed: float) -> None:
+        """Examine that the goal of a blocked joint is not further ahead than full drive requires.
+
+        The joint would leap as soon as it is free. A joint that was turned beyond its limits is skipped, because its
+        servo may press in the direction of the other limit.
+        """
+        known, goal = self._known.get(joint), self._last.get(joint)
+        inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD
+        ahead = known.apart(goal, true) if known is not None and inside and goal is not None else 0.0
+        if speed > STANDS or ahead <= self._lead.get(joint, math.inf) or self.deceived(joint):
+            self._blocked[joint] = 0
+            return
+        self._blocked[joint] += 1
+        if self._blocked[joint] > BLOCKED_CYCLES:
+            self.say(f"{joint} is blocked at {true:.4f}, but its goal is {ahead:.4f} ahead")
 
     def on_write(self, bus: str, data: bytes) -> None:
         goals = self._readers[bus].read(data)

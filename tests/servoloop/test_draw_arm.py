@@ -1,10 +1,11 @@
-"""Some runs of a campaign begin with a joint outside its limits, which the schedule narrows."""
+"""Some runs of a campaign begin with a joint outside its limits, or with a servo that has another setting."""
 
 from pathlib import Path
 
+from drivers.servos.catalog import registers_of
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
-from servoloop.campaign.campaign import read_scenario, run_schedule_of, schedule_of
-from servoloop.campaign.draw_limits import draw_limits
+from servoloop.campaign.campaign import files_of, read_scenario, run_schedule_of, schedule_of
+from servoloop.campaign.draw_arm import draw_limits, draw_setting
 from servoloop.simulation.acts import Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
@@ -54,3 +55,19 @@ def test_saved_schedules_keep_the_limits(tmp_path: Path) -> None:
     path = tmp_path / "schedule.yaml"
     path.write_text(schedule_text(schedule))
     assert read_schedule(path) == schedule
+
+
+def test_a_drawn_setting_is_one_of_the_robot_file_and_the_stack_writes_it() -> None:
+    joints = files_of("so101").robot.joints
+    drawn = [one for seed in range(300) for one in draw_setting(seed, joints)]
+    assert 10 < len(drawn) < 60
+    gripper = next(joint for joint in joints if joint.name == "gripper")
+    wanted = dict(gripper.settings)
+    assert {one.register_name for one in drawn} == set(wanted)
+    stacks: list[FaultyStack] = []
+    assert all(one.servo_id == 6 and one.value != wanted[one.register_name] for one in drawn)
+    report = run_schedule_of(Schedule(arm="so101", seconds=0.5, faults=(drawn[0],)), stacks.append)
+    assert report.violations == () and report.ended == ""
+    wrong = drawn[0]
+    register = next(one for one in registers_of(gripper.model) if one.name == wrong.register_name)
+    assert stacks[0].bus.servo(6).memory.get(register) == wanted[wrong.register_name]

@@ -1,10 +1,15 @@
-"""Draw narrower limits of a joint, so that the joint is outside its limits when a run begins."""
+"""Draw how an arm differs from its files when a run begins: a joint outside its limits, or a servo with another
+setting."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Final
 
+from drivers.servos.catalog import registers_of
+from hal.joint import Joint
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
+from sim_backend.faults.settings import WrongSetting
+from sim_backend.faults.tables import any_value
 
 NARROWED: Final = 0.15
 """Fraction of the runs in which a joint has narrower limits."""
@@ -12,6 +17,11 @@ FAR: Final = 0.2
 """Fraction of these runs in which the joint is too far outside its limits to be activated."""
 NARROWEST: Final = 0.3
 """Minimum range that is left, as a fraction of the range of the joint."""
+
+OTHER_SETTING: Final = 0.1
+"""Fraction of the runs in which a setting of a servo differs from the robot file, which an activation corrects."""
+WRONG_SETTING: Final = "wrong_setting"
+"""Kind of fault for such a setting."""
 
 
 def draw_limits(
@@ -46,3 +56,23 @@ def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[f
     below = (lower, lower + (position - lower) / (1.0 + outside))
     above = (upper - (upper - position) / (1.0 + outside), upper)
     return [(least, greatest) for least, greatest in (below, above) if most < greatest - least < upper - lower]
+
+
+def draw_setting(seed: int, joints: Sequence[Joint]) -> tuple[WrongSetting, ...]:
+    """Return at most one wrong setting that the robot file specifies and that a servo has when the stack starts.
+
+    Args:
+        seed: Seed of the run.
+        joints: All joints of the arm.
+    """
+    random = Random(f"{seed}/setting")
+    known = [(joint, name, value) for joint in joints for name, value in joint.settings]
+    if not known or random.random() >= OTHER_SETTING:
+        return ()
+    joint, name, wanted = random.choice(known)
+    register = next(register for register in registers_of(joint.model) if register.name == name)
+    value = any_value(random, register)
+    if not register.persistent or value == wanted:
+        return ()
+    servo_id, bus = joint.servo_id, joint.bus or None
+    return (WrongSetting(since="start", at_s=0.0, servo_id=servo_id, bus=bus, register_name=name, value=value),)
