@@ -4,7 +4,7 @@
 
 BIN := .venv/bin
 
-# .venv contains its own ROS 2. These variables would mix a ROS installation that is sourced in this shell into it. The
+# .venv contains its own ROS 2. These variables would mix it with a ROS installation that is sourced in this shell. The
 # last variable means that a parent Python process has found the libraries of its own .venv; this .venv must search
 # again.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME \
@@ -18,7 +18,7 @@ FILES ?= 20000
 STREAMS ?= 500000
 
 # Three files run at the same time on two cores, at most two of them in real time (tests/distribution.py), because these
-# mostly wait. On a slow machine, three stacks would delay each other's cycles.
+# tests mostly wait. On a slow machine, three stacks would delay each other's cycles.
 PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorder
 
 help:
@@ -56,7 +56,7 @@ test-real-time: setup
 test-slow: setup
 	$(PYTEST) -m 'slow or soak' $(PYTEST_ARGS)
 
-# CI has time only for the first slow test of each file.
+# CI has time for only the first slow test of each file.
 test-sample: setup
 	$(PYTEST) -m 'slow or soak' --sample $(PYTEST_ARGS)
 

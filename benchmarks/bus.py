@@ -70,7 +70,7 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
 def compare(make: str, servos: int, cycles: int, rounds: int, baud: int | None = None) -> dict[str, Round]:
     """Return the median round of every client on one simulated bus.
 
-    Bytes take the transmission time of this baud rate; without a baud rate, they take no time.
+    Bytes take the transmission time of this baud rate. If ``baud`` is None, bytes take no time.
     """
     ids = list(range(1, servos + 1))
     found: dict[str, list[Round]] = {name: [] for name in CLIENTS[make]}
@@ -105,7 +105,7 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapp
         found: Median round of each client.
         on_wire_us: Transmission time of a cycle of each client, in microseconds; empty if transmission takes no time.
     """
-    columns = "client", "us a cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
+    columns = "client", "us/cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
     table = Table(*columns, title=title)
     theirs_us = found["rustypot"][0]
     for name, (cycle_us, cpu_us, failed) in found.items():

@@ -1,7 +1,7 @@
 """Measure the round trip of the command socket of a stack: ``python -m benchmarks.command_socket [--messages 2000]``.
 
 A stack without ROS runs at 20 Hz on mock hardware, in a separate process. One client sends each message after it has
-received the reply to the previous one. The median must be at most 1 ms on an idle machine.
+received the reply to the previous message. The median must be at most 1 ms on an idle machine.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from servoloop.recording.stream import LiveError
 
 PATIENCE_S: Final = 60.0
 PAUSE_S: Final = 0.002
-"""Time between two messages, which keeps their rate below the limit."""
+"""Time between two messages, in seconds. This pause keeps their rate below the limit."""
 HAND: Final = "hand_controller"
 
 
@@ -41,7 +41,7 @@ def started_stack(*arguments: str) -> Iterator[None]:
                 deadline_s = time.monotonic() + PATIENCE_S
                 while not ready.exists():
                     if stack.poll() is not None or time.monotonic() > deadline_s:
-                        raise LiveError(f"the stack does not start: run `servoloop up --no-ros {' '.join(arguments)}`")
+                        raise LiveError(f"the stack did not start: run `servoloop up --no-ros {' '.join(arguments)}`")
                     time.sleep(0.05)
                 yield
             finally:
@@ -50,7 +50,7 @@ def started_stack(*arguments: str) -> Iterator[None]:
 
 @contextmanager
 def running_stack() -> Iterator[CommandClient]:
-    """Run a stack on mock hardware, and yield a client that has taken the motion."""
+    """Run a stack on mock hardware, and yield a client that has control of the arm."""
     with started_stack("--hardware", "mock"), CommandClient.find(name="benchmark") as client:
         client.request("take")
         yield client

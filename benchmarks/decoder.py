@@ -29,11 +29,11 @@ byte by byte."""
 
 @dataclass(frozen=True)
 class Kind:
-    """A decoder, and the bytes with which it is flooded."""
+    """Decoder, with the bytes that it receives."""
 
     decoder: Callable[[], Decoder]
     frame: Callable[[int, int, bytes], bytes]
-    """Encodes a good reply from ID, error and data."""
+    """Function that encodes a good reply from ID, error and data."""
     stands: Callable[[bytes, Reply], bool]
     """Function that returns whether these bytes contain the reply with a valid checksum, without using the code under
     test."""
@@ -73,7 +73,7 @@ def stands_in_protocol2(seen: bytes, reply: Reply) -> bool:
 
 
 def protocol2_frame(servo_id: int, error: int, data: bytes) -> bytes:
-    """A status packet."""
+    """Return a status packet."""
     return protocol2.packet(servo_id, protocol2.STATUS, bytes((error,)) + data)
 
 
@@ -109,8 +109,10 @@ def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
 
 
 def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
-    """Return about ``size`` bytes in pieces of random length: in turn random bytes, bytes that are frequent in frames,
-    and parts of frames."""
+    """Return about ``size`` bytes in pieces of random length.
+
+    Random bytes, bytes that are frequent in frames, and parts of frames alternate.
+    """
     chance = random.Random(seed)
     table = bytes(kind.tricky[i % len(kind.tricky)] for i in range(256))
     scraps = b"".join(scrap(kind, chance, table) for _ in range(20_000))
@@ -127,7 +129,7 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
 
 
 def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
-    """Return the number of accepted frames, and the number of those that are not in the stream with a valid
+    """Return the number of accepted frames, and how many of these frames are not in the stream with a valid
     checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)
@@ -160,7 +162,7 @@ def main() -> None:
         begin_s = time.perf_counter()
         believed, wrong = flood(kind, noise)
         took_s = time.perf_counter() - begin_s
-        counts = f"{believed} frames, {wrong} of them wrong"
+        counts = f"{believed} frames, of which {wrong} are wrong"
         print(f"{name}: {arguments.bytes} bytes in {len(noise)} pieces, {took_s:.1f} s: {counts}")
         all_wrong += wrong
     raise SystemExit(1 if all_wrong else 0)

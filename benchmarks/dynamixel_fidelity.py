@@ -1,9 +1,9 @@
-"""Compare the virtual Dynamixels with facts and figures: ``python -m benchmarks.dynamixel_fidelity``.
+"""Compare the virtual Dynamixels with facts and values: ``python -m benchmarks.dynamixel_fidelity``.
 
 The program prints how many facts about ranges, errors, modes, profiles and the bus agree (``dynamixel_facts``), and
 lists those that do not.
 
-The figures of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected figures
+The values of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected values
 come from data sheets of ROBOTIS ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
 """
 
@@ -36,11 +36,11 @@ PULLS_NM = (0.1, 0.2)
 FULL_DRIVE_RAD = 2.5
 """Position error at which every model drives with full force, in rad."""
 XL330_PER_RAD = 4096 / (2.0 * pi) / (256 * 885) * 400
-"""Share of full drive per rad of error with the factory P gain."""
+"""Fraction of full drive per rad of error with the factory P gain."""
 
 
 class Bench:
-    """One servo on a shaft, with torque enabled at its present position."""
+    """Servo on a shaft, with torque enabled at its present position."""
 
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
@@ -71,7 +71,7 @@ class Bench:
         return begin_rad
 
     def wait(self, seconds: float, held: bool = False) -> None:
-        """Advance the time. A shaft that is held keeps its angle."""
+        """Advance the time. A held shaft keeps its angle."""
         angle = self.plant.angles()
         for _ in range(round(seconds * 1000)):
             if held:
@@ -88,7 +88,7 @@ def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
 
 
 def drives() -> Iterator[Figure]:
-    """Yield the drive at a given position error, which shows the P gain."""
+    """Yield the drive at a given position error, which reveals the P gain."""
     cases: tuple[tuple[ServoModel, Register, float, float, str], ...] = (
         (X330, x.present_pwm, 885.0, XL330_PER_RAD, "law"),
         (x.XL430_W250, x.present_pwm, 885.0, 640 / 128 / 885 * 4096 / (2.0 * pi), "e-manual"),
@@ -105,7 +105,7 @@ def drives() -> Iterator[Figure]:
 
 
 def speeds() -> Iterator[Figure]:
-    """Full drive without load."""
+    """Yield the speeds at full drive without load."""
     why = "with every friction law of BAM, the XL-320 is slower than its data sheet"
     for model in (X330, MX_64, MX_106, XL):
         bench = Bench(model)
@@ -172,14 +172,13 @@ def sags() -> Iterator[Figure]:
 
 
 def dynamixels() -> Iterator[Figure]:
-    """Yield all figures."""
+    """Yield all measured values."""
     for part in (drives, speeds, stalls, sags):
         yield from part()
 
 
 def main() -> None:
-    """Print how many facts agree, and list the facts that do not agree. The exit status is 1 if a fact does not
-    agree."""
+    """Print how many facts agree, and list the facts that do not. Exit with status 1 if a fact does not agree."""
     found = facts()
     table = Table("", "agree", title="virtual Dynamixels compared with the facts")
     for group in dict.fromkeys(fact.group for fact in found):

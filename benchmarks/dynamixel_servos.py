@@ -39,7 +39,7 @@ class DynamixelServos:
 
     @staticmethod
     def size(data: bytes) -> int:
-        """Return the size of the packet with which ``data`` begins, or 0 if its head is incomplete."""
+        """Return the size of the packet at the start of ``data``, or 0 if its header is incomplete."""
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
@@ -89,7 +89,7 @@ class DynamixelServos:
         return reply
 
     def _shown(self, servo_id: int, address: int, size: int) -> bytes:
-        """Return the registers as a client reads them: each indirect cell shows the byte that its pointer selects."""
+        """Return the registers as a client reads them. An indirect cell contains the byte that its pointer selects."""
         table = self._tables[servo_id]
         return bytes(table[self._place(table, at)] for at in range(address, address + size))
 

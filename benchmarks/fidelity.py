@@ -37,7 +37,7 @@ RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
 
 
 class Bench:
-    """One servo on a shaft. The bytes on its line take no time, so that the servo can be read every millisecond."""
+    """Servo on a shaft. The bytes on its line take no time, so that the servo can be read every millisecond."""
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
         self.plant = BenchPlant([1], friction_nm=friction_nm, damping_nm_s=damping_nm_s)
@@ -82,7 +82,7 @@ class Bench:
         return self.bus.read(1, register)
 
     def wait(self, seconds: float) -> None:
-        """Advance the time. A shaft that is held keeps its angle."""
+        """Advance the time. A held shaft keeps its angle."""
         pieces = round(seconds * 1000) if self.held else 1
         for _ in range(pieces):
             if self.held:
@@ -115,7 +115,7 @@ def step(size: int) -> list[int]:
 
 
 def steps() -> Iterator[Figure]:
-    """Yield the figures of three steps of the 7.4 V servo without load."""
+    """Yield the values of three steps of the 7.4 V servo without load."""
     curves = {size: step(size) for size in (10, 100, 1024)}
     large, small = curves[1024], curves[100]
     first = next(ms for ms, count in enumerate(large) if count >= 102)
@@ -123,7 +123,7 @@ def steps() -> Iterator[Figure]:
     yield Figure("step of 1024: slope", "counts/s", 820e3 / (last - first), 3290, "hardware")
     settled = 1 + max(ms for ms, count in enumerate(large) if abs(count - 1024) > 3)
     yield Figure("step of 1024: within 3 counts after", "ms", settled, 410, "hardware")
-    why = "no rotor inertia that matches the other figures overshoots this far, nor does the model of the sources"
+    why = "no rotor inertia that matches the other values overshoots this far, nor does the model of the sources"
     yield Figure("step of 1024: overshoot", "counts", max(large) - 1024, 11, "hardware", why)
     reached = next(ms for ms, count in enumerate(small) if count >= 99)
     yield Figure("step of 100: at the goal after", "ms", reached, 78, "hardware")
@@ -220,12 +220,12 @@ def switches() -> Iterator[Figure]:
 
 
 def figures() -> list[Figure]:
-    """Return all figures."""
+    """Return all measured values."""
     return [figure for part in (steps, sag, streams, protections, switches, dynamixels) for figure in part()]
 
 
 def show(console: Console, found: list[Figure]) -> None:
-    """Print the figures as a table, followed by the reasons for differences."""
+    """Print the values as a table, followed by the reasons for differences."""
     table = Table("", "measured", "expected", "ratio", "from", title="virtual servos")
     for figure in found:
         ratio = "" if figure.ratio is None else f"{figure.ratio:.2f}"
@@ -240,9 +240,9 @@ def show(console: Console, found: list[Figure]) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--json", action="store_true", help="figures as JSON")
+    parser.add_argument("--json", action="store_true", help="print the values as JSON")
     parser.add_argument("--picture", type=Path, help="PNG file with the curves of the steps")
     arguments = parser.parse_args()
     found = figures()

@@ -1,7 +1,7 @@
 """Grade virtual apples in varied light: ``python -m benchmarks.grading [--apples 600] [--seed 0]``.
 
-Each picture shows up to five apples. In a third of the pictures, apples may touch. Illuminance, color temperature and
-direction of the lamp, shadows and noise differ from picture to picture.
+Each image shows up to five apples. In a third of the images, apples may touch. Illuminance, color temperature and
+direction of the lamp, shadows and noise differ from image to image.
 """
 
 import argparse
@@ -28,18 +28,18 @@ from sim_backend.camera.truth import AppleTruth
 from sim_backend.scene.picture import Picture
 
 SAME_M: Final = 0.02
-"""Largest distance between an apple and the result that belongs to it."""
+"""Maximum distance between an apple and its result, in meters."""
 GRADED_SHARE: Final = 0.75
-"""Visible share from which an apple must have a grade. Results for less visible apples only count as not invented."""
+"""Minimum visible fraction at which an apple must have a grade. Results for less visible apples are accepted."""
 MOST_APPLES: Final = 5
 
 
 @dataclass(slots=True)
 class Tally:
-    """Results of all pictures."""
+    """Results of all images."""
 
     grades: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Number of apples, by true grade and measured grade."""
+    """Number of apples, keyed by true grade and measured grade."""
     errors: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Errors of diameter (mm), red ratio, defect score and position (mm) of each apple."""
     missed: int = 0
@@ -51,7 +51,7 @@ def main() -> None:
     """Run the benchmark and exit with status 1 if a requirement is not met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--apples", type=positive, default=600, help="number of apples")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first picture")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first image")
     options = parser.parse_args()
     camera = table_camera()
     grader = Grader(view_of(camera))
@@ -72,7 +72,7 @@ def view_of(camera: PinholeCamera) -> CameraView:
 
 
 def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Picture, list[AppleTruth]]]:
-    """Yield pictures with their true values until they have shown a given number of apples."""
+    """Yield images with their true values until the images have shown ``apples`` apples."""
     number = seed
     while apples > 0:
         count = min(apples, 3 + number % (MOST_APPLES - 2))
@@ -82,7 +82,7 @@ def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Pictu
 
 
 def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: Tally) -> None:
-    """Add the results of one picture."""
+    """Add the results of one image."""
     left = list(found)
     grade_of = GradingSettings().grade_of
     for real in truth:
@@ -107,7 +107,7 @@ def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: Ta
 
 
 def report(tally: Tally, console: Console) -> bool:
-    """Print the confusion matrix and the figures. Return whether all requirements are met."""
+    """Print the confusion matrix and the statistics. Return whether all requirements are met."""
     names = sorted({name for pair in tally.grades for name in pair})
     grid = Grid("true grade", *names, title="measured grade")
     for true in sorted({pair[0] for pair in tally.grades}):
@@ -126,9 +126,9 @@ def report(tally: Tally, console: Console) -> bool:
         ("position, RMS", f"{rms[3]:.1f} mm", "", True),
         ("missed apples", str(tally.missed), "0", tally.missed == 0),
         ("invented apples", str(tally.invented), "0", tally.invented == 0),
-        ("processor time for a picture", f"{1000.0 * float(np.median(tally.times_s)):.0f} ms", "", True),
+        ("processor time per image", f"{1000.0 * float(np.median(tally.times_s)):.0f} ms", "", True),
     )
-    figures = Grid("figure", "measured", "required", title=f"{len(errors)} apples in {len(tally.times_s)} pictures")
+    figures = Grid("quantity", "measured", "required", title=f"{len(errors)} apples in {len(tally.times_s)} images")
     for name, value, required, met in rows:
         figures.add_row(name, value, required, style=None if met else "red")
     console.print(figures)

@@ -21,7 +21,7 @@ SCENARIO: Final = Path(__file__).parents[1] / "docs" / "campaign.yaml"
 """The default scenario."""
 SEEDS: Final = 10
 REPEATS: Final = 3
-"""Number of repetitions of each run. The shortest one counts."""
+"""Number of repetitions of each run. The shortest repetition counts."""
 HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
 """Methods of an invariant whose time is measured."""
 
@@ -30,7 +30,7 @@ Kinds = tuple[type[Invariant], ...]
 
 @dataclass(frozen=True, slots=True)
 class InvariantCost:
-    """Processor time of all runs in seconds, and the share of each invariant in the total time of all invariants."""
+    """Processor time of all runs in seconds, and each invariant's fraction of the total time of all invariants."""
 
     runs: int
     with_all_s: float
@@ -47,8 +47,8 @@ def default_scenario() -> Scenario:
 def cost(scenario: Scenario, seeds: int = SEEDS) -> InvariantCost:
     """Measure the runs of the first seeds of a scenario.
 
-    Each run is executed with all invariants and without any, in direct succession, so that the conditions are the same.
-    The shares are measured in separate runs, because a stopwatch takes time itself.
+    Each run is executed with all invariants and directly afterward without any, so that the conditions are the same.
+    The fractions are measured in separate runs, because the stopwatch itself takes time.
     """
     schedules = [schedule_of(scenario, seed) for seed in range(seeds)]
     with quiet():
@@ -75,7 +75,7 @@ def cpu_s(schedule: Schedule, kinds: Kinds) -> float:
 
 
 def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
-    """Return the share of each invariant in the total time of all invariants, by name."""
+    """Return each invariant's fraction of the total time of all invariants, keyed by invariant name."""
     stopwatch = Stopwatch()
     kinds = tuple(timed(kind, stopwatch) for kind in ALL)
     for schedule in schedules:

@@ -4,8 +4,8 @@ The servos answer on a pseudo-terminal at 1 Mbit/s, in a separate process. There
 
 - ``servoloop up``: the whole stack as a process, with the shipped controllers, ROS and a subscriber (``--seconds``).
 - Only the loop: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
-- Only system calls, which send the same bytes at the same rate. Cycles that this row misses are missed because of the
-  machine.
+- Only system calls, which send the same bytes at the same rate. The machine itself is the cause of cycles that this row
+  misses.
 
 A value counts as missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main
 thread, which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and
@@ -47,14 +47,14 @@ JOINTS = tuple(Joint(f"joint{i}", i, sts.STS3215, two_ports.LIMITS) for i in IDS
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one rate."""
+    """Results of one rate."""
 
     cycles: int
     missed: int
     unmeasured: int
-    """Cycles without any value."""
+    """Number of cycles without any value."""
     missing: float
-    """Share of the values."""
+    """Fraction of missing values."""
     cpu_share: float
 
 
@@ -66,7 +66,7 @@ def served(link: Path) -> Iterator[str]:
 
 
 def run(device: str, rate_hz: float, cycles: int) -> Figures:
-    """Run a number of cycles of the real loop, which holds the arm still."""
+    """Run ``cycles`` cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     missing = 0
 
@@ -108,7 +108,7 @@ def missed_without_driver(device: str, rate_hz: float, cycles: int) -> int:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)

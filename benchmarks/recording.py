@@ -24,7 +24,7 @@ BEGIN_S = 3.0
 
 
 class Sampled:
-    """A simulated stack whose cycles are sampled, with the processor time of the sampling in seconds."""
+    """Simulated stack whose cycles are sampled, with the processor time of the sampling in seconds."""
 
     def __init__(self) -> None:
         self.stack = SimulatedStack()
@@ -53,7 +53,7 @@ class Sampled:
 
 
 def measure(seconds: float, folder: Path) -> dict[str, float]:
-    """Return the figures of a recording with this duration, by name. The names of the figures include the units."""
+    """Return the results of a recording with this duration, keyed by name. The names include the units."""
     sampled = Sampled()
     sampled.run(seconds)
     stack, samples = sampled.stack, sampled.samples

@@ -6,7 +6,7 @@ only client. It has real-time priority if the system grants it, so that its own 
 First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Then goals run one
 after the other for ``--seconds``, and the benchmark measures the response time, the start of the motion, and the
 regularity of the stamps of /joint_states. Every third goal is canceled during its motion. For comparison, the last
-column contains ros2_control's figures from another machine with two cores.
+column contains ros2_control's results from another machine with two cores.
 """
 
 import argparse
@@ -46,12 +46,12 @@ UPSTREAM = {
     "goal to first motion, ms": "75 to 81 / - / 101",
     "period's deviation, us": "39 / 168 / 594 / 598 (real-time: 19 / 98 / 191 / 196)",
 }
-"""Figures of ros2_control 4.46 in C++ with GenericSystem, recorded on another machine and not in this run."""
+"""Results of ros2_control 4.46 in C++ with GenericSystem, recorded on another machine and not in this run."""
 
 
 @dataclass(slots=True)
 class Figures(Promptness):
-    """All measured figures, in seconds, except for ``cpu_share`` (of a core) and ``memory_mb``."""
+    """All measured values, in seconds, except for ``cpu_share`` (of a core) and ``memory_mb``."""
 
     cpu_share: float = 0.0
     busy_cpu_share: float = 0.0
@@ -125,7 +125,7 @@ def _quantiles(values: Sequence[float], scale: float, shares: Sequence[float]) -
 
 
 def show(console: Console, figures: Figures) -> None:
-    """Print one table."""
+    """Print the results as a table."""
     periods = [b - a for a, b in zip(figures.stamps_s, figures.stamps_s[1:], strict=False)]
     middle_s = statistics.median(periods)
     deviations = [abs(period - middle_s) for period in periods]
@@ -137,7 +137,7 @@ def show(console: Console, figures: Figures) -> None:
         "goal to first motion, ms": _quantiles(figures.motions_s, 1e3, (0.5, 0.99)),
         "period's deviation, us": _quantiles(deviations, 1e6, (0.5, 0.99, 0.999)),
     }
-    table = Table("p50 / p99 (/ p99.9) / largest", "servoloop", "ros2_control, recorded", title="ROS 2 surface")
+    table = Table("p50 / p99 (/ p99.9) / largest", "servoloop", "ros2_control, recorded", title="ROS 2 interface")
     for name, value in rows.items():
         table.add_row(name, value, UPSTREAM.get(name, "-"))
     console.print(table)
@@ -148,7 +148,7 @@ def show(console: Console, figures: Figures) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=600.0, help="duration of the phase with goals, in seconds")
     parser.add_argument("--idle", type=float, default=30.0, help="duration of the measurement at rest, in seconds")

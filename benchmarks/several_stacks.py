@@ -1,7 +1,7 @@
 """Run several stacks, each with one virtual arm on its own port: ``python -m benchmarks.several_stacks``.
 
-Each stack is a process of ``servoloop up`` at 20 Hz, with ROS, in a ROS domain of its own. The seven servos of each arm
-answer on a pseudo-terminal at 1 Mbit/s, in a process of their own, whose processor time is not counted.
+Each stack is a process of ``servoloop up`` at 20 Hz, with ROS, in its own ROS domain. The seven servos of each arm
+answer on a pseudo-terminal at 1 Mbit/s, in a separate process, whose processor time is not counted.
 
 The last line calculates how many of these stacks a small computer can run. It assumes that each of its cores needs
 ``--slower`` times the processor time of a core of this machine, and that the stacks may use ``--load`` of its cores.
@@ -48,7 +48,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class RunningStack:
-    """Process of a stack, and its ROS domain."""
+    """Process of a stack, with its ROS domain."""
 
     process: psutil.Process
     domain: int
@@ -85,13 +85,13 @@ def stacks(count: int) -> Iterator[list[RunningStack]]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--stacks", type=positive, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="duration of the measurement")
     parser.add_argument("--slower", type=float, default=4.0, help="processor time of the small computer, as a multiple")
     parser.add_argument("--cores", type=positive, default=4, help="cores of the small computer")
-    parser.add_argument("--load", type=float, default=0.5, help="share of these cores that the stacks may use")
+    parser.add_argument("--load", type=float, default=0.5, help="fraction of these cores that the stacks may use")
     arguments = parser.parse_args()
     with stacks(arguments.stacks) as running:
         time.sleep(SETTLE_S)

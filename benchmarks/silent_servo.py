@@ -1,4 +1,7 @@
-"""Cycles that servos of a bus lose while another servo is silent, by make and period, in simulated time."""
+"""Count the cycles that servos of a bus lose while another servo is silent, for each make and period.
+
+The measurement runs in simulated time.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -22,11 +25,11 @@ MODELS: Final[dict[str, ServoModel]] = {"feetech": sts.STS3215, "dynamixel": x.X
 PERIODS_S: Final = (0.012, 0.02, 0.05)
 SILENT_S: Final = 0.2
 SHARE: Final = 0.8
-"""Share of the period within which the states must be read."""
+"""Fraction of the period within which the states must be read."""
 
 
 class Cycles:
-    """A bus that is read with a fixed period."""
+    """Bus that is read with a fixed period."""
 
     def __init__(self, make: str, ids: Sequence[int], period_s: float) -> None:
         self.ids, self.period_s, self.clock = tuple(ids), period_s, SimulatedClock()
@@ -51,7 +54,7 @@ def lost_cycles(make: str, servos: int, period_s: float) -> dict[int, int]:
     """Make each servo in turn silent for 0.2 s.
 
     Returns:
-        Maximum number of cycles that another servo has lost, by the ID of the silent servo.
+        Maximum number of cycles that another servo has lost, keyed by the ID of the silent servo.
     """
     lost: dict[int, int] = {}
     for silent in range(1, servos + 1):

@@ -1,9 +1,9 @@
 """Measure the speed of the simulation on one core: ``python -m benchmarks.simulation [--json]``.
 
 There are three measurements: the world alone, the world with the servos of the virtual arm, and the whole stack from
-the controllers to the bytes and the physics. Each figure is the best of several runs, because other load can only slow
-a run down. Then the first runs of the default campaign, docs/campaign.yaml, are executed with all invariants and
-without any, to measure the processor time of the invariants.
+the controllers to the bytes and the physics. Each result is the best of several runs, because other load can only slow
+a run down. After these measurements, the first runs of the default campaign, docs/campaign.yaml, are executed with all
+invariants and without any, to measure the processor time of the invariants.
 """
 
 import argparse
@@ -70,7 +70,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Multiples of real time, and the share of each part in the time of the whole stack."""
+    """Multiples of real time, and each part's fraction of the time of the whole stack."""
 
     world: float
     servos: float
@@ -82,7 +82,7 @@ class Figures:
 
 
 def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
-    """Return the duration of the shortest of several runs, in seconds."""
+    """Return the duration of the shortest run of several, in seconds."""
     times_s = []
     for _ in range(runs):
         begin_s = time.perf_counter()
@@ -115,10 +115,10 @@ def servos_speed(runs: int, steps: int) -> float:
 
 
 def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
-    """Measure all figures.
+    """Run all measurements.
 
-    The shares of the parts are measured in a separate run, because a stopwatch takes time itself. The first ``seeds``
-    runs of ``scenario`` show the cost of the invariants; None selects the default scenario.
+    The fractions of the parts are measured in a separate run, because the stopwatch itself takes time. The first
+    ``seeds`` runs of ``scenario`` show the cost of the invariants; None selects the default scenario.
     """
     stack = up(wire=True)
     move = moving(stack)
@@ -141,14 +141,14 @@ def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = No
 
 
 def show(console: Console, figures: Figures) -> None:
-    """Print the figures."""
+    """Print the results."""
     table = Table("", "times real time", title="simulation on one core")
     table.add_row("world alone", f"{figures.world:.0f}")
     table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
     table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
     table.add_row("the same stack on the arm in MuJoCo, without servos and bus", f"{figures.without_a_wire:.0f}")
     console.print(table)
-    shares = Table("whole stack", "share of its time")
+    shares = Table("whole stack", "fraction of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):
         shares.add_row(part, f"{share:.0%}")
     console.print(shares)
@@ -161,16 +161,16 @@ def _show_cost(console: Console, measured: InvariantCost) -> None:
     table.add_row("without invariants", f"{measured.without_s / measured.runs:.2f} s", "1")
     table.add_row("with all invariants", f"{measured.with_all_s / measured.runs:.2f} s", f"{measured.ratio:.2f}")
     console.print(table)
-    shares = Table("invariant", "share of the time of all invariants")
+    shares = Table("invariant", "fraction of the time of all invariants")
     for name, share in sorted(measured.shares.items(), key=lambda entry: -entry[1]):
         shares.add_row(name, f"{share:.1%}")
     console.print(shares)
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--json", action="store_true", help="figures as JSON")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
     arguments = parser.parse_args()
     figures = measure()
     if arguments.json:

@@ -1,4 +1,4 @@
-"""A bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
+"""Bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
 
 The simulator runs in a separate process: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. The
 simulator has no firmware and no physics; ``servoloop emulate`` has both.
@@ -25,7 +25,7 @@ TABLE[48:50] = (999).to_bytes(2, "little")  # torque limit that our driver sets
 TABLE[8], TABLE[18] = 1, 12  # every write is acknowledged, speeds are in counts/s
 TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # position 2048, -100 counts/s, -2 %, 12.0 V, 33 C
 GRANULE_S = 0.0003
-"""Duration of the last part of a wait, which is spent in a busy loop, because a sleep is less exact."""
+"""Duration of the last part of a wait, in seconds. This part is a busy loop, because a sleep is less exact."""
 
 
 class Servos:
@@ -38,7 +38,7 @@ class Servos:
 
     @staticmethod
     def size(data: bytes) -> int:
-        """Return the size of the packet with which ``data`` begins, or 0 if its head is incomplete."""
+        """Return the size of the packet at the start of ``data``, or 0 if its header is incomplete."""
         return data[3] + 4 if len(data) > 5 else 0
 
     def answer(self, packet: bytes) -> bytes:
@@ -76,7 +76,7 @@ class Line:
     """
 
     def __init__(self, link: Path, servos: Servos | DynamixelServos, baud: int) -> None:
-        """Open the line. With ``baud`` 0, transmission takes no time."""
+        """Open the line. If ``baud`` is 0, transmission takes no time."""
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         link.unlink(missing_ok=True)
@@ -126,7 +126,7 @@ def main() -> None:
     except DriverError as error:
         parser.error(str(error))
     except OSError as error:
-        parser.error(f"{arguments.link} cannot be made: {error.strerror}")
+        parser.error(f"{arguments.link} cannot be created: {error.strerror}")
     print("ready", flush=True)
     servo_id, from_s, to_s = arguments.silence or (0, 0.0, 0.0)
     begin_s = time.perf_counter()

@@ -1,10 +1,10 @@
 """Run the jobs of the demo while its processes are stopped repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
 
-The cell is that of ``servoloop demo``: emulator, stack and pick-and-place node, each in a separate process. At random
-times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, as when a laptop or a USB hub stalls. Ten jobs run
-for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary program
-without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in its bin or
-a joint has jumped.
+The cell is the same as in ``servoloop demo``: emulator, stack and pick-and-place node, each in a separate process. At
+random times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, as when a laptop or a USB hub stalls. Ten
+jobs run for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary
+program without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in
+its bin or a joint has jumped.
 """
 
 import argparse
@@ -42,10 +42,10 @@ STALL_S: Final = (0.05, 0.2)
 PAUSE_S: Final = (0.3, 2.0)
 """Shortest and longest time between two stalls, in seconds. A job takes about eleven seconds."""
 STEP_S: Final = 0.05
-"""Time over which the step of a joint is measured, in seconds; if two publications are further apart, that time is
-used."""
+"""Time over which the step of a joint is measured, in seconds. If two publications are further apart, the time between
+them is used."""
 LARGEST_STEP: Final = 1.15
-"""Largest allowed step of a joint, as a multiple of its velocity limit.
+"""Maximum allowed step of a joint, as a multiple of its velocity limit.
 
 A servo moves 5 % faster than its goals, to catch up with its lag, and the times of the feed may be off by one tick of
 the emulator: 5 ms of 50 ms.
@@ -54,7 +54,7 @@ GRADES: Final = "ABC"
 
 
 class Stalls:
-    """A thread that stops processes at random times until ``end`` is called, and measures the speeds of the joints."""
+    """Thread that stops processes at random times until ``end`` is called, and measures the speeds of the joints."""
 
     def __init__(self, process_ids: Sequence[int], seed: int, watch: "JointSteps") -> None:
         self.lasted_s: list[float] = []
@@ -66,7 +66,7 @@ class Stalls:
         self._thread.start()
 
     def end(self) -> None:
-        """Stop no more processes."""
+        """End the stalls."""
         self._stop.set()
         self._thread.join()
         self._watch.look()
@@ -94,10 +94,10 @@ class Feed(Protocol):
 
 
 class JointSteps:
-    """The largest step of any joint of the simulated arm, as a multiple of its velocity limit."""
+    """Largest step of any joint of the simulated arm, as a multiple of its velocity limit."""
 
     def __init__(self, feed: Feed, limits: Mapping[str, float]) -> None:
-        """``limits`` contains the velocity limits by joint, in rad/s or m/s."""
+        """``limits`` contains the velocity limits in rad/s or m/s, keyed by joint name."""
         self.largest = 0.0
         self.joint = ""
         self._feed = feed
@@ -162,7 +162,7 @@ def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outc
                 found.texts.append(f"grade {run.grade}, bin {run.bin}: {run.message}")
     finally:
         stalls.end()
-    ready.runner.idle(2.0)  # the loop reports once a second
+    ready.runner.idle(2.0)  # the loop reports once per second
     found.lasted_s = stalls.lasted_s
     found.missed_cycles = ready.monitor.newest.loop.get("missed_cycles", "?")
     found.largest_step, found.joint = steps.largest, steps.joint
@@ -187,7 +187,7 @@ def show(console: Console, outcomes: Sequence[Outcome]) -> None:
 
 
 def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool:
-    """Whether all jobs in all cases sorted their cubes and no joint jumped."""
+    """Run all cases. Return whether all jobs sorted their cubes and no joint jumped."""
     outcomes = []
     for side in sides:
         with tempfile.TemporaryDirectory(prefix="bench-") as folder:
@@ -199,7 +199,7 @@ def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool
 def main() -> int:
     """Measure, print the results and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--jobs", type=positive, default=10, help="for each side")
+    parser.add_argument("--jobs", type=positive, default=10, help="number of jobs for each side")
     parser.add_argument(
         "--side", choices=tuple(SIDES), action="append", help="processes to stop (default: each case in turn)"
     )

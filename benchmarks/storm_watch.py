@@ -1,5 +1,5 @@
 """Observer of the stack during a flood of clients: a DDS participant that records the stamps of /joint_states and the
-figures of the loop."""
+statistics of the loop."""
 
 import os
 import threading
@@ -55,7 +55,7 @@ class Watch:
                 executor.spin_once(timeout_sec=0.1)
 
     def end(self) -> None:
-        """End the listening."""
+        """Stop listening."""
         self._stop.set()
 
     def wait_for_report(self) -> None:

@@ -1,8 +1,8 @@
 """Measure the timing of the loop while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
 
 The stack runs on the mock in a separate process. During each flood ("storm"), the benchmark records the stamps of
-/joint_states and the number of missed cycles, and compares the positions of the arm before and after it. The exit
-status is 1 if a cycle was missed or the arm has moved.
+/joint_states and the number of missed cycles, and compares the positions of the arm before and after the storm. The
+exit status is 1 if a cycle was missed or the arm has moved.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from nodes.ros_process import spin_until_done
 GOALS_PER_S = 100
 CLIENTS = 50
 RESEND_S = 10.0
-"""Timeout after which a request is repeated, as in ros2_control's command line. The first response of a service may be
-lost while the two sides discover each other."""
+"""Timeout after which a request is repeated, as in ros2_control's command line, in seconds. The first response of a
+service may be lost while the two sides discover each other."""
 MOVED_RAD = 1e-3
 
 
 def goals(seconds: float) -> None:
-    """Send a hundred goals per second, each of which replaces the previous one. The last goal returns to the start."""
+    """Send a hundred goals per second. Each goal replaces the previous one. The last goal returns to the start."""
     with participant("bench_goals") as (node, executor):
         client = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
         assert client.wait_for_server(PATIENCE_S)
@@ -64,7 +64,7 @@ def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> 
 
 
 def killed_client(seconds: float) -> None:
-    """Kill a client during its goal. The arm completes the motion and holds its position."""
+    """Kill a client while its goal is running. The arm completes the motion and holds its position."""
     del seconds
     program = (
         "from benchmarks.storms import ActionClient, FollowJointTrajectory as F, goal_to\n"

@@ -37,7 +37,7 @@ GROUP_WRITE: Final = b"\xff\xff\xfe"
 CODE_AT, SYNC_WRITE = 4, 0x83
 MAX_AGE_S: Final = 1.0
 AFTER_S: Final = 0.3
-"""Time after the last target, in seconds."""
+"""Duration of the recording after the last target, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Streamed:
     answered_s: FloatArray
     """Times (k,) at which the calls returned."""
     period_s: float
-    """Period of the control loop."""
+    """Period of the control loop, in seconds."""
 
 
 def stream(seconds: int, rate_hz: int) -> Streamed:
@@ -98,8 +98,8 @@ def _is_group_write(data: bytes) -> bool:
 
 
 def latencies_s(streamed: Streamed, goals: Iterator[tuple[float, float]]) -> FloatArray:
-    """Return the time from each call until its target or a newer one is on the bus, (k,) in seconds; NaN if this never
-    happens."""
+    """Return the time from each call until its target or a newer target is on the bus, (k,) in seconds; NaN if this
+    never happens."""
     way = np.sign(streamed.targets[-1] - streamed.targets[0])
     written = np.array([(time_s, way * command) for time_s, command in goals])
     reached = np.maximum.accumulate(written[:, 1])
@@ -112,7 +112,7 @@ def latencies_s(streamed: Streamed, goals: Iterator[tuple[float, float]]) -> Flo
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
     parser.add_argument("--seconds", type=positive, default=60, help="duration of the stream")
-    parser.add_argument("--rate", type=positive, default=50, help="targets a second")
+    parser.add_argument("--rate", type=positive, default=50, help="targets per second")
     options = parser.parse_args()
     table = Table("", "median, ms", "99 %, ms", "longest, ms", title=f"a stream at {options.rate} Hz")
     with in_words(), tempfile.TemporaryDirectory(prefix="bench") as folder:

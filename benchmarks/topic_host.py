@@ -40,7 +40,7 @@ PATIENCE_S: Final = 60.0
 JOINTS: Final = {"so101": "wrist_roll", "robot_arm": "joint6"}
 """Joint of each arm that the commands move. Its range is large enough for a stream of a minute."""
 AFTER_S: Final = 0.5
-"""Time after the last command, in seconds."""
+"""Duration of the recording after the last command, in seconds."""
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready.exists():
             if process.poll() is not None or time.monotonic() > deadline_s:
-                raise DriverError("the host does not start: run `servoloop topic-host`")
+                raise DriverError("the host did not start: run `servoloop topic-host`")
             time.sleep(0.05)
         yield
     finally:
@@ -81,7 +81,7 @@ class Plugin:
         self.newest = message
 
     def stream(self, seconds: int) -> Streamed:
-        """Send commands for some time, each of which is one step away from the previous one."""
+        """Send commands for ``seconds`` seconds. Each command is one step away from the previous one."""
         with client_node("benchmark") as (node, executor):
             node.create_subscription(JointState, STATES, self.on_state, qos_profile_sensor_data)
             publisher = node.create_publisher(JointState, COMMANDS, QoSProfile(depth=1))
@@ -128,7 +128,7 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
     Args:
         states: Stamp and time of arrival of each state, (k, 2) in seconds.
         replies: Times at which replies arrived, in seconds.
-        period_s: Period of the loop.
+        period_s: Period of the loop, in seconds.
     """
     last = np.searchsorted(replies, states[:, 0] + 0.5 * period_s) - 1
     ages: FloatArray = states[:, 1] - replies[np.maximum(last, 0)]

@@ -1,8 +1,8 @@
 """Run twelve servos on two ports at 100 cycles per second: ``python -m benchmarks.two_ports [--cycles 1000]``.
 
 The servos answer on two pseudo-terminals at 1 Mbit/s, each in a separate process. IDs 1 to 6 are on both. The serial
-ports, buses, hardware component and loop are those of ``servoloop up``. The benchmark consists of two runs: one reads
-both ports at the same time, and the other one reads one port after the other. The exit status is 1 if a cycle was
+ports, buses, hardware component and loop are those of ``servoloop up``. The benchmark consists of two runs: one run
+reads both ports at the same time, and the other run reads one port after the other. The exit status is 1 if a cycle was
 missed in the run that reads both ports at the same time.
 """
 
@@ -40,7 +40,7 @@ JOINTS = tuple(Joint(f"{bus}{i}", i, sts.STS3215, LIMITS, bus=bus) for bus in BU
 
 
 class ApartBus(Bus):
-    """A bus that sends a request and waits for the replies in one step, so that reads of two ports do not overlap."""
+    """Bus that sends a request and waits for the replies in one step, so that reads of two ports do not overlap."""
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         self._later = servo_ids, deadline_s
@@ -67,7 +67,7 @@ class TimedHardware(ServoHardware):
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one run."""
+    """Results of one run."""
 
     cycles: int
     missed: int
@@ -100,7 +100,7 @@ def served(link: Path) -> Iterator[str]:
 
 
 def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
-    """Run a number of cycles of the real loop, which holds the arm still."""
+    """Run ``cycles`` cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     buses: dict[str, Bus] = {}
 
@@ -144,7 +144,7 @@ def main() -> int:
             "overlapped": run(devices, Bus, arguments.cycles),
             "one after the other": run(devices, ApartBus, arguments.cycles),
         }
-    print(f"{len(JOINTS)} servos on {len(BUSES)} ports, {1.0 / PERIOD_S:g} cycles a second, {BAUD} bit/s")
+    print(f"{len(JOINTS)} servos on {len(BUSES)} ports, {1.0 / PERIOD_S:g} cycles per second, {BAUD} bit/s")
     print(f"{'':20} {'cycles':>7} {'missed':>7} {'read p50':>9} {'read p99':>9} {'CPU':>6}")
     for name, of in figures.items():
         read = f"{of.p50_s * 1e3:6.2f} ms {of.p99_s * 1e3:6.2f} ms"

@@ -1,7 +1,7 @@
 """Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
-The cell is that of ``servoloop demo``: it first runs without a view, and then with the page open in the machine's
-Chromium, which draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
+The cell is the same as in ``servoloop demo``. It first runs without a view, and then with the page open in the
+machine's Chromium, which draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
 
 Two periods are measured during the jobs, as deviations from the configured period: the time between the starts of two
 cycles, and the time between two measurements. The second period includes the delays of the kernel and the virtual
@@ -46,19 +46,19 @@ class Outcome:
     jobs: int = 0
     sorted: int = 0
     loop: dict[str, str] = field(default_factory=dict)
-    """Figures of the loop from /diagnostics."""
+    """Statistics of the loop from /diagnostics."""
     stamps_s: list[float] = field(default_factory=list)
-    """ROS times of the measurements of all jobs."""
+    """ROS times of the measurements of all jobs, in seconds."""
     measured_s: list[float] = field(default_factory=list)
-    """Deviations of the time between two measurements of the same job."""
+    """Deviations of the time between two measurements of the same job, in seconds."""
     begun_s: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Deviations of the time between the starts of two cycles."""
+    """Deviations of the time between the starts of two cycles, in seconds."""
     browser_s: float = 0.0
-    """Processor time of the browser and its child processes."""
+    """Processor time of the browser and its child processes, in seconds."""
 
 
 def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
-    """Run a number of jobs in a new cell."""
+    """Run ``jobs`` jobs in a new cell."""
     found, recording = Outcome(view), folder / "run.mcap"
     options = CellOptions(folder, backlash_deg=0.0, record=recording, view=view)
     with Live(console) as live, cell(options, live) as ready:
@@ -112,7 +112,7 @@ def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
         stamps_s = [sample.stamp_s for sample in ready.monitor.newest.samples]
         found.stamps_s += stamps_s
         found.measured_s += list(np.abs(np.diff(stamps_s) - PERIOD_S))
-    ready.runner.idle(2.0)  # the loop reports once a second
+    ready.runner.idle(2.0)  # the loop reports once per second
     found.loop = ready.monitor.newest.loop
 
 
@@ -147,9 +147,9 @@ def _ratio(deviations_s: list[tuple[bool, FloatArray]]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--jobs", type=positive, default=6, help="of each run")
+    parser.add_argument("--jobs", type=positive, default=6, help="number of jobs in each run")
     parser.add_argument(
         "--rounds", type=positive, default=1, help="number of rounds: a run without the page and one with it"
     )

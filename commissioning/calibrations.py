@@ -20,7 +20,7 @@ from hal.yaml_file import load
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRow:
-    """Calibration of one joint in the table for the user. Positions in rad (m for a prismatic joint)."""
+    """Calibration of one joint in the table for the user. Positions are in rad (m for a prismatic joint)."""
 
     joint: str
     servo_id: int
@@ -43,11 +43,11 @@ def import_calibration(
         lerobot: LeRobot's calibration file.
         robot: Robot file of the arm.
         joints: Joints of the arm.
-        plans: Calibration plan of each joint, by name.
+        plans: Calibration plan of each joint, keyed by joint name.
         prefix: Prefix of this arm's joint names in LeRobot's file. Entries without this prefix are ignored.
 
     Raises:
-        CalibrationError: The file has mistakes. The message lists all of them, and nothing is written.
+        CalibrationError: The file has errors. The message lists all of them, and nothing is written.
     """
     require_offsets(joints)
     file = without_prefix(read_lerobot(lerobot), prefix)
@@ -74,7 +74,7 @@ def export_calibration(lerobot: Path, robot: Path) -> None:
 
 @contextmanager
 def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[str]]) -> Iterator[None]:
-    """Add file and line to mistakes that begin with a joint name. ``known`` holds the location of each joint."""
+    """Add file and line to messages that begin with a joint name. ``known`` holds the location of each joint."""
     try:
         yield
     except CalibrationError as error:

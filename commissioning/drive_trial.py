@@ -11,13 +11,13 @@ from commissioning.slow_arm import SlowArm
 from hal.joint import Joint
 
 STUCK_SHARE: Final = 0.3
-"""Minimum motion, as a share of the commanded motion. A joint that moves less is blocked or has no force."""
+"""Minimum motion, as a fraction of the commanded motion. A joint that moves less is blocked or has no force."""
 BEHIND_RAD: Final = 0.25
-"""Following error at which a motion is aborted, rad of the servo's shaft. With the factory gains, a servo drives with
-full force from 0.19 rad on.
+"""Following error at which a motion is aborted, in rad of the servo's shaft. With the factory gains, a servo drives
+with full force from 0.19 rad on.
 """
 LEAST_DRIVE: Final = 0.04
-"""Minimum drive that can be evaluated, as a share of full drive. A smaller drive is hidden by the steps between goals.
+"""Minimum drive that can be evaluated, as a fraction of full drive. The steps between goals hide a smaller drive.
 """
 
 
@@ -26,7 +26,7 @@ class TrialPace:
     """Speeds and times of a trial. In an arm, a joint has less room and settles more slowly than a loose servo."""
 
     slow: float = 0.4
-    """Lower speed, as a share of the higher speed. The higher speed is the joint's slow velocity limit."""
+    """Lower speed, as a fraction of the higher speed. The higher speed is the joint's slow velocity limit."""
     ramp_s: float = 0.1
     """Time at each end of a motion that is ignored because the joint accelerates, in seconds."""
     rest_s: float = 0.8
@@ -36,13 +36,13 @@ class TrialPace:
 
     @property
     def speeds(self) -> tuple[float, float]:
-        """Both speeds, as shares of the slow velocity limit."""
+        """Both speeds, as fractions of the slow velocity limit."""
         return self.slow, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class TrialMotion:
-    """Result of the drive trial of one joint. Positions in rad or m, speeds in rad/s or m/s."""
+    """Result of the drive trial of one joint. Positions are in rad or m, speeds in rad/s or m/s."""
 
     joint: Joint
     asked: float
@@ -52,7 +52,7 @@ class TrialMotion:
     speed: float
     """Difference between the two speeds of the trial."""
     drive: float
-    """Difference between the mean drives at the two speeds, as a share of full drive at the rated voltage.
+    """Difference between the mean drives at the two speeds, as a fraction of full drive at the rated voltage.
 
     Friction and gravity are the same at both speeds and cancel out.
     """
@@ -80,7 +80,7 @@ class _Pass(NamedTuple):
     """Mean values of one motion in one direction."""
 
     drive: float
-    """Mean drive, as a share of full drive at the rated voltage."""
+    """Mean drive, as a fraction of full drive at the rated voltage."""
     speed: float
 
 
@@ -124,7 +124,10 @@ class DriveTrial:
             self._pull = max(self._pull, 0.5 * (there.drive + back.drive), key=abs)
 
     def _pass(self, target: float, share: float) -> "_Pass | None":
-        """Move at a constant speed and return the mean values without both ends; None if the joint does not follow."""
+        """Move at a constant speed and return the mean values, without both ends of the motion.
+
+        Return None if the joint does not follow.
+        """
         start, period_s = float(self._arm.command[self._index]), self._arm.period_s
         ramp = round(self._pace.ramp_s / period_s)
         cycles = max(round(abs(target - start) / (share * self._joint.limits.velocity) / period_s), 2 * ramp + 2)

@@ -10,6 +10,6 @@ class CommissioningError(DriverError):
 
 
 SMALLEST_BAUD: Final = 1_200
-"""Smallest accepted baud rate, below the smallest rate of any servo."""
+"""Minimum accepted baud rate, below the smallest rate of any servo."""
 LARGEST_BAUD: Final = 12_000_000
-"""Largest accepted baud rate, which the fastest USB adapters support."""
+"""Maximum accepted baud rate, which the fastest USB adapters support."""

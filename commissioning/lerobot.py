@@ -52,7 +52,7 @@ _FILE: Final = TypeAdapter(LerobotFile)
 
 
 def read_lerobot(path: Path) -> LerobotFile:
-    """Read LeRobot's file. Raises CalibrationError listing all mistakes."""
+    """Read LeRobot's file. Raises CalibrationError listing all errors."""
     try:
         content = json.loads(read_text(path, CalibrationError), object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:  # Brackets that are nested too deeply cause a RecursionError.
@@ -152,7 +152,7 @@ def _no_place(ours: CalibratedJoint) -> str:
 
 
 def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
-    """Return the mistakes in the offset and the travel of a servo with the counts 0 to ``last``."""
+    """Return the errors in the offset and the travel of a servo with the counts 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
     if abs(theirs.homing_offset) > LARGEST_OFFSET:
         return [

@@ -56,13 +56,13 @@ def from_lerobot(
     Args:
         file: LeRobot's file.
         joints: Joints of the arm.
-        built: Sign of each joint in all arms of the same design, by name.
-        plans: Calibration plan of each joint, by name.
+        built: Sign of each joint in all arms of the same design, keyed by joint name.
+        plans: Calibration plan of each joint, keyed by joint name.
         former: Previous calibration. A joint keeps its zero if its entry in LeRobot's file equals the previous
             calibration.
 
     Raises:
-        CalibrationError: The file has mistakes. The message lists all of them.
+        CalibrationError: The file has errors. The message lists all of them.
     """
     require_offsets(joints)
     if prefix := prefix_of(file, [joint.name for joint in joints]):
@@ -111,7 +111,7 @@ class _Import:
     former: CalibratedJoint | None
 
     def mistakes(self) -> list[str]:
-        """Return the mistakes in the entry of this joint."""
+        """Return the errors in the entry of this joint."""
         joint, theirs = self.joint, self.theirs
         found = entry_mistakes(theirs, joint.model.last_count)
         if theirs.id != joint.servo_id:
@@ -119,7 +119,7 @@ class _Import:
         return found or self._not_swept()
 
     def _not_swept(self) -> list[str]:
-        """Return a mistake if the joint was moved too little to show its stops."""
+        """Return an error if the joint was moved too little to show its stops."""
         joint, made = self.joint, self.result()
         travel, range_ = made.made.travel(joint), joint.limits.upper - joint.limits.lower
         if made.source == "kept" or travel >= SWEPT_SHARE * range_:
@@ -130,7 +130,7 @@ class _Import:
         ]
 
     def out_of_reach(self) -> list[str]:
-        """Return a mistake if the joint's limits lie outside the servo's counts. The robot file would be refused."""
+        """Return an error if the joint's limits lie outside the servo's counts. The robot file would be invalid."""
         lowest, highest = as_joint(self.joint, self.result().made).counts_range()
         if lowest >= 0 and highest <= self.joint.model.last_count:
             return []
@@ -162,7 +162,7 @@ class _Import:
         return low if (zero == "lower_stop") == (sign > 0) else high
 
     def _is_whole_turn(self) -> bool:
-        """Whether the travel is a whole turn. LeRobot writes a whole turn for a wrist without sweeping the joint."""
+        """Return whether the travel is a whole turn. LeRobot writes a whole turn for a wrist without sweeping it."""
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 

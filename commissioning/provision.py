@@ -13,7 +13,7 @@ from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
+"""Time allowed for the restart of a servo, in seconds. A servo needs 0.8 s."""
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
@@ -27,7 +27,7 @@ def provision(
     """Write register values to the servo's EEPROM and return the changes. The ID is written last.
 
     The torque must be off, and only registers with a different value are written. After a change, the servo is
-    restarted, because some registers take effect only then, and all values are read back. Raises ServoError,
+    restarted, because some registers take effect only after a restart, and all values are read back. Raises ServoError,
     CommissioningError, PortLost, with the changes made so far in the notes of the exception.
     """
     changes = update(bus, servo_id, series_of(model).lock, values)
@@ -63,5 +63,5 @@ def _check(bus: Bus, servo_id: int, values: Mapping[Register, int]) -> None:
 
 
 def drives(bus: Bus, servo_id: int, model: ServoModel) -> bool:
-    """Whether the servo drives its motor in any way, including damping."""
+    """Return whether the servo drives its motor in any way, including damping."""
     return retry(partial(bus.read, servo_id, series_of(model).torque_enable)) != 0

@@ -20,7 +20,7 @@ from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
 PERIOD_S: Final = 0.05
 SPEED_SHARE: Final = 0.25
-"""Maximum speed of a joint in tools, as a share of its velocity limit."""
+"""Maximum speed of a joint in tools, as a fraction of its velocity limit."""
 FASTEST_RAD_S: Final = 0.4
 """Default maximum speed of a servo's shaft."""
 SETTLE_S: Final = 0.3
@@ -29,8 +29,8 @@ STANDS_RAD: Final = 0.003
 """Maximum angle that a servo's shaft at rest turns within ``SETTLE_S``: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
 SINK_SHARES: Final = (0.3, 0.2, 0.12, 0.06)
-"""Torque limits before the torque is released, as shares of full drive. With these limits, a raised arm sinks instead
-of falling.
+"""Successive torque limits before the torque is disabled, as fractions of full drive. With these limits, a raised arm
+sinks instead of falling.
 """
 SINK_STEP_S: Final = 0.4
 """Duration of each of these torque limits."""
@@ -43,7 +43,7 @@ class StoppedError(DriverError):
 class SlowArm:
     """Context manager that enables the torque of an arm and moves it slowly.
 
-    At exit the arm sinks and its torque is released, unless ``relax`` is set to False. Positions are in rad or m, in
+    At exit, the arm sinks and its torque is disabled, unless ``relax`` is set to False. Positions are in rad or m, in
     the order of the joints.
     """
 
@@ -59,10 +59,11 @@ class SlowArm:
         """Prepare the arm without opening its buses.
 
         Args:
-            open_bus: Opens the bus of the joints, or all of their buses by name.
+            open_bus: Function that opens the bus of the joints, or all of their buses by name.
             joints: Joints of the arm.
             clock: Clock of the cycles.
-            stopped: Called in each cycle. When it returns True, StoppedError is raised and the arm sinks.
+            stopped: Function that is called in each cycle. If it returns True, StoppedError is raised and the arm
+                sinks.
             fastest_rad_s: Maximum speed of a servo's shaft, reduced to ``SPEED_SHARE`` of the joint's limit.
             period_s: Length of a cycle, in seconds.
         """
@@ -70,9 +71,9 @@ class SlowArm:
         self.period_s = period_s
         self.stopped = stopped
         self.relax = True
-        """Whether the torque is released at exit. Otherwise the servos hold their last goals."""
+        """Whether the torque is disabled at exit. Otherwise the servos hold their last goals."""
         self.asked_s = 0.0
-        """Clock time at which the newest measurement was requested."""
+        """Clock time at which the latest measurement was requested."""
         self._open_bus = open_bus
         self._buses: Mapping[str, Bus] = {}
         self._clock = clock
@@ -106,7 +107,7 @@ class SlowArm:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let the arm sink and release its torque. Raises StoppedError if torque may still be on."""
+        """Let the arm sink and disable its torque. Raises StoppedError if torque may still be enabled."""
         try:
             if self.relax:
                 self._sink()
@@ -117,16 +118,16 @@ class SlowArm:
 
     @property
     def state(self) -> JointState:
-        """The newest measurement of all joints."""
+        """The latest measurement of all joints."""
         assert self._state is not None
         return self._state
 
     def measured(self, index: int) -> float:
-        """Return the newest measured position of one joint."""
+        """Return the latest measured position of one joint."""
         return float(self.state.position[index])
 
     def measured_near(self, index: int, near: float) -> float:
-        """Return the newest position of one joint plus the number of whole turns that brings it closest to ``near``.
+        """Return the latest position of one joint plus the number of whole turns that brings it closest to ``near``.
 
         A servo reports only its position within the turn.
         """
@@ -134,7 +135,7 @@ class SlowArm:
         return measured + round((near - measured) / turn) * turn
 
     def go(self, index: int, target: float) -> None:
-        """Move one joint smoothly to the target at its slow speed, and wait until it is at rest, at most 2 s."""
+        """Move one joint smoothly to the target at its slow speed, and wait up to 2 s until it is at rest."""
         start, limits = float(self.command[index]), self.joints[index].limits
         cycles = round(0.5 * pi * abs(target - start) / limits.velocity / self.period_s) + 1
         for cycle in range(1, cycles + 1):
@@ -153,7 +154,7 @@ class SlowArm:
 
         Args:
             targets: Goals of the joints, shape (n,).
-            after_cycle: Called after each cycle.
+            after_cycle: Function that is called after each cycle.
         """
         start = self.command.copy()
         fastest = [min(one.limits.velocity, FASTEST_RAD_S * one.transmission) for one in self.joints]
@@ -180,7 +181,7 @@ class SlowArm:
     def _cycle(self, wanted: FloatArray) -> None:
         if self.stopped():
             raise StoppedError(
-                "stopped: the torque of the arm is released" if self.relax else "stopped: the arm holds its position"
+                "stopped: the torque of the arm is disabled" if self.relax else "stopped: the arm holds its position"
             )
         self.command = self._gate.limit(wanted, self.command, self.period_s).values
         self._hardware.write(JointCommand(self.command, self.period_s))
@@ -193,7 +194,7 @@ class SlowArm:
     def _sink(self) -> None:
         """Reduce the torque limits step by step.
 
-        A servo that does not accept a limit is released with the other servos.
+        The torque of a servo that does not accept a limit is disabled at the end, with that of the other servos.
         """
         for share in SINK_SHARES:
             for joint in self.joints:

@@ -26,7 +26,7 @@ BackgroundWorker = Callable[[Callable[[], None]], None]
 
 
 def run_at_once(work: Callable[[], None]) -> None:
-    """Run the work in the calling thread. This replaces the background worker when there is no other thread."""
+    """Run the work in the calling thread. Use this function as the background worker if there is no other thread."""
     work()
 
 
@@ -38,7 +38,7 @@ class TransitionRules:
     """Whether the loop continues after the last component is lost, so that a client can activate the component again.
     """
     background_worker: BackgroundWorker = run_at_once
-    """Runs work that takes longer than a cycle."""
+    """Function that runs work that takes longer than a cycle."""
 
 
 NO_BACKGROUND: Final = TransitionRules()
@@ -82,7 +82,7 @@ class _Leaving:
 class ComponentTransitions:
     """The transitions of all components. The transitions of one component run one after the other.
 
-    In an ordinary cycle ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, and the loop calls no method.
+    In an ordinary cycle, ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, so the loop calls no method.
     """
 
     def __init__(
@@ -98,8 +98,9 @@ class ComponentTransitions:
         Args:
             hardware: All components.
             manager: The controller manager.
-            take_over: Starts to command an activated component, or only the named joints of it. Raises on failure.
-            resume: Activates controllers again.
+            take_over: Function that starts to command an activated component, or only its named joints. It raises an
+                error on failure.
+            resume: Function that activates controllers again.
             rules: Rules for the transitions.
         """
         self.asked: deque[ComponentTransition] = deque()
@@ -193,7 +194,7 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _complete(self, component: Component, transition: ComponentTransition) -> None:
-        """Activate the joints of an active component that have lost their torque, even if the loop has not noticed."""
+        """Reactivate the limp joints of an active component, even if the loop has not detected them yet."""
         try:
             unanswered = self._hardware.ask_for_torque(component)
         except Exception as error:

@@ -13,7 +13,7 @@ from hal.types import JointState, ServoHealth
 
 LOOP: Final = "servoloop: control loop"
 CONTROLLERS: Final = "servoloop: controllers"
-"""Name of the status whose values are the states of the controllers, by controller name."""
+"""Name of the status whose values are the states of the controllers, keyed by controller name."""
 
 
 class Level(IntEnum):
@@ -43,7 +43,7 @@ def statuses(
     Args:
         loop: The control loop of the stack.
         hardware_id: Hardware ID of the loop and the controllers.
-        servo_ids: Servo ID of each joint, by joint name. Empty if there are no servos.
+        servo_ids: Servo ID of each joint, keyed by joint name. Empty if there are no servos.
         state: Latest measurement, or None before the first measurement.
     """
     yield _loop_status(loop, hardware_id)
@@ -54,7 +54,7 @@ def statuses(
             if state is not None and joint in servo_ids:
                 yield _servo_status(state, joint, servo_ids[joint], component.name)
     for port, counters in state.lines.items() if state is not None else ():
-        # These counters belong to no servo. The status of the component reports a lost port.
+        # These counters are not specific to a servo. The status of the component reports a lost port.
         values = _texts(noise=counters.noise, strange=counters.strange)
         yield Status(Level.OK, f"servoloop: {port}", "counted since the port was opened", port, values)
 

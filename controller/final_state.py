@@ -15,9 +15,11 @@ class FinalState:
     component: Component
     active: bool
     released: frozenset[str]
-    """Joints without torque although the component was active."""
+    """Joints whose torque was off although the component was active."""
     release_errors: Sequence[str] | None
-    """Errors while a lost component was released without being active. None if this was not tried or not possible."""
+    """Errors that occurred while the torque of a lost, inactive component was disabled. None if the torque could not be
+    disabled or no attempt was made.
+    """
 
     @classmethod
     def of(cls, component: Component, release_errors: Sequence[str] | None = None) -> "FinalState":
@@ -32,21 +34,21 @@ class FinalState:
         if self.release_errors is not None:
             return self._describe_release(self.release_errors)
         if self.component.error is not None and not (self.active and relax):
-            return f"{name} was lost: its servos hold their last goal if they are under torque"
+            return f"{name} was lost: its servos hold their last goal if their torque is enabled"
         if not self.active:
             return f"{name} was not active: its torque is unchanged"
         if problems:
-            return f"{name} may still be under torque: {'; '.join(problems)}"
+            return f"the torque of {name} may still be enabled: {'; '.join(problems)}"
         if relax:
             where = "in its park pose" if parked else "where it stopped"
             return f"{name} is {where}, and its torque is off"
-        return f"{name} holds its position under torque (on_exit: hold){self._exceptions()}"
+        return f"{name} holds its position with torque enabled (on_exit: hold){self._exceptions()}"
 
     def _describe_release(self, errors: Sequence[str]) -> str:
         if errors:
-            return f"{self.component.name} was lost and may still be under torque: {'; '.join(errors)}"
-        return f"{self.component.name} was lost and could not be parked: its torque is off where it stopped"
+            return f"{self.component.name} was lost, and its torque may still be enabled: {'; '.join(errors)}"
+        return f"{self.component.name} was lost and could not be parked: its torque was disabled where it stopped"
 
     def _exceptions(self) -> str:
         names = [joint for joint in self.component.hardware.joints if joint in self.released]
-        return f", except {', '.join(names)}, which had no torque" if names else ""
+        return f", except {', '.join(names)}, whose torque was off" if names else ""

@@ -7,7 +7,7 @@ import numpy as np
 from hal.types import FloatArray
 
 HORIZON_S: Final = 0.3
-"""Time by which the set point is ahead of the joints, in seconds. Each command ends at rest at the set point, so the
+"""Time by which the set point leads the joints, in seconds. Each command ends at rest at the set point, so the
 joints stop within this time after the last command, even if the operator's program has crashed.
 """
 FURTHEST: Final = 0.15
@@ -15,7 +15,7 @@ FURTHEST: Final = 0.15
 joint.
 """
 NEAR: Final = 2e-3
-"""Distance within which a joint has reached its target, in rad or m."""
+"""Maximum distance at which a joint has reached its target, in rad or m."""
 
 
 class JointPositions(NamedTuple):

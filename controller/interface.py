@@ -23,11 +23,11 @@ class ControllerContext:
     component: HardwareInfo
     """All ``<ros2_control>`` blocks, merged into one."""
     limits: Mapping[str, JointLimits]
-    """Limits of each joint, by joint name."""
+    """Limits of each joint, keyed by joint name."""
     settled: Settled
     """Function that returns whether the joints of another controller have reached their command."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
-    """Compliance and lag of servos, by joint name. A joint without an entry follows its command at once."""
+    """Compliance and lag of servos, keyed by joint name. A joint without an entry follows its command at once."""
     outputs: Outputs = field(default_factory=Outputs)
     """Outputs of the hardware, which move no joint."""
 
@@ -138,7 +138,7 @@ class Controller(Protocol):
         """Return whether the joints have reached their command or cannot move further.
 
         Returns:
-            Whether other controllers need not wait for this controller.
+            True if other controllers need not wait for this controller.
         """
         ...
 

@@ -24,9 +24,9 @@ from hal.types import FloatArray, Interface, JointLimits, JointState, far_outsid
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""Factor by which the longest time after the read decays in each cycle."""
+"""Factor by which the longest recorded duration of the steps after the read decays in each cycle."""
 LEAST_RESERVE: Final = 0.1
-"""Minimum share of the period that the read leaves to the other steps, even if they have been shorter so far."""
+"""Minimum fraction of the period that the read leaves to the other steps, even if they have taken less time so far."""
 
 
 class ControlLoop:
@@ -50,7 +50,7 @@ class ControlLoop:
         Args:
             hardware: All hardware components, with m command interfaces.
             manager: The controller manager.
-            limits: Limits of each joint, by joint name.
+            limits: Limits of each joint, keyed by joint name.
             clock: Clock that paces the loop.
             period_s: Period of the loop, in seconds.
             rules: Rules for the transitions of components.
@@ -95,8 +95,8 @@ class ControlLoop:
 
         Args:
             keep_inactive: Names of components that stay inactive.
-            keep_alive: Whether a component that cannot be activated stays inactive, without an error. None for
-                the loop's own ``keep_alive``.
+            keep_alive: Whether a component that cannot be activated stays inactive, without an error. If
+                None, the loop's own ``keep_alive`` applies.
 
         Raises:
             DriverError: A component does not answer.
@@ -118,13 +118,13 @@ class ControlLoop:
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Set the last command of an activated component to its measured positions.
 
-        A position slightly outside the limits also becomes the last command. From there, the safety gate returns
-        slowly.
+        A position slightly outside the limits also becomes the last command. The safety gate then
+        returns the joint slowly to its limits.
 
         Args:
             component: The component.
             state: Measurement of this cycle.
-            joints: Names of the joints to take over; the others keep their last command. None for all joints.
+            joints: Names of the joints to take over. The others keep their last command. If None, take over all joints.
 
         Raises:
             ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.

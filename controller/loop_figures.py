@@ -25,7 +25,7 @@ class LoopFigures:
     longest_cycle_s: float = 0.0
     busy_s: float = 0.0
     last_late_s: float = 0.0
-    """Delay with which the last cycle started, in seconds."""
+    """Delay of the last cycle's start, in seconds."""
     last_busy_s: float = 0.0
     """Duration of the last cycle, in seconds."""
     observer_errors: int = 0
@@ -33,15 +33,15 @@ class LoopFigures:
     last_read_s: float = 0.0
     """Duration of the last read, in seconds."""
     _return_logged_s: float = -math.inf
-    """Time at which the log last reported that joints are measured again, in seconds."""
+    """Time of the last log message that joints are measured again, in seconds."""
     _unlogged_returns: int = 0
-    """Number of episodes without a measurement that have ended since that report."""
+    """Number of episodes without a measurement that have ended since that message."""
     recent: MissedCycles = field(default_factory=MissedCycles, compare=False)
     """Missed cycles since the last report, and the highest rate of the recent cycles."""
 
     @property
     def summary(self) -> str:
-        """The number of missed cycles and of cycles without a measurement, as a text."""
+        """The number of missed cycles and of cycles without a measurement, as text."""
         parts = [f"{counted(self.missed, 'cycle')} missed"] if self.missed else []
         parts += [f"{counted(self.unmeasured, 'cycle')} without a measurement"] if self.unmeasured else []
         return ", ".join(parts) or "every cycle on time"
@@ -54,8 +54,8 @@ class LoopFigures:
 
         Args:
             due_s: Time at which the cycle was due, in seconds.
-            woke_s: Time at which it started.
-            now_s: Time at which it ends.
+            woke_s: Time at which the cycle started.
+            now_s: Time at which the cycle ends.
             period_s: Period of the loop, in seconds.
             computed_s: Processor time of the cycle, in seconds. The time of the read may be included.
         """
@@ -79,7 +79,7 @@ class LoopFigures:
     def count_unmeasured(self, state: JointState, hardware: ComponentSet) -> None:
         """Count a cycle in which no joint was measured, if at least one component could have been read.
 
-        The hardware logs the faults themselves. This method logs that an episode lasts, and the end of each episode.
+        The hardware logs the individual faults. This method logs when an episode lasts long, and when an episode ends.
         """
         asked = hardware.failures or any(component.sound for component in hardware.components)
         if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(hardware.joints):

@@ -1,4 +1,4 @@
-"""Report missed cycles of the loop: their share, their cause, and the highest rate that the loop sustained."""
+"""Report missed cycles of the loop: their percentage, their cause, and the highest rate that the loop sustained."""
 
 import math
 from collections import deque
@@ -9,18 +9,18 @@ from drivers.printable import counted
 REPORT_AGAIN_S: Final = 1.0
 """Minimum time between two reports, in seconds. More log lines would make the loop even later."""
 REMEMBERED_CYCLES: Final = 1000
-"""Number of recent cycles from which the highest rate is computed."""
+"""Number of recent cycles used to compute the highest rate."""
 FEWEST_CYCLES: Final = 200
-"""Minimum number of cycles from which the highest rate is computed."""
+"""Minimum number of cycles needed to compute the highest rate."""
 KEPT_SHARE: Final = 0.995
-"""Share of the recent cycles that must be on time at a rate for the machine to sustain this rate."""
+"""Fraction of the recent cycles that must be on time at a rate for the machine to sustain this rate."""
 
 
 class CycleTimes(NamedTuple):
-    """Duration of one cycle from its due time on, in seconds, by cause."""
+    """Duration of one cycle, counted from its due time and split by cause, in seconds."""
 
     machine_s: float
-    """Time for which the thread was ready but did not run."""
+    """Time the thread was ready but did not run."""
     bus_s: float
     """Duration of the read, including the wait for the servos."""
     computing_s: float
@@ -75,7 +75,7 @@ class MissedCycles:
             period_s: Period of the loop, in seconds.
 
         Returns:
-            The report. An empty text if no cycle was missed, or if the last report is recent.
+            The report, or an empty string if no cycle was missed or the last report is recent.
         """
         if not self._missed or now_s - self._reported_s < REPORT_AGAIN_S:
             return ""

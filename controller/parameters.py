@@ -12,7 +12,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the dotted name of each value that a ROS parameter cannot have, with a description of the mistake."""
+    """Yield the dotted name of each value that a ROS parameter cannot have, with a description of the error."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
@@ -27,7 +27,7 @@ def _value_mistake(value: Any) -> str | None:
     parts = value if isinstance(value, list | tuple) else [value]
     kinds = {type(part) for part in parts}
     if value is None:
-        return "has no value: set one or remove the parameter"
+        return "has no value: set a value or remove the parameter"
     if strange := kinds - {bool, int, float, str}:
         return f"has a value of type {strange.pop().__name__}, which ROS parameters do not support: use numbers or text"
     if len(kinds) > 1:
@@ -54,7 +54,7 @@ class Parameters(BaseModel):
             The parameters. If a required value is missing, the other values are not converted to their types.
 
         Raises:
-            pydantic.ValidationError: A value has any other mistake.
+            pydantic.ValidationError: A value has any other error.
         """
         try:
             return cls.model_validate(dict(values))

@@ -7,9 +7,9 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, JointState
 
 ARRIVED_SHARE = 0.02
-"""Maximum distance from the goal at which a joint has arrived, as a share of its range."""
+"""Maximum distance from the goal at which a joint has arrived, as a fraction of its range."""
 STILL_SHARE = 0.03
-"""Velocity below which a joint is at rest, as a share of its velocity limit."""
+"""Maximum velocity of a joint at rest, as a fraction of its velocity limit."""
 STILL_S = 0.1
 """Time a joint must be at rest short of its goal to count as stalled (fingers on an object), in seconds."""
 

@@ -17,7 +17,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, joints_of
 
 ARRIVE_S = 0.2
-"""Time for which the last command of a motion is held so that the servos can reach it, in seconds."""
+"""Time the last command of a motion is held so that the servos can reach it, in seconds."""
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -40,16 +40,17 @@ def shut_down(
     Args:
         loop: The control loop. No thread may run it anymore.
         relax: Whether to disable the torque.
-        park: Park pose in rad or m, by joint name. None skips parking.
-        velocity_scale: Share of the velocity limits used for parking.
-        hurry: Returns whether to skip the motion to the park pose (after a second signal).
-        settle: Waits for the background work, which may take seconds. The joints are at rest during this wait.
+        park: Park pose in rad or m, keyed by joint name. None skips parking.
+        velocity_scale: Fraction of the velocity limits used for parking.
+        hurry: Function that returns whether to skip the motion to the park pose (after a second signal).
+        settle: Function that waits for the background work, which may take seconds. The joints stay at rest during
+            the wait.
     """
     problems: list[str] = []
     parked: list[bool] = []
     failed: list[str] = []
     released: dict[str, Sequence[str]] = {}
-    """Errors of components that were released without being active, by component."""
+    """Errors of components that were released without being active, keyed by component."""
     loop.requests.end()
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
@@ -85,7 +86,7 @@ def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
 
 
 def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: list[str]) -> dict[str, Sequence[str]]:
-    """Activate a lost component again, or release it where it is. Return the errors of the release, by component."""
+    """Activate a lost component again, or disable its torque where it is. Return the errors, keyed by component."""
     released: dict[str, Sequence[str]] = {}
     if not hurry:
         _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
@@ -100,7 +101,7 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
     if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
         return
     hardware.configure()
-    if hardware.holds():  # Joints without torque have already dropped and stay there.
+    if hardware.holds():  # Limp joints have already dropped and stay where they are.
         hardware.activate()
         loop.hardware.rejoin(component)
         try:
@@ -113,7 +114,10 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
 
 
 def _release(component: Component) -> dict[str, Sequence[str]]:
-    """Disable the torque of a lost component, unless it is active or finalized. Return the errors, by component."""
+    """Disable the torque of a lost component, unless it is active or finalized.
+
+    Return the errors, keyed by component.
+    """
     hardware = component.hardware
     if isinstance(hardware, Holding) and component.state in (LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE):
         return {component.name: hardware.disable_torque()}
@@ -127,7 +131,7 @@ def _stop(loop: ControlLoop) -> None:
 
 
 def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
-    """Relieve joints that keep their torque, so that they do not press against an obstacle.
+    """Relieve joints whose torque stays enabled, so that they do not press against an obstacle.
 
     All joints are at rest by now.
     """
@@ -142,7 +146,7 @@ def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
 
 
 def _check_torque(loop: ControlLoop) -> None:
-    """Ask the servos whether their torque is enabled, so that the log also names joints that have just lost it."""
+    """Ask the servos whether their torque is enabled, so that the log also names joints that have just gone limp."""
     for component in loop.hardware.components:
         if component.active:
             loop.hardware.ask_for_torque(component)

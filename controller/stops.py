@@ -13,13 +13,13 @@ from hal.types import FloatArray, Interface, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 STANDING: Final = 1e-6
-"""Speed below which a joint is at rest, in rad/s or m/s."""
+"""Maximum speed of a joint at rest, in rad/s or m/s."""
 
 
 class StopMotion:
     """A motion that brings command interfaces to rest as fast as the acceleration and jerk limits allow.
 
-    Velocity commands become 0; the safety gate applies the acceleration limit. Effort commands become 0 at once.
+    Velocity commands become 0, and the safety gate applies the acceleration limit. Effort commands become 0 at once.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class DecelerationStops:
     """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
-        """Use the limits of each joint, by joint name. A joint without limits stops at once."""
+        """Use the limits of each joint, keyed by joint name. A joint without limits stops at once."""
         self._limits = limits
         self._interfaces = [Interface.parse(name) for name in interfaces]
         self.moving: list[_Stopping] = []

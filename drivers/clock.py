@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock that never goes backwards and whose zero point has no meaning."""
+    """Clock that never runs backward and whose zero point is arbitrary."""
 
     def now(self) -> float:
         """Return the time, in seconds."""
@@ -45,7 +45,7 @@ def computing_time(clock: Clock) -> Callable[[], float]:
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """Return the offset from ``clock`` to the time of day, in seconds. The fastest of five measurements counts."""
+    """Return the offset from ``clock`` to the time of day, in seconds. The fastest of five measurements is used."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
     before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall_s - 0.5 * (before_s + after_s)

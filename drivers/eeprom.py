@@ -90,7 +90,7 @@ class Eeprom:
         self.changes.append(Change(register, old, value))
 
     def write_unread(self, register: Register, value: int) -> None:
-        """Write a setting after which the servo leaves this bus. The caller must find the servo and set ``bus``."""
+        """Write a setting that removes the servo from this bus. The caller must find the servo and set ``bus``."""
         register.check(value)
         self._unlock(register)
         self._try_write(register, value)
@@ -128,7 +128,7 @@ class Eeprom:
         return held
 
     def _is_open(self, lock: Register, register: Register) -> bool:
-        """Whether the lock is still open after a write. Otherwise the value is lost at power-off."""
+        """Whether the lock is still open after a write. If it is not, the value is lost at power-off."""
         read = partial(self.bus.read, self.servo_id, lock)
         return self._ask(read, register, "was written, but may not have been saved") == OPEN
 
@@ -175,7 +175,7 @@ class Eeprom:
         torque_is_on = partial(self.bus.torque_is_on, self.servo_id)
         if self._ask(torque_is_on, register, "was not written because the servo's torque state cannot be read"):
             raise EepromError(self.servo_id, register, f"was not written: {HOLDS}")
-        self._touched = True  # set before the write, because the reply to the write may get lost
+        self._touched = True  # set before the write, because the reply to the write may be lost
         if self.lock is not None:
             self._turn(self.lock, OPEN)
 
@@ -261,7 +261,7 @@ def _close_after(memory: Eeprom, error: BaseException) -> None:
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
     """Write all settings that differ from ``values`` and return the changes. The ID is written last.
 
-    If an exception is raised, it gets a note for each earlier change.
+    If an exception is raised, a note for each earlier change is added to it.
     """
     for register, value in values.items():
         _check(register, value)

@@ -26,7 +26,7 @@ class ServoState(NamedTuple):
     position_counts: int
     velocity_counts_s: int
     load: float
-    """Motor drive as a share of full drive, -1 to 1."""
+    """Motor drive as a fraction of full drive, -1 to 1."""
     voltage_v: float
     temperature_c: float
     alarms: tuple[str, ...] = ()
@@ -35,7 +35,7 @@ class ServoState(NamedTuple):
 
 
 class ServoFault(NamedTuple):
-    """Reason why there is no state of a servo."""
+    """Reason why a servo's state is missing."""
 
     kind: FaultKind
     text: str

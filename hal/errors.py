@@ -1,9 +1,9 @@
 """Errors of the hardware layer. Errors of the drivers pass through the hardware layer unchanged.
 
 HalError
-├── DescriptionError   mistakes in the URDF
-├── RobotFileError     mistakes in the robot file
-├── ArmFileError       mistakes in the folder of an arm
+├── DescriptionError   errors in the URDF
+├── RobotFileError     errors in the robot file
+├── ArmFileError       errors in the folder of an arm
 ├── LifecycleError     the life cycle state does not allow the call
 └── ActivationError    torque must not be enabled now
 
@@ -22,11 +22,11 @@ class DescriptionError(HalError):
 
 
 class RobotFileError(HalError):
-    """The robot file has mistakes. The message lists all of them."""
+    """The robot file contains errors. The message lists all of them."""
 
 
 class ArmFileError(HalError):
-    """The arm does not exist, or its folder has mistakes. The message lists all of them."""
+    """The arm does not exist, or its folder contains errors. The message lists all of them."""
 
 
 class LifecycleError(HalError):

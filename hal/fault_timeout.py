@@ -14,7 +14,7 @@ At 20 Hz, a stall of 0.2 s costs the answers of five cycles: the current cycle a
 requests may cost a sixth cycle.
 """
 FAULT_S: Final = 0.35
-"""Minimum duration of a fault before a motion is aborted, in seconds worth of cycles (35 cycles at 100 Hz).
+"""Minimum duration of a fault before a motion is aborted, in seconds. It is measured in cycles (35 cycles at 100 Hz).
 
 A bus stall of 0.2 s therefore never aborts a motion, at any rate of the loop. While the loop is stalled, no cycles run
 and none are counted.

@@ -1,4 +1,4 @@
-"""Size limits of files that a user or another file names."""
+"""Size limits of files that are specified by a user or by another file."""
 
 import stat
 from contextlib import suppress
@@ -8,7 +8,7 @@ from typing import Final
 LARGEST_BYTES: Final = 2_000_000
 """Maximum size of a text file. A URDF with a hundred joints takes a tenth of this size."""
 LARGEST_SHAPE_BYTES: Final = 20_000_000
-"""Maximum size of a mesh or a picture. A binary STL file of this size has 400,000 triangles."""
+"""Maximum size of a mesh or an image. A binary STL file of this size has 400,000 triangles."""
 SHORTEN: Final = "shorten it, or choose another file"
 REDUCE: Final = "reduce the number of its triangles or pixels"
 
@@ -20,7 +20,7 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
         path: The file.
         error: Class of the error.
         largest_bytes: Maximum size.
-        remedy: What to do if the file is too large, for the message.
+        remedy: Remedy for a file that is too large, for the message.
 
     Raises:
         error: The file is too large, or is a device or a pipe, which has no size.

@@ -19,11 +19,11 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, apart, beyond_range
 
 RETURN_SHARE: Final = 0.1
-"""Share of its velocity limit at which a joint outside its limits returns to them."""
+"""Fraction of the velocity limit at which a joint outside its limits returns to them."""
 
 
 def clipped(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Clamp values (n,) to limits (n,), as ``np.clip`` does, in a third of its time.
+    """Clamp values (n,) to limits (n,) like ``np.clip``, but in a third of the time.
 
     Args:
         values: Values of shape (n,).
@@ -93,7 +93,8 @@ class SafetyGate:
         if outside.any():
             reach = np.where(outside, RETURN_SHARE * reach, reach)
         safe = np.clip(inside, last - reach, last + reach)
-        # 1e-9: a command exactly at a limit may differ from it by rounding. The comparison is also true for NaN.
+        # The tolerance of 1e-9 is needed because a command exactly at a limit may differ from it by rounding. The
+        # comparison is also true for NaN.
         if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:
             returning = {
                 i: f"position {self._outside(i, last[i])}: returning slowly" for i in np.flatnonzero(outside).tolist()

@@ -31,7 +31,7 @@ class Hardware(Protocol):
         ...
 
     def configure(self) -> None:
-        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and the torque is not switched.
+        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and no torque is enabled or disabled.
 
         Raises:
             DriverError: The hardware cannot be opened, or differs from its description.
@@ -51,7 +51,7 @@ class Hardware(Protocol):
         """Stop driving the joints: ACTIVE → INACTIVE.
 
         Args:
-            relax: Whether to release the torque. Otherwise the joints hold their positions.
+            relax: Whether to disable the torque. If False, the joints hold their positions.
 
         Returns:
             Messages about errors, each with the name of the servo.
@@ -134,18 +134,20 @@ class Reactivating(Protocol):
 
     @property
     def without_torque(self) -> frozenset[str]:
-        """Joints of the active hardware that lost their torque and get no commands until they are activated again."""
+        """Joints of the active hardware that lost their torque.
+
+        These joints receive no commands until they are activated again.
+        """
         ...
 
     def reactivate(self) -> frozenset[str]:
-        """Activate the joints without torque while the others hold.
+        """Activate the limp joints while the other joints hold their positions.
 
         Returns:
             The names of the activated joints.
 
         Raises:
-            ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay without
-                torque.
+            ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay limp.
             DriverError: The hardware does not answer. The state is the same as after ActivationError.
         """
         ...
@@ -153,7 +155,7 @@ class Reactivating(Protocol):
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Hardware that must poll its joints for lost torque, in turn, a few in each cycle."""
+    """Hardware that must poll its joints for lost torque, a few joints in each cycle."""
 
     def ask_for_torque(self) -> frozenset[str]:
         """Poll all joints of the active hardware, and update ``without_torque``.
@@ -168,10 +170,10 @@ class AskedForTorque(Protocol):
 
 @runtime_checkable
 class Holding(Protocol):
-    """Hardware whose joints may have torque while it is not active, for example after another program crashed."""
+    """Hardware whose torque may be enabled while it is not active, for example after another program crashed."""
 
     def holds(self) -> bool:
-        """Return whether at least one joint of the configured hardware has torque.
+        """Return whether the torque of at least one joint of the configured hardware is enabled.
 
         Raises:
             DriverError: The hardware cannot be read.
@@ -192,10 +194,10 @@ class Holding(Protocol):
 
 @runtime_checkable
 class Undoing(Protocol):
-    """Hardware that remembers which joints had torque before its activation."""
+    """Hardware that remembers which joints were limp before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
-        """Release the joints that had no torque before: ACTIVE → INACTIVE.
+        """Release the joints that were limp before the activation: ACTIVE → INACTIVE.
 
         Returns:
             Messages about errors.

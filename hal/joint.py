@@ -31,7 +31,7 @@ class Joint:
     seam_inside: bool = False
     """Whether the joint may pass from the servo's last count to the first, as is possible before a calibration."""
     torque_limit: float = 1.0
-    """Share (0 to 1) of full drive that the servo may use."""
+    """Fraction (0 to 1) of full drive that the servo may use."""
     bus: str = ""
     """Name of the servo's bus; empty if there is only one bus."""
     position_p: int | None = None
@@ -55,7 +55,7 @@ class Joint:
         object.__setattr__(self, "_units_per_count", units)
 
     def between_stops(self) -> "Joint":
-        """Return the joint with its whole travel as its limits, as calibration measures it.
+        """Return the joint with limits that cover its whole travel, as calibration measures it.
 
         Returns:
             A joint whose limits are its stops; the joint itself if it has no ``stops``.
@@ -136,7 +136,7 @@ class Joint:
         """
         if self._counts_range is None:
             ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
-            # 1e-9: a limit that is a whole number of counts must not change by one through rounding errors.
+            # The margin of 1e-9 keeps rounding errors from changing a limit that is a whole number of counts.
             lowest, highest = math.ceil(min(ends) - 1e-9), math.floor(max(ends) + 1e-9)
             object.__setattr__(self, "_counts_range", (lowest + self.zero_counts, highest + self.zero_counts))
         assert self._counts_range is not None

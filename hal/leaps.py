@@ -25,7 +25,7 @@ LONGEST_S: Final = 0.25
 SLACK_COUNTS: Final = 8
 """Distance that is always plausible, because of noise and backlash."""
 SLACK_SHARE: Final = 2.0 * AT_LIMIT
-"""Distance that is always plausible if the servo is unknown, as a share of the joint's range (at most one turn)."""
+"""Distance that is always plausible if the servo is unknown, as a fraction of the joint's range (at most one turn)."""
 
 
 class Plausibility:
@@ -35,8 +35,8 @@ class Plausibility:
         """Initialize the check.
 
         Args:
-            driven_speed: Highest plausible speed while the servo has torque, in rad/s or m/s.
-            limp_speed: Highest plausible speed without torque, in rad/s or m/s.
+            driven_speed: Highest plausible speed while torque is enabled, in rad/s or m/s.
+            limp_speed: Highest plausible speed of a limp joint, in rad/s or m/s.
             slack: Distance that is always plausible, in rad or m.
             turn: Distance after which positions repeat, in rad or m.
         """
@@ -69,7 +69,7 @@ class Plausibility:
         Args:
             position: Measured position, in rad or m.
             now_s: Time of the reading, in seconds.
-            driven: Whether the servo has torque. A limp joint can be moved faster by hand.
+            driven: Whether the servo's torque is enabled. A limp joint can be moved faster by hand.
 
         Returns:
             The distance by which the reading jumps, in rad or m. None if the reading is plausible or confirms the
@@ -77,7 +77,7 @@ class Plausibility:
         """
         speed = self._driven_speed if driven else self._limp_speed
         away = position - self._accepted if self._straight else self._distance(self._accepted, position)
-        # The first reading is accepted: the distance from NaN is NaN, which is not above the reach.
+        # The first reading is accepted, because its distance from NaN is NaN, and NaN is not above the reach.
         plausible = not abs(away) > self._reach(speed, now_s - self._accepted_s)
         if plausible or abs(self._distance(self._rejected, position)) <= self._reach(speed, now_s - self._rejected_s):
             self._accepted, self._accepted_s, self._rejected = position, now_s, math.nan

@@ -7,7 +7,7 @@ from hal.robot_description.outputs import OutputInfo
 
 
 class Outputs:
-    """Requested value of each output, by interface (``lamp/led``). Only the thread of the loop uses it."""
+    """Requested value of each output, keyed by interface (``lamp/led``). Only the loop's thread uses this class."""
 
     def __init__(self, infos: Mapping[str, OutputInfo] | None = None) -> None:
         """Start with the initial values of the outputs."""
@@ -17,7 +17,7 @@ class Outputs:
         """Requested values by interface; NaN before the first command."""
 
     def set(self, name: str, value: float) -> None:
-        """Request a value, which is limited to the range of the output."""
+        """Request a value. The value is clamped to the range of the output."""
         info = self.infos[name]
         self.values[name] = min(max(value, info.lowest), info.highest)
 

@@ -65,7 +65,7 @@ RANGES: Final = {
 
 
 def range_mistake(kind: str, value: float) -> str | None:
-    """Return the message about an implausible value, to follow its name; None if the value is plausible."""
+    """Return a message about an implausible value, worded to follow its name, or None if the value is plausible."""
     known = RANGES[kind]
     if known.lowest <= value <= known.highest:  # false for NaN
         return None

@@ -108,7 +108,7 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def slerp(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
-    """Return the quaternion (4,) at a share from 0 to 1 of the shortest rotation between two quaternions (4,)."""
+    """Return the quaternion (4,) at a fraction from 0 to 1 of the shortest rotation between two quaternions (4,)."""
     cosine = float(start @ end)
     target = -end if cosine < 0.0 else end
     angle_rad = np.arctan2(np.linalg.norm(target - start), np.linalg.norm(target + start)) * 2.0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 _FIGURE: Final = re.compile(r"(?<![\w.-])[+-]?\d+(?:\.\d+)?(?!\w|\.\d)")
-"""A separate number. Digits in the name of a model or a port do not match."""
+"""Pattern of a separate number. Digits in the name of a model or a port do not match."""
 
 
 def event_of(text: str) -> tuple[str, ...]:

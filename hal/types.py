@@ -16,8 +16,8 @@ FloatArray = NDArray[np.float64]
 
 
 AT_LIMIT: Final = 1e-3
-"""Distance beyond a limit up to which a joint counts as at the limit, as a share of its range. This distance covers two
-or three counts of 4096, and sag.
+"""Maximum distance beyond a limit at which a joint counts as being at the limit, as a fraction of its range. This
+distance covers sag and two or three counts of 4096.
 """
 
 
@@ -87,16 +87,16 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """Report on a servo that presses without motion. If the joint has a torque limit, the drive is reduced."""
+    """Report on a servo that presses without moving. If the joint has a torque limit, the drive is reduced."""
 
     text: str
     """Description with the servo's ID."""
     warns: bool
-    """Whether to show a warning. A gripper that has held an object for some time is normal."""
+    """Whether to show a warning. A gripper that has held an object for some time is normal and causes no warning."""
 
 
 OUTSIDE_TOLERANCE: Final = 0.05
-"""Distance by which a joint may be outside its limits at activation, as a share of its range. This distance covers
+"""Maximum distance of a joint outside its limits at activation, as a fraction of its range. This distance covers
 backlash, soft end stops and sag.
 """
 
@@ -148,13 +148,13 @@ class ServoHealth(NamedTuple):
     counters: ServoCounters | None = None
     """Counters of communication faults since the start."""
     load: float = math.nan
-    """Drive as a share of full drive, -1 to 1, in the joint's direction."""
+    """Drive as a fraction of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
     """Motor current in the joint's direction, in A; NaN if the servo does not report it."""
     supply: VoltageFault | None = None
     """Fault of the supply voltage."""
     stall: Stall | None = None
-    """Report if the servo presses without motion."""
+    """Stall report if the servo presses without moving."""
 
 
 class JointFault(NamedTuple):
@@ -164,7 +164,7 @@ class JointFault(NamedTuple):
     """Kind of fault.
 
     - ``implausible``: the measured position was rejected.
-    - ``no_torque``: the servo answers but may have no torque.
+    - ``no_torque``: the servo answers, but its torque may be disabled.
     - ``component``: the component is lost, in a transition or inactive.
     - Other kinds are communication faults of the servo.
     """
@@ -192,9 +192,9 @@ class JointState:
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
     """Health by joint name, for joints with a servo."""
     extra: Mapping[str, float] = field(default_factory=dict)
-    """Values of other state interfaces, by full name (``joint1/acceleration``)."""
+    """Values of other state interfaces, keyed by full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)
-    """Fault counters of each bus, by serial port."""
+    """Fault counters of each bus, keyed by serial port."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Read YAML files as pydantic models. All mistakes of a file are reported together, each with file and line."""
+"""Read YAML files as pydantic models. All errors in a file are reported together, each with file and line."""
 
 import re
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ from hal.yaml_nodes import YamlFile, listed, read
 Model = TypeVar("Model", bound=BaseModel)
 
 _TEXTS: Final = {
-    "missing": "is missing: add it",
+    "missing": "is missing: add the key",
     "extra_forbidden": "is not a known key: correct or remove it",
 }
 """Messages by type of a pydantic error."""
 _SHOULD_BE: Final = "Input should be "
 _CAUSE: Final = re.compile(r", (unable to parse|got a number) .*$| or instance of \w+$")
-"""Parts of the messages of pydantic that ``error_text`` omits."""
+"""Parts of pydantic's messages that ``error_text`` omits."""
 _WORDS: Final = {
     "greater than or equal to": "at least",
     "less than or equal to": "at most",
@@ -34,7 +34,7 @@ _WORDS: Final = {
     "a valid list": "a list",
     "a valid boolean": "true or false",
 }
-"""Terms in messages of pydantic, and their replacements."""
+"""Terms in pydantic's messages, and their replacements."""
 _SHOWN: Final = 50
 """Maximum number of characters of a value in a message."""
 
@@ -47,7 +47,7 @@ class YamlPlaces(Protocol):
 
 
 def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
-    """Read a file as a model. Raises ``error`` with a message that lists every mistake and its line."""
+    """Read a file as a model. Raises ``error`` with a message that lists every error and its line."""
     return load_with_lines(path, model, error)[0]
 
 
@@ -61,7 +61,7 @@ def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> t
 
 
 def mistakes(file: YamlPlaces, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
-    """List the mistakes of a model, each with file and line.
+    """List the errors in a model, each with file and line.
 
     Args:
         file: The file, for the line numbers.

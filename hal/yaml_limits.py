@@ -1,4 +1,4 @@
-"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading takes at most seconds."""
+"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading it takes only seconds."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -56,7 +56,7 @@ def _counted(node: yaml.Node, known: dict[int, tuple[int, int]], allowed: int) -
 
     Args:
         node: The node.
-        known: Results for nodes that were already counted, by ID of the node object.
+        known: Results for nodes that were already counted, keyed by ID of the node object.
         allowed: Maximum depth.
     """
     if allowed < 0:

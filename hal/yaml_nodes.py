@@ -17,7 +17,7 @@ from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
 _FASTEST: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The C loader if PyYAML was built with it (about eight times as fast), otherwise the Python loader."""
 MOST_MISTAKES: Final = 50
-"""Maximum number of mistakes that a message lists."""
+"""Maximum number of errors that a message lists."""
 _BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
 """Errors that PyYAML raises for a value that does not match its tag, such as ``!!bool maybe``."""
 
@@ -91,7 +91,7 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
         root = Loader(text).get_single_node()
         check_expanded(root)
     except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {_problem(reason, text)}: correct it") from reason
+        raise error(f"{path} is not YAML: {_problem(reason, text)}: correct this line") from reason
     except TooLarge as reason:
         raise error(f"{path} {reason}") from reason
     except TooDeep as reason:
@@ -109,17 +109,17 @@ def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
     try:
         content = None if file.root is None else Loader("").construct_document(file.root)
     except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
+        raise error(f"{path} is not YAML: {_problem(reason)}: correct this line") from reason
     if duplicates:
         raise error("\n".join(listed([f"{path}:{duplicate}" for duplicate in duplicates])))
     return file, content
 
 
 def listed(lines: Sequence[str | partial[str]]) -> list[str]:
-    """Return the first ``MOST_MISTAKES`` lines, followed by the number of lines that are left out."""
+    """Return the first ``MOST_MISTAKES`` lines, followed by the number of omitted lines."""
     shown = [line if isinstance(line, str) else line() for line in lines[:MOST_MISTAKES]]
     more = len(lines) - len(shown)
-    return [*shown, f"and {more} more mistakes"] if more else shown
+    return [*shown, f"and {more} more errors"] if more else shown
 
 
 def _problem(error: yaml.YAMLError, text: str = "") -> str:

@@ -9,7 +9,7 @@ from typing import Final
 from hal.types import JointState
 
 KEPT_CYCLES: Final = 100
-"""Maximum number of cycles that wait for their publication. Older cycles are discarded without being published."""
+"""Maximum number of cycles that wait to be published. Older cycles are discarded without being published."""
 STOP_S: Final = 1.0
 """Maximum time to wait for the thread to end, in seconds."""
 
@@ -23,7 +23,7 @@ class CyclePublisher:
         self._publish = publish
         self._cycles: deque[JointState] = deque(maxlen=KEPT_CYCLES)
         self._posted = self._published = 0
-        """Numbers of posted and published cycles. Each of these counters is written by one thread only."""
+        """Numbers of posted and published cycles. Each counter is written by only one thread."""
         self._caught_up = threading.Condition()
         self._idle = threading.Lock()
         """Lock that is held until a cycle is posted. The loop thread only releases this lock, so it never waits for

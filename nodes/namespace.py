@@ -16,7 +16,7 @@ _PART: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def parse_namespace(text: str) -> str:
-    """Return the namespace that a user names, as rcl reads the namespace of a node.
+    """Return the namespace that a user specifies, as rcl reads the namespace of a node.
 
     Args:
         text: The namespace, with or without the slash at its start.
@@ -50,5 +50,5 @@ def namespace_of(node: _Named) -> str:
 
 
 def frame_prefix(namespace: str) -> str:
-    """Return the prefix with which the frames of a namespace differ from those of other namespaces on /tf."""
+    """Return the prefix that distinguishes the frames of a namespace from those of other namespaces on /tf."""
     return f"{namespace[1:]}/" if namespace else ""

@@ -23,7 +23,7 @@ On an idle machine, discovery took 0.1 to 0.7 s, because a program often misses 
 announcement.
 """
 PATIENT_DISCOVERY_S: Final = 2.5
-"""This time if another node is likely to be missed, in seconds.
+"""Time to discover other nodes if another node is likely to be missed, in seconds.
 
 With a discovery server of Fast DDS on the same machine, discovery took 0.9 to 1.2 s.
 """
@@ -31,9 +31,9 @@ POLL_S: Final = 0.02
 CHECK_S: Final = 1.0
 """Period of the search for other nodes while a node runs, in seconds."""
 NEW_CHECKS: Final = 5
-"""Checks after the start during which a node counts as new."""
+"""Number of checks after the start during which a node counts as new."""
 PATIENT_CHECKS: Final = 6
-"""Checks in a row that must discover another node before a node that has run for longer reports it."""
+"""Number of consecutive checks that must discover another node before a node that has run for longer reports it."""
 
 STATUS: Final = "servoloop: other stacks"
 """Name of the diagnostic status that reports another node with the same name."""
@@ -51,7 +51,7 @@ class Discovery(Enum):
 
 
 class Seniority:
-    """Decides which of two nodes is the newer one, even if it discovers the older one late.
+    """Check that decides which of two nodes is newer, even if it discovers the older node late.
 
     DDS discovers nodes late on a loaded machine, so a second node can start. A new node reports another node at once.
     An old node gives the other one time to end.
@@ -81,9 +81,9 @@ def nodes_in_graph(node: Node, name: str) -> int:
 
 
 class OtherNodes:
-    """Check once per second whether there is another node with the name of an own one.
+    """Periodic check, once per second, for another node with the name of an own node.
 
-    A new stack ends when it discovers another one. An old stack, whose arm may be in motion, only reports it.
+    A new stack ends when it discovers another stack. An old stack, whose arm may be in motion, only reports the other.
     """
 
     def __init__(self, node: Node, message: str) -> None:
@@ -118,7 +118,7 @@ class OtherNodes:
 class Search:
     """Search for a node before an own node with the same name is created.
 
-    The search uses a ROS context of its own. A new context discovers only programs that run. A program that was killed
+    The search uses a ROS context of its own. A new context discovers only running programs. A program that was killed
     stays in the graph of others for up to 20 s, but no longer announces itself.
     """
 

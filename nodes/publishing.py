@@ -9,12 +9,12 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from hal.types import FloatArray
 
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Publisher profile of ros2_control: a late subscriber immediately receives the newest message."""
+"""Publisher profile of ros2_control: a late subscriber immediately receives the latest message."""
 LATCHED_WHILE_NEW: Final = QoSProfile(depth=1, durability=LATCHED.durability, lifespan=Duration(seconds=0.5))
-"""Like LATCHED, for topics published only while there are subscribers: an old message expires after 0.5 s."""
+"""Profile like LATCHED for topics published only while there are subscribers. An old message expires after 0.5 s."""
 ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Subscriber profile of ros2_control. The subscriber also accepts best-effort publishers: the next command replaces a
-lost command."""
+"""Subscriber profile of ros2_control. The subscriber also accepts best-effort publishers, because the next command
+replaces a lost command."""
 EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 """Service profile that keeps every request of a burst."""
 

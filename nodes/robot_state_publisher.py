@@ -101,7 +101,7 @@ class RobotStatePublisher:
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         own = self._stack.description.xml
         if any(p.name == "robot_description" and p.value != own for p in parameters):
-            reason = "the stack drives the robot with which it was started: restart it with the other URDF"
+            reason = "the stack drives the robot with which it was started: restart the stack with the other URDF"
             return SetParametersResult(successful=False, reason=reason)
         try:
             self._changed(parameters)

@@ -33,15 +33,15 @@ MIXED_LIST: Final = "Sequence should be of same type"
 def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> str:
     """Initialize rclpy with the discovery range of this process.
 
-    Signal handling remains with the caller. The handlers of rclpy would close the middleware immediately, and running
-    goals could not be ended.
+    The caller remains responsible for signal handling. The handlers of rclpy would close the middleware
+    immediately, and running goals could not be ended.
 
     Args:
         arguments: Arguments in the form of ``sys.argv``, which is the default.
-        namespace: Namespace of all nodes of this process; empty if the arguments may name it.
+        namespace: Namespace of all nodes of this process; empty if the arguments may specify it.
 
     Returns:
-        The result is a sentence that names the programs that can command the arm.
+        A sentence that names the programs that can command the arm.
 
     Raises:
         RosError: rcl rejects a setting or an argument.
@@ -54,7 +54,7 @@ def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> s
 
 
 def read_network_option(args: Sequence[str], name: str, description: str, network: str) -> None:
-    """Read the option ``--network`` of a node's process, and let it communicate with other machines if it is given.
+    """Read the option ``--network`` of a node's process. If it is given, open the process to other machines.
 
     Args:
         args: Arguments in the form of ``sys.argv``.

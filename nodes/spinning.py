@@ -15,9 +15,9 @@ from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.ros_process import init_rclpy
 
 FINISH_S: Final = 0.2
-"""Time for which clients are still served after the control loop has ended, in seconds."""
+"""Time clients are still served after the control loop has ended, in seconds."""
 WAKE_S: Final = 0.1
-"""Time after which the executor wakes by itself, in seconds, to check whether to end and to send delayed answers."""
+"""Interval, in seconds, at which the executor wakes to check whether to end and to send delayed answers."""
 
 LOG = logging.getLogger("servoloop.nodes")
 

@@ -11,7 +11,10 @@ from hal.robot_description.description import Description, HardwareInfo, Vector
 from hal.robot_description.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), by name. Empty for a real arm."""
+"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), keyed by name.
+
+The result is empty for a real arm.
+"""
 
 
 class Simulation(Protocol):
@@ -41,11 +44,11 @@ class Stack:
     """Servo ID of each joint, prefixed with the bus name if buses are named (``hand/1``). Empty without servos."""
     scene: Scene
     set_compensation: Mapping[str, Callable[[bool], None]]
-    """Functions that switch gravity compensation on or off, by name of a component with servos."""
+    """Functions that switch gravity compensation on or off, keyed by the name of a component with servos."""
     factory: Factory
     """Factory of the controllers that clients load."""
     relax: bool
-    """Whether a deactivated component releases its torque, as ``on_exit`` in the robot file specifies."""
+    """Whether deactivating a component disables its torque, as ``on_exit`` in the robot file specifies."""
     publish_transforms: bool = True
     """Whether to publish ``robot_description`` and the transforms of the links."""
     simulation: Simulation | None = None

@@ -67,7 +67,7 @@ class Surface:
         self._publisher.post(state)
 
     def wake(self) -> None:
-        """Wake the ROS thread to respond to clients whose requests are complete. Does not block."""
+        """Wake the ROS thread to respond to clients whose requests are complete. This method does not block."""
         self._woken = True
         self._executor.post()
 
@@ -75,7 +75,7 @@ class Surface:
         """Wait until all posted cycles are published, so that a simulated loop cannot outrun its clients.
 
         Returns:
-            Return whether the cycles were published within ``longest_s`` seconds.
+            Whether the cycles were published within ``longest_s`` seconds.
         """
         return self._publisher.wait_until_published(longest_s)
 

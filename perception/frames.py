@@ -41,7 +41,11 @@ class CameraSource(Protocol):
         ...
 
     def open(self) -> None:
-        """Open the source. Raises: CameraError: The source cannot be used. The message tells the user what to do."""
+        """Open the source.
+
+        Raises:
+            CameraError: The source cannot be used. The message tells the user what to do.
+        """
         ...
 
     def read(self, timeout_s: float) -> Frame:

@@ -67,8 +67,11 @@ class GradingLoop:
     def step(self, timeout_s: float) -> Seen | None:
         """Read and grade the next frame.
 
-        Args: timeout_s: Maximum time to wait, in seconds. Returns: The frame. None if there is no frame; ``status`` has
-        the reason.
+        Args:
+            timeout_s: Maximum time to wait, in seconds.
+
+        Returns:
+            The frame, or None if there is no frame. ``status`` then has the reason.
         """
         if not self._open and not self._opened(timeout_s):
             return None

@@ -92,16 +92,19 @@ class _CameraFile(BaseModel):
         if len(self.distortion_coefficients.data) != wanted:
             raise ValueError(
                 f"distortion_coefficients has {len(self.distortion_coefficients.data)} values, but "
-                f"{self.distortion_model} has {wanted}: correct it"
+                f"{self.distortion_model} has {wanted}: correct the number of values"
             )
         return self
 
 
 def read_intrinsics(path: Path) -> Intrinsics:
-    """Read a camera.yaml. Args: path: File that camera_calibration or ``servoloop camera calibrate`` has written.
+    """Read a camera.yaml.
+
+    Args:
+        path: File that camera_calibration or ``servoloop camera calibrate`` has written.
 
     Raises:
-        CameraFileError: The file has mistakes. The message lists all of them with their lines.
+        CameraFileError: The file has errors. The message lists all errors with their line numbers.
     """
     file = load(path, _CameraFile, CameraFileError)
     distortion = file.distortion_coefficients.array().reshape(-1)

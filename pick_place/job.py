@@ -67,7 +67,7 @@ class JobOutcome:
 
 
 class JobArm(Protocol):
-    """Interface through which a job moves the arm to joint positions."""
+    """Interface with which a job moves the arm to joint positions."""
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         """Move to a pose and return the outcome. A failure is returned and never raised."""

@@ -35,7 +35,7 @@ class JobPlanner(Protocol):
         ...
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool, in the position in which it is gripped at the pick pose."""
+        """Attach the object to the tool, at the position that it has in the gripper at the pick pose."""
         ...
 
     async def remove_object(self) -> JobOutcome:
@@ -67,8 +67,8 @@ class PoseMotions:
     def steps(self, grade: str) -> Sequence[JobMove | JobHand]:
         """Return all steps of a job for a known grade.
 
-        The object is an obstacle until the tool is above it. Then the object is removed from the scene, so that the
-        fingers can close around it. The object is then attached to the tool until the fingers open again.
+        The object is an obstacle until the tool is above it. The object is then removed from the scene, so that the
+        fingers can close around it. Afterwards, the object is attached to the tool until the fingers open again.
         """
         settings, planner = self._settings, self._planner
         pick, bin_pose = settings.pick, settings.bins[grade]

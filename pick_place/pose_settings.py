@@ -32,7 +32,7 @@ class PickObject:
     size_m: tuple[float, ...] = (0.04, 0.04, 0.04)
     """Lengths of the edges, in m.
 
-    They are a few mm less than those of the real object, so that the box does not touch the surface below it.
+    The box is a few mm smaller than the real object, so that it does not touch the surface below.
     """
     position_m: tuple[float, ...] = (0.291, 0.0, 0.088)
     """Center of the object before the pick, in m, in the frame of the settings."""
@@ -65,7 +65,7 @@ class PoseSettings(ArmSettings):
     pick: ToolPose = (0.24894, 0.0, 0.23205, 0.69229, 0.70684, 0.10165, 0.10379)
     """Pose of the tool in which the open fingers surround the object."""
     bins: Mapping[str, ToolPose] = field(default_factory=_bins)
-    """Pose above the bin of each grade, by grade (stripped, upper case)."""
+    """Pose above the bin of each grade, keyed by grade (stripped, upper case)."""
     frame: str = "base_link"
     """Frame of all poses."""
     group: str = "arm"
@@ -75,11 +75,11 @@ class PoseSettings(ArmSettings):
     approach_m: float = 0.06
     """Height above the pick pose and the bins from which the tool moves down in a straight line, in m."""
     speed: float = 0.5
-    """Share of the arm's velocity and acceleration limits, above 0 and at most 1."""
+    """Fraction of the arm's velocity and acceleration limits, above 0 and at most 1."""
     planning_time_s: float = 5.0
     """Maximum time to plan a motion, in seconds."""
     hand_time_s: float = 1.0
-    """Time that the fingers get before the next motion is planned, in seconds."""
+    """Time for the fingers to move before the next motion is planned, in seconds."""
     target: PickObject = field(default_factory=PickObject)
 
     def mistakes(self) -> Iterator[str]:

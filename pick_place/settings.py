@@ -52,7 +52,7 @@ class ArmSettings:
     """Age above which a vision message is ignored, in seconds."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError with all mistakes."""
+        """Raise ValueError, which lists all errors."""
         if mistakes := list(self.mistakes()):
             raise ValueError("; ".join(mistakes))
 
@@ -79,7 +79,7 @@ class JobSettings(ArmSettings):
 
     pick_rad: Pose = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
     bins_rad: Mapping[str, Pose] = field(default_factory=_bins)
-    """Pose above the bin of each grade, by grade (stripped, upper case)."""
+    """Pose above the bin of each grade, keyed by grade (stripped, upper case)."""
 
     def mistakes(self) -> Iterator[str]:
         """Yield a message for each invalid setting."""
@@ -111,7 +111,7 @@ def seconds_mistakes(name: str, value_s: float) -> Iterator[str]:
 
 
 def pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[str]:
-    """Yield a message for each mistake in a pose. A pose needs one plausible position per joint."""
+    """Yield a message for each error in a pose. A pose needs one plausible position per joint."""
     if len(pose) != joints:
         yield f"{name} has {len(pose)} numbers for {joints} joints"
     elif not all(map(math.isfinite, pose)):

@@ -35,7 +35,9 @@ class Follower(NamedTuple):
     leader: int
     """Number of the joint that the mimic joint follows."""
     coefficients: FloatArray
-    """Polynomial (5,), lowest power first, from the leader's distance from its initial position to the follower's."""
+    """Polynomial (5,), lowest power first. It converts the leader's distance from its initial position to the
+    follower's distance.
+    """
 
 
 class ArmModel:
@@ -92,7 +94,7 @@ class ArmModel:
         mujoco.mj_kinematics(self.model, self.data)
 
     def set_others(self, positions: Mapping[str, float]) -> None:
-        """Move joints that no plan moves, such as the hand's, by name. Raise PlanningError for an unknown name."""
+        """Move joints that are not planned, such as those of the hand. Raise PlanningError for an unknown name."""
         for name, position in positions.items():
             self.data.qpos[self.model.jnt_qposadr[self._joint(name)]] = position
         self._follow()
@@ -107,7 +109,7 @@ class ArmModel:
         """Return the number of a link's body. Raises PlanningError for an unknown link."""
         if link not in self.links:
             raise PlanningError(
-                "INVALID_LINK_NAME", f'the arm has no link "{link}"; its links: {", ".join(self.links)}'
+                "INVALID_LINK_NAME", f'the arm has no link "{link}": choose one of {", ".join(self.links)}'
             )
         return self.bodies[self.links.index(link)]
 
@@ -172,7 +174,7 @@ class ArmModel:
         joint = int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name))
         if joint < 0:
             known = ", ".join(str(self.model.joint(i).name) for i in range(self.model.njnt))
-            raise PlanningError("INVALID_ROBOT_STATE", f'the scene has no joint "{name}"; its joints: {known}')
+            raise PlanningError("INVALID_ROBOT_STATE", f'the scene has no joint "{name}": choose one of {known}')
         return joint
 
     def _planned(self, name: str) -> int:

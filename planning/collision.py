@@ -19,7 +19,8 @@ from planning.scene import Scene
 PADDING_M: Final = 2e-3
 """Default minimum clearance of a pose, in m. The padding between links of the arm is never larger than this."""
 TOLERANCE_M: Final = 1e-3
-"""Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
+"""Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this value.
+"""
 ROUNDING_M: Final = 1e-6
 """Rounding of positions along an edge, in m."""
 CONTACT_M: Final = 1e-5
@@ -49,10 +50,10 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Distances of the checks.
+    """Distances that the checks use.
 
-    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. In each step,
-    the check of an edge advances at least as far as links need to move by ``tolerance_m``.
+    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. Each step of
+    the check covers at least the part of the edge on which links move by ``tolerance_m``.
     """
 
     padding_m: float = PADDING_M
@@ -116,11 +117,11 @@ class Collisions:
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether the arm keeps ``padding_m`` from objects, and the padding of links from itself."""
+        """Return whether the arm keeps ``padding_m`` from objects, and its links keep their padding from each other."""
         return self.contact(positions, padding_m) is None
 
     def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
-        """Return the closest pair at positions (n,) if it is closer than the padding, or else None."""
+        """Return the closest pair at positions (n,) if it is closer than the padding, otherwise None."""
         self.poses_checked += 1
         own_m = self._pad(padding_m)
         pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), own_m)[1]

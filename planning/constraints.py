@@ -64,7 +64,7 @@ class PathConstraints:
                 raise PlanningError(
                     "INVALID_MOTION_PLAN",
                     f"the path constraint of {joint}, {lower:g} to {upper:g}, leaves no motion within its limits "
-                    f"{limit.lower:g} to {limit.upper:g}: widen it",
+                    f"{limit.lower:g} to {limit.upper:g}: widen the constraint",
                 )
             narrowed[joint] = replace(limit, lower=lowest, upper=highest)
         return narrowed

@@ -17,7 +17,7 @@ from planning.scene import Pose
 SAMPLES: Final = 16
 """Number of random positions, in addition to the goal itself, that represent a joint goal with tolerances."""
 WIDE: Final = 1e-3
-"""Tolerance from which a joint goal counts as a range of positions, in rad or m."""
+"""Minimum tolerance at which a joint goal counts as a range of positions, in rad or m."""
 
 ChainOf = Callable[[str | None, Pose], Chain]
 """Function that returns the chain of a frame, given its pose relative to a link, or to the group's tip if None."""
@@ -29,9 +29,9 @@ class GroupGoals:
     Args:
         joints: Names of the joints (n).
         ends: Lowest and highest positions, each (n,), in rad or m.
-        chain_of: Returns the chain of a link.
+        chain_of: Function that returns the chain of a link.
         seed: Seed of all random numbers.
-        remaining_s: Returns the time that is left, in seconds; None: the time is not limited.
+        remaining_s: Function that returns the remaining time, in seconds. If None, the time is not limited.
     """
 
     def __init__(
@@ -51,8 +51,10 @@ class GroupGoals:
     ) -> list[FloatArray]:
         """Return positions (n,), each of which reaches one of the goals.
 
-        A goal that cannot be reached is left out if another goal can be reached. Raises: PlanningError: No goal can be
-        reached. This is the error of the first goal.
+        A goal that cannot be reached is omitted if another goal can be reached.
+
+        Raises:
+            PlanningError: No goal can be reached. The error of the first goal is raised.
         """
         found: list[FloatArray] = []
         errors: list[PlanningError] = []
@@ -79,8 +81,8 @@ class GroupGoals:
     ) -> list[FloatArray]:
         """Return positions (n,) of the group's joints that bring a link to a pose, closest positions first.
 
-        Solutions closer to something than the padding are used only if there are no others. ``kept`` returns whether
-        positions are allowed apart from contacts. Raises PlanningError.
+        Solutions that are closer to something than the padding are used only if there are no others. ``kept`` returns
+        whether positions are allowed apart from contacts. Raises PlanningError.
         """
         own = [self._joints.index(name) for name in chain.names]
 

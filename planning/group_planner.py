@@ -34,14 +34,16 @@ from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Pose, Scene
 
 THINNING_M: Final = 2e-4
-"""Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
+"""Maximum deviation of the timed motion from a straight path, as motion of any geometry, in m."""
 ROUNDING_M: Final = 1e-6
-"""Largest motion of any geometry between a point and a straight edge at which the point counts as on it, in m."""
+"""Maximum distance of a point from a straight edge at which the point counts as being on the edge, as motion of any
+geometry, in m.
+"""
 SLOWER: Final = 1.5
-"""Largest factor by which a spline may be slower than blends, because it follows the line of a straight motion better.
+"""Maximum factor by which a spline may be slower than blends. A spline follows the line of a straight motion better.
 """
 NEAR: Final = Margins(1e-3, 5e-4)
-"""Distances at which a motion under way counts as in contact."""
+"""Margins below which a motion in progress counts as being in contact."""
 
 
 class GroupPlanner:
@@ -137,9 +139,9 @@ class GroupPlanner:
         Args:
             goal: Link and region of poses.
             state: Positions of all driven joints. The joints of other groups stay there.
-            scene: Scene in which the state must be free of contact; None to ignore contacts.
+            scene: Scene in which the state must be free of contact. If None, contacts are ignored.
             margins: Distances that the state keeps if possible.
-            accepts: Returns whether a state that reaches the pose is allowed; by default, all are.
+            accepts: Function that returns whether a state that reaches the pose is allowed; by default, all are.
 
         Raises:
             UnreachableError: The pose cannot be reached. The error has the nearest pose.
@@ -177,7 +179,7 @@ class GroupPlanner:
 
         Args:
             path: The motion.
-            from_s: Time since the start of the motion from which it is checked, in seconds.
+            from_s: Time at which the check begins, in seconds since the start of the motion.
             state: Positions of all driven joints, for those of other groups.
             scene: The scene as it is now.
             margins: Distances that count as a contact.
@@ -206,7 +208,7 @@ class GroupPlanner:
         """
         name = link or self.group.tip
         if name is None:
-            raise PlanningError("INVALID_LINK_NAME", f"the group {self.group.name} has no tip: name a link")
+            raise PlanningError("INVALID_LINK_NAME", f"the group {self.group.name} has no tip: specify a link")
         moving = moved_by(self._model, tuple(self.joints), name)
         if not moving:
             raise PlanningError(

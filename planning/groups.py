@@ -14,7 +14,7 @@ HAND: Final = "hand"
 """Name of the derived group with all other joints, and of its end effector."""
 
 States = Mapping[str, Mapping[str, float]]
-"""Joint positions by state and joint, in rad or m."""
+"""Joint positions keyed by state and joint name, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Group:
     """Named states."""
 
     def state(self, name: str) -> Mapping[str, float]:
-        """Return the positions of a named state by joint, in rad or m. Raises PlanningError."""
+        """Return the positions of a named state, keyed by joint name, in rad or m. Raises PlanningError."""
         if name not in self.states:
             known = f"choose one of {', '.join(self.states)}" if self.states else "the group has no named states"
             raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"the group {self.name} has no state {name}: {known}")
@@ -47,12 +47,12 @@ class EndEffector:
     parent_link: str
     """Link of the arm that carries the hand."""
     parent_group: str = ""
-    """Group of the arm; empty if the SRDF does not name one."""
+    """Group of the arm. Empty if the SRDF does not specify it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Groups:
-    """Groups and end effectors of one robot, by name."""
+    """Groups and end effectors of one robot, keyed by name."""
 
     groups: Mapping[str, Group]
     end_effectors: Mapping[str, EndEffector]
@@ -147,7 +147,7 @@ def path_to(description: Description, link: str, base: str | None = None) -> lis
     if base is not None and base != link:
         parents = [joint.parent for joint in joints]
         if base not in parents:
-            raise PlanningError("INVALID_LINK_NAME", f"{base} does not carry {link}: swap them or name another link")
+            raise PlanningError("INVALID_LINK_NAME", f"{base} does not carry {link}: swap the links or choose others")
         joints = joints[: parents.index(base) + 1]
     return [] if base == link else joints[::-1]
 

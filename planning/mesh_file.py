@@ -26,7 +26,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
 
     Args:
         path: Binary STL or OBJ file, in m.
-        scale: Factor of all lengths, such as 0.001 for a file in mm.
+        scale: Factor for all lengths, such as 0.001 for a file in mm.
 
     Raises:
         MeshFileError: The file cannot be read, or has no triangles.

@@ -23,9 +23,10 @@ class JointGoal:
     """Positions of some joints of a group. The other joints of the group keep their start positions."""
 
     positions: Mapping[str, float]
-    """Positions by joint, in rad or m."""
+    """Positions keyed by joint name, in rad or m."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Largest deviation below and above the position, by joint, in rad or m. Joints without an entry have no tolerance.
+    """Largest deviations below and above the position, keyed by joint name, in rad or m. Joints without an entry have
+    no tolerance.
     """
 
 
@@ -60,13 +61,13 @@ class MotionRequest:
     goals: Sequence[Goal]
     scene: Scene
     remaining_s: Remaining
-    """Returns the time that is left for planning, in seconds."""
+    """Function that returns the remaining planning time, in seconds."""
     constraints: PathConstraints = field(default_factory=PathConstraints)
     """Constraints that the motion keeps."""
     planner_id: str = ""
     """MoveIt's planner id; RRT-Connect by default."""
     searches: int = 2
-    """Maximum number of searches, from which the shortest path is taken."""
+    """Maximum number of searches. The shortest path that they find is used."""
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
     """Distances that the motion keeps from obstacles."""
@@ -117,7 +118,7 @@ class LineMotion:
     motion: Motion | None
     """The motion up to the point where it ends; None if not even the first step is possible."""
     fraction: float
-    """Share of the path through the waypoints that was reached, from 0 to 1."""
+    """Fraction of the path through the waypoints that was reached, from 0 to 1."""
     reason: str = ""
     """Reason why the motion ends early; empty if it is complete."""
 
@@ -161,7 +162,7 @@ class FutureContact:
 
 def no_goal() -> PlanningError:
     """Return the error of a request without goals."""
-    return PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: give positions of joints or a pose")
+    return PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: specify joint positions or a pose")
 
 
 def positions_of(state: State, joints: Sequence[str]) -> list[float]:

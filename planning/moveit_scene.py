@@ -1,8 +1,8 @@
 """Parse MoveIt's ``.scene`` files, which RViz's panel saves.
 
-A file begins with the name of the scene. Each object begins with a line with ``*`` and its name. Its pose, its shapes
-with their number, poses and colors, and its subframes with their number and poses follow. The older format has no poses
-of objects and no subframes.
+A file begins with the name of the scene. Each object begins with a line with ``*`` and its name. After this line come
+the object's pose, the number of its shapes, the shapes with their poses and colors, the number of its subframes, and
+the poses of the subframes. The older format has no poses of objects and no subframes.
 """
 
 import math
@@ -19,7 +19,7 @@ MOST: Final = 1_000_000
 
 
 class SceneFileError(PlanningError):
-    """A scene file has mistakes. The message has the file and the line."""
+    """A scene file contains an error. The message has the file and the line."""
 
     def __init__(self, message: str) -> None:
         super().__init__("INVALID_OBJECT_NAME", message)
@@ -36,7 +36,7 @@ def parse_moveit_scene(text: str, file: str) -> list[SceneObject]:
         The objects, with their poses in the planning frame.
 
     Raises:
-        SceneFileError: The file has a mistake.
+        SceneFileError: The file contains an error.
     """
     reader = _Reader(text, file)
     objects: dict[str, SceneObject] = {}
@@ -46,7 +46,7 @@ def parse_moveit_scene(text: str, file: str) -> list[SceneObject]:
         name = reader.rest_of_line()
         if not name or name in objects:
             raise reader.error(
-                f"two objects are named {name}: rename one" if name else "the object has no name: add it"
+                f"two objects are named {name}: rename one" if name else "the object has no name: add a name"
             )
         objects[name] = _object(reader, name)
     return list(objects.values())
@@ -145,14 +145,14 @@ def _shape(reader: _Reader, name: str) -> Shape:
         return (Cylinder if kind == "cylinder" else Cone)(height_m, radius_m)
     if kind == "mesh":
         return _mesh(reader, name)
-    remedy = "replace it by a box" if kind == "plane" else "use box, sphere, cylinder, cone or mesh"
+    remedy = "replace it with a box" if kind == "plane" else "use box, sphere, cylinder, cone or mesh"
     raise reader.error(f"{name} has a shape {kind}, which is not supported: {remedy}")
 
 
 def _mesh(reader: _Reader, name: str) -> Mesh:
     vertices, triangles = reader.count(f"vertices of {name}"), reader.count(f"triangles of {name}")
     if triangles == 0:
-        raise reader.error(f"the mesh of {name} has no triangles: add them, or remove the mesh")
+        raise reader.error(f"the mesh of {name} has no triangles: add triangles, or remove the mesh")
     places = np.array([reader.numbers(3, f"a vertex of {name}") for _ in range(vertices)]).reshape(-1, 3)
     corners = [_corners(reader, name, vertices) for _ in range(triangles)]
     return Mesh(places, np.array(corners, dtype=np.int64))

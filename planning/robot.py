@@ -80,7 +80,7 @@ class PlanningRobot:
     def state(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Check positions that a client sent, and return the state of the driven joints.
 
-        Mimic joints and other joints that are not driven are left out.
+        Mimic joints and other joints that are not driven are omitted.
 
         Raises:
             PlanningError: A driven joint is missing, a joint does not exist, or a position is not finite.
@@ -96,7 +96,7 @@ class PlanningRobot:
                 )
         for name in self.limits:
             if name not in positions:
-                raise PlanningError("INVALID_ROBOT_STATE", f"the state has no position of {name}: add one")
+                raise PlanningError("INVALID_ROBOT_STATE", f"the state has no position of {name}: add the position")
         return {name: float(positions[name]) for name in self.limits}
 
     def link_poses(self, links: Sequence[str], state: State) -> dict[str, Pose]:
@@ -119,7 +119,7 @@ class PlanningRobot:
         Args:
             name: A link, an object of the scene, an attached object, or "world". An empty name means ``frame``.
             state: Positions of all driven joints.
-            scene: Scene with the objects; without objects if None.
+            scene: Scene with the objects. If None, there are no objects.
 
         Raises:
             PlanningError: The frame does not exist. The message lists the existing frames.

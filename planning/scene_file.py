@@ -64,7 +64,7 @@ class MeshPart(_Part):
     file: str
     """Path of an STL or OBJ file, relative to the scene file."""
     scale: Length = 1.0
-    """Factor of all lengths, such as 0.001 for a file in mm."""
+    """Factor for all lengths, such as 0.001 for a file in mm."""
 
 
 class Placed(_Part):
@@ -168,7 +168,7 @@ def read_scene_file(path: Path) -> list[SceneObject]:
         The objects, with their poses in the planning frame.
 
     Raises:
-        SceneFileError: The file has mistakes. The message has the line of each mistake.
+        SceneFileError: The file contains errors. The message has the line of each error.
     """
     if path.suffix.lower() == ".scene":
         return parse_moveit_scene(read_text(path, SceneFileError), str(path))

@@ -20,7 +20,7 @@ OWN_POSITION: Final = ("revolute", "continuous", "prismatic")
 
 
 class SrdfError(PlanningError):
-    """An SRDF file has mistakes. The message lists all of them with their lines."""
+    """An SRDF file contains errors. The message lists all of them with their lines."""
 
     def __init__(self, message: str) -> None:
         super().__init__("INVALID_ROBOT_STATE", message)
@@ -45,7 +45,7 @@ def parse_srdf(xml: str, description: Description, file: str = "the SRDF") -> Gr
         file: Name of the file, for messages.
 
     Raises:
-        SrdfError: The file has mistakes.
+        SrdfError: The file contains errors.
     """
     return _Reader(_root(xml, file), description).groups()
 
@@ -56,7 +56,7 @@ def _root(xml: str, file: str) -> Element:
     except ExpatError as error:
         raise SrdfError(f"{file} is not well-formed XML: {error}") from error
     if robot.tag != "robot":
-        raise SrdfError(f"the root of an SRDF is <robot>, not <{robot.tag}> ({place(robot)}): correct it")
+        raise SrdfError(f"the root of an SRDF is <robot>, not <{robot.tag}> ({place(robot)}): correct the root tag")
     if is_xacro(robot):
         raise SrdfError(
             f"{place(robot)}: this file is xacro, not SRDF: run 'xacro FILE > robot.srdf' and use its output"
@@ -92,7 +92,7 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
 
 
 class _Reader:
-    """Reader of one document, which collects the mistakes."""
+    """Reader of one document, which collects all errors."""
 
     def __init__(self, robot: Element, description: Description) -> None:
         self._robot = robot
@@ -121,7 +121,7 @@ class _Reader:
         for element in self._robot.findall(tag):
             name = element.get("name", "")
             if not name:
-                self._problem(element, f"a <{tag}> has no name: add it")
+                self._problem(element, f"a <{tag}> has no name: add a name")
             elif name in found:
                 self._problem(element, f"there are two <{tag}> named {name}: rename one")
             else:
@@ -212,7 +212,7 @@ class _Reader:
         return positions
 
     def _position(self, element: Element) -> float | None:
-        """Return the position of a joint in a state, or None if the element has a mistake."""
+        """Return the position of a joint in a state, or None if the element is invalid."""
         name, text = element.get("name", ""), element.get("value", "")
         position = _number(text)
         if not math.isfinite(position):

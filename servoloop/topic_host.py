@@ -34,7 +34,7 @@ class ForeignControllers:
     record: Path | None = None
     """File of the recording, if any."""
     search: "Search | None" = None
-    """Search for another topic-host, which began before the hardware was opened."""
+    """Search for another topic-host. The search began before the hardware was opened."""
     controllers: list[HostController] = field(default_factory=list)
     """Controller that follows the commands, or None before it is loaded."""
 
@@ -75,8 +75,8 @@ def topic_host(
     """Run an arm under another controller manager until a signal or a fault.
 
     Args:
-        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
-        ports: Devices by bus. None: virtual servos.
+        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        ports: Devices, keyed by bus name; None for virtual servos.
         files: Files of the arm. The controllers of its controllers file are not used.
         ready: Function called with the name and the rate of the stack when the stack accepts commands.
         program: The other controller manager.

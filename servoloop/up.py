@@ -54,7 +54,7 @@ class OwnControllers:
     """Controllers of the controllers file, with ros2_control's ROS interfaces."""
 
     search: "Search | None" = None
-    """Search for another controller manager, which began before the hardware was opened."""
+    """Search for another controller manager. The search began before the hardware was opened."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load all controllers in the controllers file."""
@@ -87,8 +87,8 @@ def up(
     """Run the stack until a signal or a fault.
 
     Args:
-        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
-        ports: Devices by bus. None: virtual servos.
+        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        ports: Devices, keyed by bus name; None for virtual servos.
         files: Files of the robot.
         ready: Function called with the name and the rate of the stack when clients can use the stack.
         options: Other options.

@@ -20,14 +20,14 @@ class UpOptions:
         bool,
         typer.Option(
             "--robot-state-publisher/--no-robot-state-publisher",
-            help="Publish robot_description and the transforms of the links, unless a node of yours does.",
+            help="Publish robot_description and the transforms of the links, unless your own node does.",
         ),
     ] = True
     spawn: Annotated[
         bool,
         typer.Option(
             "--spawn/--no-spawn",
-            help="Load and activate the controllers of the file, unless ros2_control's spawner does.",
+            help="Load and activate the controllers of the file, unless ros2_control's spawner does so.",
         ),
     ] = True
     rtf: Annotated[

@@ -1,6 +1,6 @@
 """Virtual camera as a camera source.
 
-The camera draws the world of an emulator in the process that reads the pictures.
+The camera draws the world of an emulator in the process that reads the images.
 """
 
 from collections.abc import Mapping
@@ -23,18 +23,18 @@ RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
 """Interval at which the camera checks for a new state of the world, in seconds."""
 REGION: Final = (1.2, 0.8)
-"""Half the size, along x and y, of the region around the stand in which apples are searched.
+"""Half the size, along x and y, of the region around the stand in which the camera looks for apples.
 
 The unit is the diameter of the largest apple.
 """
 TOLERANCE: Final = 0.15
-"""Maximum deviation of a measured diameter from the sizes in the scene, as a share."""
+"""Maximum relative deviation of a measured diameter from the sizes in the scene."""
 FRESH_S: Final = 0.02
 """Maximum age of a state of the world that is drawn immediately, in seconds."""
 NEXT_S: Final = 1.5 * PERIOD_S
-"""Maximum time to wait for the next state if the newest state is older, in seconds."""
+"""Maximum time to wait for the next state if the latest state is older, in seconds."""
 SMOOTHING: Final = 0.2
-"""Weight of the newest interval in the measured rate."""
+"""Weight of the latest interval in the measured rate."""
 
 
 def grading_settings(camera: SceneCamera) -> GradingSettings:
@@ -109,7 +109,7 @@ class VirtualCamera:
         self._next_s = self._clock.now()
 
     def read(self, timeout_s: float) -> Frame:
-        """Wait for the next picture, and return it.
+        """Wait for the next image, and return it.
 
         Raises:
             CameraSilent: The emulator published nothing in time.
@@ -119,7 +119,7 @@ class VirtualCamera:
         self._clock.sleep_until(min(self._next_s, deadline_s))
         publication = self._fresh(deadline_s, timeout_s)
         now_s = self._clock.now()
-        # Keep the period, unless pictures were missed.
+        # Keep the period, unless images were missed.
         self._next_s = max(self._next_s + 1.0 / RATE_HZ, now_s + 0.5 / RATE_HZ)
         self._camera.see(publication)
         stamp_s = self._stamp_s(publication)
@@ -127,7 +127,7 @@ class VirtualCamera:
         return Frame(self._camera.picture(), stamp_s, self._number)
 
     def truth(self) -> AppleTruth | None:
-        """Return the true state of the apple in the last picture, or None if the world has no apples."""
+        """Return the true state of the apple in the last image, or None if the world has no apples."""
         return self._camera.truth()
 
     def close(self) -> None:
@@ -137,7 +137,7 @@ class VirtualCamera:
         self._client = None
 
     def _fresh(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return a state that is almost new, so that the picture is not late. Wait for at most one further state."""
+        """Return a state that is almost new, so that the image is not late. Wait for at most one further state."""
         publication = self._newest(deadline_s, timeout_s)
         now_s = self._clock.now()
         if now_s - self._stamp_s(publication) > FRESH_S:
@@ -151,7 +151,7 @@ class VirtualCamera:
         return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return the newest unread publication. If there is none, wait for a publication."""
+        """Return the latest unread publication, or wait for a publication if there is none."""
         while True:
             if self._client is None:
                 raise CameraLost(f"{self.name} is not open: open it first")
@@ -163,7 +163,7 @@ class VirtualCamera:
             now_s = self._clock.now()
             if now_s >= deadline_s:
                 raise CameraSilent(
-                    f"{self.name} got no state of the world in {timeout_s:g} s: look whether the emulator hangs"
+                    f"{self.name} received no state of the world for {timeout_s:g} s: check whether the emulator hangs"
                 )
             self._clock.sleep_until(min(now_s + POLL_S, deadline_s))
 

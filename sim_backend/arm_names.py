@@ -1,4 +1,4 @@
-"""Arms of a scene. In a scene with several arms, the names of all parts of an arm begin with the prefix of the arm."""
+"""Arms of a scene. In a scene with several arms, the names of an arm's parts begin with the arm's prefix."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -28,5 +28,5 @@ def part_name(model: Any, geom: int) -> str:
 
 
 def prefix_of(name: str, prefixes: Sequence[str]) -> str | None:
-    """Return the prefix of the arm that owns a name: the longest one with which it begins; None if there is none."""
+    """Return the prefix of the arm that owns a name, or None. If several prefixes match, return the longest prefix."""
     return max((prefix for prefix in prefixes if name.startswith(prefix)), key=len, default=None)

@@ -1,7 +1,7 @@
 """A box of factory-new servos on one line. A script can connect single servos or the whole chain.
 
-All have ID 1. As delivered, the servos delay each reply by 500 us, a setting that LeRobot's set-up changes. A 7.4 V
-servo allows at most 8 V; this is assumed because such servos report a wrong input voltage at 12 V.
+All servos have ID 1. As delivered, they delay each reply by 500 us, a setting that LeRobot's set-up changes. A 7.4 V
+servo allows at most 8 V. This limit is assumed, because such servos report a wrong input voltage at 12 V.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,18 +51,18 @@ class VirtualBox:
             (self.line.plug if number in numbers else self.line.unplug)(servo)
 
     def connected(self) -> list[bool]:
-        """Return whether each servo is connected, by number."""
+        """Return whether each servo is connected, in the order of their numbers."""
         return [self.line.plugged(servo) for servo in self.servos]
 
     def ids(self) -> list[int]:
-        """Return the IDs of all servos, by number."""
+        """Return the IDs of all servos, in the order of their numbers."""
         return [servo.servo_id for servo in self.servos]
 
 
 def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
     """Connect or disconnect servos as ``servoloop hand`` requests, and let ``hand`` handle all other commands.
 
-    The answer also contains the ID of each joint's servo, and whether the servo is connected. ``joints`` are the names
+    The answer also contains the ID of each joint's servo and whether the servo is connected. ``joints`` are the names
     of the joints, in the order of the servos' numbers. Raises ValueError for an unknown joint.
     """
     what, wanted = command.get("do"), command.get("joints") or []
@@ -88,7 +88,7 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Return free shafts at random angles. If two servos sent identical replies, they could not be distinguished."""
+    """Return free shafts at random angles. Random angles let clients distinguish the replies of servos with one ID."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

@@ -1,4 +1,4 @@
-"""A clock that does not wait. The time of this clock advances only when the program sleeps."""
+"""Clock that does not wait. Its time advances only when the program sleeps."""
 
 from collections.abc import Callable
 from math import inf
@@ -26,9 +26,9 @@ class SimulatedClock:
         return self._now_s
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Go on to ``deadline_s``. Raises Hang after ``last_s``."""
+        """Advance the time to ``deadline_s``. Raises Hang after ``last_s``."""
         self._now_s = max(self._now_s, deadline_s)
         if self.on_time is not None:
             self.on_time(self._now_s)
         if self._now_s > self.last_s:
-            raise Hang(f"it took longer than {self.last_s:g} s of simulated time")
+            raise Hang(f"the program took longer than {self.last_s:g} s of simulated time")

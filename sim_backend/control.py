@@ -1,7 +1,7 @@
 """Commands to a running emulator, over a Unix socket next to the bus. The commands represent manual actions at a
 workbench.
 
-Each command is one line of JSON, and so is each answer. The loop of the emulator polls the socket and never waits.
+Each command and each answer is one line of JSON. The loop of the emulator polls the socket and never waits.
 """
 
 import contextlib

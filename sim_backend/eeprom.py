@@ -1,6 +1,6 @@
 """A YAML file that keeps the EEPROM of virtual servos between runs. The file has one entry for the servo of each joint.
 
-Entries are named by joint, because the ID is part of the EEPROM, and all factory-new servos have the same ID.
+Entries are identified by joint, because the ID is part of the EEPROM and all factory-new servos have the same ID.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _HEADER: Final = (
 
 
 class EepromFileError(DriverError):
-    """Error if the EEPROM file is broken, belongs to another arm, or cannot be written."""
+    """Raised if the EEPROM file is damaged, belongs to another arm, or cannot be written."""
 
 
 class _Entry(BaseModel):
@@ -34,7 +34,7 @@ class _Entry(BaseModel):
     model: str
     registers: dict[str, RegisterValue]
     bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
-    """Bytes at addresses without a register name, by address."""
+    """Bytes at addresses without a register name, keyed by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
     """Settings that a factory reset restores, in hexadecimal; empty for the factory values."""
 
@@ -125,7 +125,7 @@ class EepromFile:
 def keep_eeprom(path: Path, lines: Iterable[ServoLine[Any]]) -> None:
     """Load the settings of all servos on these lines from ``path``, and save them there from now on.
 
-    Raises EepromError if the file is broken, belongs to other servos, or cannot be written.
+    Raises EepromError if the file is damaged, belongs to other servos, or cannot be written.
     """
     lines = list(lines)
     pairs = [pair for line in lines for pair in zip(line.rig.plant.couplings, line.servos, strict=True)]

@@ -1,8 +1,8 @@
 """Serve virtual buses in real time in the thread of the caller, each on a pseudo-terminal.
 
-The emulator sleeps between events. The emulator advances the physics before every reply and at least every 5 ms.
-Replies that are less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also
-delivers bytes once per frame, and fewer deliveries save wake-ups on both sides.
+The emulator sleeps between events. It advances the physics before every reply and at least every 5 ms. Replies that are
+less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also delivers bytes once
+per frame, and fewer deliveries save wake-ups on both sides.
 """
 
 from collections import deque
@@ -76,7 +76,7 @@ class Emulator:
         bus.advance(clock.now())
 
     def patience_s(self) -> float:
-        """Return the time in seconds until there is work, unless a client writes before."""
+        """Return the time until the next scheduled work, in seconds. A client may write earlier."""
         due_s = min(self._next_tick_s, self._burst_end_s()) if self._coming else self._next_tick_s
         return max(0.0, due_s - self._clock.now())
 

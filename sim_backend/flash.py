@@ -1,4 +1,4 @@
-"""Content of a servo's flash memory, as bytes and as named registers."""
+"""Contents of a servo's flash memory, as bytes and as named registers."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ class Flash:
     """Bytes that survive power-off."""
 
     settings: bytes
-    """The table after power-on. Volatile bytes of this table are ignored."""
+    """Control table after power-on. Its volatile bytes are ignored."""
     defaults: bytes = b""
     """Settings that a factory reset restores, for servos on which these settings can be changed."""
 
@@ -27,13 +27,13 @@ class Kept:
         self._nameless = sorted(kept - named)
 
     def words(self, settings: bytes) -> dict[str, int]:
-        """Return the values of the registers by name."""
+        """Return the values of the registers, keyed by name."""
         return {
             name: r.decode(settings[r.address : r.address + r.size], self._order) for name, r in self._registers.items()
         }
 
     def nameless(self, settings: bytes) -> dict[int, int]:
-        """Return the bytes that do not belong to a register, by address. Bytes with the value 0 are omitted."""
+        """Return the bytes that do not belong to a register, keyed by address. Bytes with the value 0 are omitted."""
         return {at: settings[at] for at in self._nameless if settings[at]}
 
     def settings(self, base: bytes, words: Mapping[str, int], nameless: Mapping[int, int]) -> bytes:

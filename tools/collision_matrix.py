@@ -1,4 +1,4 @@
-"""Print the pairs of links that MoveIt does not have to check, as <disable_collisions> elements for the SRDF of an arm.
+"""Print the pairs of links that MoveIt need not check, as <disable_collisions> elements for the SRDF of an arm.
 
 python tools/collision_matrix.py                               # the default arm
 python tools/collision_matrix.py so101                         # an arm that `servoloop arms` lists

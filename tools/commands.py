@@ -21,11 +21,11 @@ COMMAND_S = 3600.0
 """Maximum duration of one command, in seconds. uv ends stalled connections itself, but the slowest build takes
 minutes."""
 STOP_S = 5.0
-"""Time between the request to end a command and its kill, in seconds."""
+"""Time from the request to end a command until the command is killed, in seconds."""
 
 
 class SetUpError(Exception):
-    """Error if the setup cannot continue. The message contains the cause and the remedy."""
+    """Raised if the setup cannot continue. The message contains the cause and the remedy."""
 
 
 def environment() -> dict[str, str]:
@@ -115,11 +115,11 @@ def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
 
 
 HINTS = (
-    (r"Killed: it had not ended", "It hangs: check the end of the log and the load of this machine."),
+    (r"Killed: it had not ended", "The command hangs: check the end of the log and the load of this machine."),
     (r"No space left on device", "The disk is full: .venv and build/ need 2 GB."),
     (
         r"DO NOT MATCH THE HASHES|Hash mismatch",
-        "A package differs from its locked version. Do not install it before you know the reason.",
+        "A package differs from its locked version. Do not install it until you know the reason.",
     ),
     (
         r"Temporary failure in name resolution|Connection|Max retries|timed out|CERTIFICATE|ProxyError"
@@ -136,7 +136,7 @@ def explain(log_path: Path, command: Iterable[str | Path], status: int) -> str:
     text = log_path.read_text(errors="replace")
     tail = "\n".join("    " + line for line in text.splitlines()[-20:])
     hints = [hint for pattern, hint in HINTS if re.search(pattern, text)] or [
-        "The reason should be in the lines above."
+        "The lines above should contain the reason."
     ]
     program = " ".join(Path(part).name for part in list(map(str, command))[:3])
     return (

@@ -41,7 +41,7 @@ TIPS: Mapping[str, tuple[str, Vector]] = {
     "moving jaw": ("moving_jaw_so101_v1_link", (-0.003, -0.065, 0.019)),
     "fixed jaw": ("gripper_link", (-0.018, 0.0, -0.085)),
 }
-"""Points on links, by their labels."""
+"""Points on links, keyed by their labels."""
 NO_POINTS: Mapping[str, tuple[str, Vector]] = {}
 
 
@@ -83,7 +83,7 @@ def marked() -> Image.Image:
 
 
 def folded() -> Image.Image:
-    """Draw the arm as it rests without torque, and raised for the calibration."""
+    """Draw the limp arm at rest, and the arm raised for the calibration."""
     return beside(
         half(PLANS.auto.start, SIDE, "folded, as it lies without torque"),
         half(PLANS.auto.clear, SIDE, "raised off the table for the calibration"),

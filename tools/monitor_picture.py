@@ -26,8 +26,7 @@ JOBS = ("A", "B", "C")
 FAULT = parse("silent id=5 at=20s for=0.2s")
 JOINT = "1"
 STILL_S = 1.5 * ALL * JOINTS_S
-"""Time within which every widget is updated at least once, in seconds. A screen that does not change within this time
-has settled."""
+"""Maximum time until every widget is updated, in seconds. A screen that does not change for this time has settled."""
 SETTLE_S = 30.0
 
 
@@ -54,7 +53,7 @@ async def screen(playback: Playback) -> str:
         await pilot.press(JOINT)
         async with asyncio.timeout(SETTLE_S):
             former, drawn = "", app.export_screenshot(simplify=True)
-            while drawn != former:  # Strips have the size of the space that was available when they were drawn.
+            while drawn != former:  # The size of a strip is the space that was available when the strip was drawn.
                 await pilot.pause(STILL_S)
                 former, drawn = drawn, app.export_screenshot(simplify=True)
     return re.sub(r"@font-face \{.*?\}", "", drawn, flags=re.DOTALL)

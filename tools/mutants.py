@@ -1,4 +1,4 @@
-"""Make small changes in important code, one at a time, and show those that no test detects.
+"""Make small changes in important code, one at a time, and list the changes that no test detects.
 
 make mutants                       # all areas below
 make mutants AREAS="gate joint"    # only these areas
@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "build" / "mutants"
 TREE = FOLDER / "tree"
-"""Copy of the tracked files, because the tool writes its mutants beside the code."""
+"""Copy of the tracked files, because the tool writes its mutants next to the code."""
 TOOL = FOLDER / "mutmut"
 """Folder of the tool, separate from .venv, so that the setup does not have to install mutmut and its eight
 dependencies."""

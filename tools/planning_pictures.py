@@ -25,7 +25,7 @@ FILES = read_arm_servos(find_arm(ARM))
 START = {"shoulder_pan": 0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
 GOAL = {**START, "shoulder_pan": -0.9}
 WALL_M = ((0.30, 0.02, 0.24), (0.30, 0.0, 0.12))
-"""Size and position of the wall."""
+"""Size and position of the wall, in meters."""
 WALL_RGB = (0.75, 0.55, 0.35)
 TOWARD = np.array([0.75, -0.75, 0.6])
 FILLED = (0.62, 0.8)
@@ -79,13 +79,13 @@ def bench() -> MotionPlanner:
 
 
 def states_of(trajectory: ArmTrajectory) -> list[dict[str, float]]:
-    """Return the positions at each point of a trajectory, by joint."""
+    """Return the positions at each point of a trajectory, keyed by joint name."""
     rows = zip(*trajectory.positions.values(), strict=True)
     return [dict(zip(trajectory.positions, row, strict=True)) for row in rows]
 
 
 def pixels(still: Still, planner: MotionPlanner, states: list[dict[str, float]]) -> FloatArray:
-    """Return the path of the tool in pixels of the picture (k, 2)."""
+    """Return the path of the tool in pixels of the image (k, 2)."""
     return still.pixels(np.array([planner.pose(state)[0] for state in states]))
 
 

@@ -8,7 +8,7 @@ from shutil import get_terminal_size
 from typing import TextIO
 
 TICK_S = 0.2
-QUIET_S = 10.0  # time between two lines in a log file, in seconds
+QUIET_S = 10.0  # Time between two lines in a log file, in seconds.
 
 
 class Step:

@@ -22,11 +22,11 @@ def requirements(pyproject: str) -> Iterator[str]:
 
 
 def outdated(pyproject: str, locked: Mapping[str, str]) -> str:
-    """Return a sentence about the first requirement that the lock does not satisfy, or an empty string.
+    """Return a sentence about the first requirement that the lock file does not satisfy, or an empty string.
 
     Args:
         pyproject: Text of pyproject.toml.
-        locked: Versions in the lock, by package name.
+        locked: Versions in the lock file, keyed by package name.
     """
     for requirement in requirements(pyproject):
         name, bounds = _parsed(requirement)

@@ -103,7 +103,7 @@ def only_one_at_a_time(patience_s: float = OTHER_S) -> int:
     said = False
     while not locked(lock):
         if not said:
-            print("Another make setup is running in this checkout; waiting for its end.", flush=True)
+            print("Another make setup is running in this checkout; waiting until it ends.", flush=True)
             said = True
         if time.monotonic() > deadline_s:
             raise SetUpError(

@@ -1,5 +1,5 @@
 #!/bin/sh
-# `make setup`: can this machine do it, and with which Python? Then set_up.py does the work.
+# `make setup`: check whether this machine is supported, find a usable Python, and run set_up.py with it.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -14,8 +14,8 @@ case "$(uname -s) $(uname -m)" in
     "Linux x86_64") ;;
     *) fail "this is $(uname -s) on $(uname -m); the ROS 2 wheels are for Linux on x86_64 only." \
             "On another machine, such as a Raspberry Pi, use a ROS 2 Jazzy installation: docs/ros2.md, 'On another" \
-            "machine', has the commands. Without ROS, \"pip install '.[sim]'\" in a virtual environment brings everything" \
-            "but the ROS surface: 'servoloop emulate' and 'servoloop bench bus' run." ;;
+            "machine', has the commands. Without ROS, \"pip install '.[sim]'\" in a virtual environment installs" \
+            "everything except the ROS interface: 'servoloop emulate' and 'servoloop bench bus' run." ;;
 esac
 
 missing=
@@ -25,7 +25,7 @@ done
 [ -z "$missing" ] || fail "not found:$missing" \
     "They build the ROS 2 message packages. On Debian or Ubuntu: sudo apt install build-essential"
 
-# The Python that made .venv stays, so that another PATH does not mean another .venv.
+# Keep the Python that created .venv, so that a different PATH does not cause a new .venv.
 made_by=
 [ ! -f .venv/pyvenv.cfg ] || made_by=$(sed -n 's/^executable = //p' .venv/pyvenv.cfg)
 
@@ -44,7 +44,7 @@ done
     "Install one with its headers and venv; on Debian or Ubuntu: sudo apt install python3 python3-dev python3-venv" \
     "One that is not on the PATH: make setup PYTHON=/path/to/python3.12"
 
-# A user who has chosen a Python, by PATH or by PYENV_VERSION, must learn that another one is taken.
-[ -z "$reasons" ] || printf 'make setup: %s is taken, as others cannot be used:%s\n' "$python" "$reasons"
+# Tell users who have chosen a Python with PATH or PYENV_VERSION that a different Python is used.
+[ -z "$reasons" ] || printf 'make setup: %s is used, because others cannot be used:%s\n' "$python" "$reasons"
 
 exec "$python" -B tools/set_up.py

@@ -35,12 +35,12 @@ def stamp(name: str, key: str) -> None:
 
 
 def locked_packages() -> dict[str, str]:
-    """Return the version of each package in the lock file, by name."""
+    """Return the version of each package in the lock file, keyed by package name."""
     return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", LOCK.read_text(), re.MULTILINE))
 
 
 def venv_key() -> str:
-    # A virtual environment contains absolute paths: its own path and that of its base Python.
+    # A virtual environment contains absolute paths: its own path and the path of its base Python.
     return digest(str(VENV), sys.version, os.path.realpath(sys.executable))
 
 

@@ -119,7 +119,7 @@ def uninstall_interfaces(package: str) -> None:
     manifest = STAMPS / f"{package}.files"
     for line in manifest.read_text().splitlines() if manifest.exists() else []:
         Path(line).unlink(missing_ok=True)
-    # This includes the files that Python has compiled there.
+    # Also remove the files that Python has compiled there.
     shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)
     (STAMPS / f"interfaces-{package}").unlink(missing_ok=True)
     manifest.unlink(missing_ok=True)
@@ -166,7 +166,7 @@ def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPool
         stamp(f"interfaces-{package}", interface_key(package))
         state[package] = "done"
 
-    for package in stale:  # A package comes after those that it needs, so a waiting build never blocks them.
+    for package in stale:  # A package follows the packages that it needs, so a waiting build never blocks them.
         futures[package] = pool.submit(build, package)
     step.follow(
         list(futures.values()),

@@ -1,6 +1,6 @@
 #!/bin/sh
 # `make test-lowest`: build the wheel, install it with the lowest versions that pyproject.toml allows, and run the fast
-# tests of the core. Tests that need ROS are left out. Arguments go to pytest.
+# tests of the core. Tests that need ROS are omitted. Arguments are passed to pytest.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -12,8 +12,8 @@ mkdir -p "$place/project"
 "$bin/uv" build --quiet --wheel --no-build-isolation --python "$bin/python" --out-dir "$place" .
 "$bin/uv" venv --quiet --python "$bin/python" "$place/venv"
 python=$place/venv/bin/python
-# The requirements of a wheel are indirect ones for uv, so they are installed from pyproject.toml. The tools of the tests
-# are those of the lock.
+# uv treats the requirements of a wheel as indirect, so they are installed from pyproject.toml. The versions of the test
+# tools come from the lock file.
 tools=$(grep -E '^(pytest|pytest-timeout|pytest-rerunfailures|pytest-xdist|hypothesis)==' requirements.lock | cut -d ' ' -f 1)
 # shellcheck disable=SC2086
 "$bin/uv" pip install --quiet --python "$python" --resolution lowest-direct \
@@ -21,7 +21,7 @@ tools=$(grep -E '^(pytest|pytest-timeout|pytest-rerunfailures|pytest-xdist|hypot
 "$bin/uv" pip install --quiet --python "$python" --no-deps "$place"/servoloop-*.whl
 "$bin/uv" pip list --quiet --python "$python"
 
-# The tests with the files that they read, but without the packages of the checkout.
+# Copy the tests and link the files that they read, but not the packages of the checkout.
 cp -R tests "$place/project/"
 for name in pyproject.toml requirements.lock README.md CHANGELOG.md docs config urdf interfaces; do
     ln -s "$PWD/$name" "$place/project/$name"

@@ -1,8 +1,9 @@
-"""Try robots of others on mock hardware: ``python tools/try_robots.py FOLDER [--markdown]``.
+"""Try robots of other projects on mock hardware: ``python tools/try_robots.py FOLDER [--markdown]``.
 
-Each subfolder of FOLDER has a ``robot.urdf`` (or ``robot.urdf.xacro``) and a ``controllers.yaml``. The stack is started
-with them as ``servoloop up --hardware mock --no-ros`` does. The table says for each robot whether it came up, or
-prints the message of the refusal. A traceback is a defect and ends the tool with status 1.
+Each subfolder of FOLDER has a ``robot.urdf`` (or ``robot.urdf.xacro``) and a ``controllers.yaml``. The tool starts the
+stack with these files, as ``servoloop up --hardware mock --no-ros`` does. The table lists for each robot whether its
+stack started, or the message with which the stack refused the files. A traceback is a defect and ends the tool with
+status 1.
 """
 
 import argparse
@@ -17,9 +18,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 START_S = 40.0
-"""Maximum time for a start, in seconds."""
+"""Maximum time for a stack to start, in seconds."""
 END_S = 20.0
-"""Maximum time for an end, in seconds."""
+"""Maximum time for a shutdown, in seconds."""
 NAMES = ("robot.urdf", "robot.urdf.xacro")
 
 
@@ -38,7 +39,7 @@ class Trial:
 
     @property
     def text(self) -> str:
-        """What happened, in one line."""
+        """Summary of the result in one line."""
         if self.crashed:
             return f"TRACEBACK: {self.output.strip().splitlines()[-1]}"
         if self.up:
@@ -83,7 +84,7 @@ def main() -> int:
         trials.append(tried(folder))
         text = trials[-1].text.replace(str(folder), "…")
         print(f"| {folder.name} | {text} |" if options.markdown else f"{folder.name}: {text}", flush=True)
-    print(f"{sum(one.up for one in trials)} of {len(trials)} came up", file=sys.stderr)
+    print(f"{sum(one.up for one in trials)} of {len(trials)} started", file=sys.stderr)
     return 1 if any(one.crashed for one in trials) else 0
 
 

@@ -1,4 +1,4 @@
-"""Draw the image of docs/tune.md: the shoulder of an SO-101 in simulated time, with half and all of the factory P.
+"""Draw the image of docs/tune.md: the shoulder of an SO-101 in simulated time, with half and full factory P gain.
 
 Example: `python tools/tune_picture.py docs/tune.svg`
 """

@@ -1,4 +1,4 @@
-"""Draw the image of docs/view.md: a simulated job as `servoloop view` shows it. The script needs chromium on PATH.
+"""Draw the image of docs/view.md: a simulated job in the page of `servoloop view`. The script needs chromium on PATH.
 
 Example: `python tools/view_picture.py docs/view.png`
 """

@@ -1,4 +1,4 @@
-"""Send the bytes of our driver's cycle without a driver, to measure the time of the kernel, the line and the simulator.
+"""Send the bytes of our driver's cycle without a driver, to measure the time of kernel, line and simulator.
 
 The cost of a driver is the time in its own row minus the time in this row. Other load on the machine also increases
 this row.
@@ -41,7 +41,7 @@ class Recorder(SerialPort):
 
 
 def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Repeat a complete cycle of ``driver``, in which all servos have answered, with system calls only."""
+    """Use only system calls to repeat a complete cycle of ``driver``, in which all servos have answered."""
     for _ in range(_TRIES):
         port = Recorder(device, baud)
         cycle, close = driver(port, servo_ids)
@@ -103,7 +103,7 @@ def _taken(read: Callable[[int, int], bytes], fd: int, size: int) -> int:
         while taken < size:
             piece = read(fd, size - taken)
             if not piece:
-                raise DriverError("the simulator is gone")
+                raise DriverError("the simulator has ended")
             taken += len(piece)
     except BlockingIOError:
         pass

@@ -51,7 +51,7 @@ def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The Rust driver."""
+    """Use the Rust driver."""
     import rustypot as library
 
     return peers.rustypot(library.Xl430PyController(device, baud, 0.05), servo_ids, WORK)

@@ -32,7 +32,7 @@ def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The Rust driver."""
+    """Use the Rust driver."""
     import rustypot as library
 
     return peers.rustypot(library.Sts3215PyController(device, baud, 0.05), servo_ids, WORK)

@@ -13,7 +13,7 @@ from drivers.bus.read_plan import state_plan
 from drivers.servos.series import Series, StateBlock
 
 Client = tuple[Callable[[], bool], Callable[[], None]]
-"""Two functions: one runs a cycle and returns whether every servo was read, and the other closes the port."""
+"""Two functions: the first runs a cycle and returns whether every servo was read; the second closes the port."""
 
 
 class Driver(NamedTuple):
@@ -30,8 +30,8 @@ class Driver(NamedTuple):
 
 
 def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Callable[[int], int]:
-    """Return the function ``Driver.cycle_size`` for a driver that reads this block, with a fast sync read if
-    ``fast``."""
+    """Return the function ``Driver.cycle_size`` for a driver that reads this block. If ``fast`` is true, the driver
+    uses a fast sync read."""
     goal_size = len(series.protocol.packets.sync_write(series.goal_address, series.goal_size, b""))
 
     def size(servos: int) -> int:

@@ -1,1 +1,1 @@
-"""Facts about real servos, with the figures and curves that show how closely the virtual servos match them."""
+"""Facts about real servos, with values and curves that show how closely the virtual servos match the real ones."""

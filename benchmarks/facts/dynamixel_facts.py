@@ -60,7 +60,7 @@ class Bench:
         self.servo = servo
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the simulated time."""
         self.clock.sleep_until(self.clock.now() + seconds)
         self.line.advance(self.clock.now())
 
@@ -69,7 +69,7 @@ class Bench:
         return self.servo.write(register.address, register.encode(value, "little"))
 
     def write_all(self, values: dict[Register, int]) -> list[int]:
-        """Write registers one after the other. Return the error numbers."""
+        """Write registers one after another. Return the error numbers."""
         return [self.write(register, value) for register, value in values.items()]
 
     def read(self, register: Register) -> int:
@@ -240,7 +240,7 @@ _FACTORY: Final = (
 
 
 def factory() -> Iterator[Fact]:
-    """Factory values."""
+    """Yield facts about the factory values."""
     for model, register, value in _FACTORY:
         yield Fact("factory", f"{model.name}: {register.name}", value, Bench(model).read(register))
 

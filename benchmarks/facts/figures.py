@@ -1,4 +1,4 @@
-"""A figure of a virtual servo, and the expected value."""
+"""Measured value of a virtual servo, with the expected value."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,7 +8,7 @@ TOLERANCE: Final = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure. ``expected`` is None if no measurement of a real servo is known."""
+    """Measured value. ``expected`` is None if no measurement of a real servo is known."""
 
     name: str
     unit: str
@@ -20,12 +20,12 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """Measured over expected."""
+        """Measured value divided by the expected value."""
         return self.measured / self.expected if self.expected else None
 
     @property
     def fits(self) -> bool:
-        """Whether the figure is within the tolerance, or whether a reason is given for the difference."""
+        """Whether the value is within the tolerance, or a reason is given for the difference."""
         if self.expected is None or self.reason:
             return True
         return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)

@@ -29,7 +29,7 @@ ARMS: Final = ("so101", "robot_arm")
 
 
 def main() -> None:
-    """Measure and print the figures."""
+    """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, nargs="?", help="folder of the problems")
     parser.add_argument("--problems", type=positive, default=30, help="number of problems, evenly from all sets")
@@ -72,7 +72,7 @@ def _run_problems(arguments: argparse.Namespace) -> None:
             peer.run(problem)
     if peer is not None:
         peer.close()
-    print(f"{len(problems)} problems, {results.valid} of them valid")
+    print(f"{len(problems)} problems, of which {results.valid} are valid")
     Console().print(table_of(columns))
 
 

@@ -24,7 +24,7 @@ SCRIPT = Path(__file__).with_name("roboplan_peer.py")
 
 
 class Peer:
-    """A running roboplan process.
+    """Running roboplan process.
 
     Args:
         python: Interpreter in which roboplan is installed.
@@ -53,12 +53,12 @@ class Peer:
         self._send(task)
 
     def run(self, problem: Problem) -> None:
-        """Plan one problem and add its figures."""
+        """Plan one problem and add its results."""
         self._send(_problem(problem))
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise SystemExit(f"roboplan ended with {self._process.wait()}")
+            raise SystemExit(f"roboplan ended with exit status {self._process.wait()}")
         self.results.valid += 1
         found = json.loads(line)
         if found is None:

@@ -21,7 +21,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 TOLERANCE_M: Final = 0.005
 TOLERANCE_RAD: Final = 0.05
 ENOUGH_S: Final = 1.0
-"""Time within which a pose must be planned or refused, in s."""
+"""Maximum time to plan or refuse a pose, in s."""
 TOUCHING: Final = Margins(1e-5, 1e-5)
 """Distance below which a plan counts as touching an object."""
 LIMIT_S: Final = 5.0
@@ -32,7 +32,7 @@ FARTHER: Final = (1.05, 2.0)
 
 @dataclass(slots=True)
 class PoseResults:
-    """Figures of one arm."""
+    """Results of one arm."""
 
     arm: str
     planned_s: list[float] = field(default_factory=list)
@@ -44,7 +44,7 @@ class PoseResults:
     """Number of unreachable poses that were not refused."""
 
     def lines(self) -> list[str]:
-        """Return the figures as text."""
+        """Return the results as text."""
         planned, refused = np.array(self.planned_s) * 1e3, np.array(self.refused_s) * 1e3
         tried, quick = len(planned) + self.failed.total(), int((planned < ENOUGH_S * 1e3).sum())
         return [

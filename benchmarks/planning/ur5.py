@@ -1,4 +1,4 @@
-"""Plan the public problems of a UR5 and collect the figures."""
+"""Plan the public problems of a UR5 and collect the results."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -23,24 +23,24 @@ SHOWN = 2
 
 @dataclass(slots=True)
 class Results:
-    """Figures of all valid problems."""
+    """Results of all valid problems."""
 
     valid: int = 0
     plan_s: list[float] = field(default_factory=list)
-    """Time of the first search, without shortcuts."""
+    """Duration of the first search without shortcuts, in seconds."""
     times_s: list[float] = field(default_factory=list)
-    """Time of all searches and shortcuts, without the construction of the scene."""
+    """Duration of all searches and shortcuts without the construction of the scene, in seconds."""
     lengths_rad: list[float] = field(default_factory=list)
     timing_s: list[float] = field(default_factory=list)
     durations_s: list[float] = field(default_factory=list)
     touching: list[str] = field(default_factory=list)
-    """Names of the problems whose plans touch something in the fine check."""
+    """Names of the problems whose plans touch something according to the fine check."""
     touching_timed: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
 
 def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: tuple[float, int]) -> bool:
-    """Plan one problem, add its figures and return whether it is valid.
+    """Plan one problem, add its results and return whether it is valid.
 
     ``settings`` contains the time limit in s and the number of searches.
     """
@@ -71,7 +71,7 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
 
 
 def table_of(columns: Mapping[str, Results]) -> Table:
-    """Return a table with the figures of one or more planners, by name."""
+    """Return a table with the results of one or more planners, keyed by planner name."""
     table = Table("figure", *columns)
     rows = [_rows(results) for results in columns.values()]
     for name in rows[0]:
@@ -92,14 +92,14 @@ def _rows(results: Results) -> dict[str, str]:
         "with shortcuts, median": f"{np.median(times_ms):.0f} ms",
         "with shortcuts, 95th percentile": f"{np.percentile(times_ms, 95):.0f} ms",
         "path length, median": f"{np.median(lengths_rad):.2f} rad",
-        "plans that touch on the fine check": _counted(results.touching),
+        "plans with contact in the fine check": _counted(results.touching),
         "not solved": _counted(results.failed),
     }
     if results.timing_s:
         rows |= {
             "time parameterization, median": f"{np.median(results.timing_s) * 1e3:.0f} ms",
             "duration of the motion, median": f"{np.median(results.durations_s):.1f} s",
-            "trajectories that touch on the fine check": _counted(results.touching_timed),
+            "trajectories with contact in the fine check": _counted(results.touching_timed),
         }
     return rows
 

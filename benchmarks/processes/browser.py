@@ -1,4 +1,4 @@
-"""Start a headless browser without a graphics card, for benchmarks, pictures and tests."""
+"""Start a headless browser without a graphics card, for benchmarks, images and tests."""
 
 import os
 import shutil
@@ -21,8 +21,8 @@ NICE: Final = 10
 def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand_back: bool = False) -> Iterator[Page]:
     """Open an empty page in the browser at this path.
 
-    ``viewport`` is the width and height of the page in pixels. With ``stand_back``, the browser has the lowest priority
-    on this machine.
+    ``viewport`` is the width and height of the page in pixels. If ``stand_back`` is true, the browser has the lowest
+    priority on this machine.
     """
     with tempfile.TemporaryDirectory(prefix="browser-") as folder, sync_playwright() as playwright:
         program = _standing_back(chromium, Path(folder)) if stand_back else chromium
@@ -36,7 +36,7 @@ def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand
 def _standing_back(chromium: str, folder: Path) -> str:
     """Return the path of a script that starts the browser with a lower priority than all other programs.
 
-    Without a graphics card, a browser draws all the time on all processors. Regardless of its nice value, Linux gives
+    Without a graphics card, a browser continuously draws on all processors. Regardless of its nice value, Linux gives
     the session of the browser as much processor time as all other sessions together (sched(7), autogroup). If root
     starts the browser, the browser even raises its own priority; the kernel threads that transfer the bytes of serial
     ports and pseudo-terminals then have to wait for the browser.

@@ -63,7 +63,7 @@ def demo_beside(count: int, console: Console) -> int:
 
 
 def _demo(folder: str) -> str:
-    """Run the demo and return its output. The demo writes its results to the folder, unless it fails before."""
+    """Run the demo and return its output. The demo writes its results to the folder, unless it fails first."""
     command = [sys.executable, "-m", "servoloop", "demo", "--out", folder]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True, preexec_fn=without_priority) as p:

@@ -1,5 +1,4 @@
-"""Child processes of a benchmark. The processes end with the benchmark, and the benchmark ends if a process is not
-ready in time."""
+"""Child processes of a benchmark. They end with the benchmark. The benchmark ends if a process is not ready in time."""
 
 import select
 import subprocess
@@ -31,7 +30,7 @@ def child(*command: str, says: str = "ready") -> Iterator["subprocess.Popen[str]
 
 
 def start(*command: str) -> "subprocess.Popen[str]":
-    """Start ``python command``. The process gets SIGTERM when the benchmark ends for any reason."""
+    """Start ``python command``. The process receives SIGTERM when the benchmark ends for any reason."""
     return subprocess.Popen(
         [sys.executable, *command],
         stdin=subprocess.PIPE,
@@ -42,13 +41,13 @@ def start(*command: str) -> "subprocess.Popen[str]":
 
 
 def kill(process: "subprocess.Popen[str]") -> None:
-    """Kill a process and wait for its end."""
+    """Kill a process and wait until it has ended."""
     process.kill()
     process.communicate()
 
 
 def next_line(process: "subprocess.Popen[str]", patience_s: float = START_S) -> str:
-    """Return the next line that the process prints, or an empty text if it has ended.
+    """Return the next line that the process prints, or an empty string if the process has ended.
 
     The benchmark ends if no line arrives in time.
     """

@@ -23,10 +23,10 @@ from servoloop.stack.robot_files import CONTROLLERS
 
 SERVOS: Final = 7
 HAND, HAND_COUNTS = 7, 1100
-"""ID of the hand's servo, and its position between the limits of the fingers."""
+"""ID of the hand's servo, and a position of this servo between the limits of the fingers."""
 START_S: Final = 60.0
 SETTLE_S: Final = 3.0
-"""Time after the start that is not measured, in seconds, because of first uses and discovery."""
+"""Time after the start that is not measured, in seconds. It includes first uses and discovery."""
 MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
 """Counters of a servo for values that were not received in a cycle."""
 
@@ -57,15 +57,15 @@ class StoringServos(Servos):
 
 @dataclass(frozen=True, slots=True)
 class StackFigures:
-    """Figures of ``servoloop up`` at one rate."""
+    """Results of ``servoloop up`` at one rate."""
 
     cycles: int
     missed: int
     missing: float
-    """Share of the values that were not received in the cycles."""
+    """Fraction of the values that were not received in the cycles."""
     cpu_share: float
     thread_shares: tuple[float, ...]
-    """Processor time of each thread as a share of one core, with the main thread first and then the busiest threads."""
+    """Processor time of each thread as a fraction of one core: the main thread, followed by the busiest threads."""
 
 
 @contextmanager
@@ -118,7 +118,7 @@ def _spin(monitor: StackMonitor, seconds: float) -> None:
 
 
 def _counts(newest: NewestMessages) -> tuple[int, int, int]:
-    """Return the cycles, the missed cycles and the missing values in the newest diagnostics."""
+    """Return the cycles, the missed cycles and the missing values in the latest diagnostics."""
     loop, servos = newest.loop, newest.diagnostics.values()
     if not loop:
         raise SystemExit("the stack has published no diagnostics")
@@ -127,5 +127,5 @@ def _counts(newest: NewestMessages) -> tuple[int, int, int]:
 
 
 def _threads(process: psutil.Process) -> dict[int, float]:
-    """Return the processor time of each thread in seconds, by thread ID."""
+    """Return the processor time of each thread in seconds, keyed by thread ID."""
     return {one.id: one.user_time + one.system_time for one in process.threads()}

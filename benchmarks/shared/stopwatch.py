@@ -1,4 +1,4 @@
-"""A stopwatch for parts of a program that call each other."""
+"""Stopwatch for parts of a program that call each other."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds spent in each part, excluding the time of other parts that it has called."""
+    """Time spent in each part, in seconds, excluding the time of other parts that it calls."""
 
     spent_s: dict[str, float] = field(default_factory=dict)
     _inner_s: list[float] = field(default_factory=lambda: [0.0])
@@ -35,6 +35,6 @@ class Stopwatch:
         return timed
 
     def shares(self) -> dict[str, float]:
-        """Return the share of each part."""
+        """Return each part's fraction of the total time."""
         total_s = sum(self.spent_s.values())
         return {part: spent_s / total_s for part, spent_s in self.spent_s.items()}

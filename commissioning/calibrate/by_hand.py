@@ -32,9 +32,9 @@ from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15
-"""Smallest rotation of a servo that shows a direction, rad."""
+"""Minimum rotation of a servo that shows a direction, in rad."""
 TREMBLE_RAD: Final = 0.05
-"""Angle below which a reversal of the motion is ignored as trembling of the hand, rad."""
+"""Maximum reversal of the motion that is ignored as trembling of the hand, in rad."""
 TRIES: Final = 5
 """Maximum number of times that the user is asked to do one task."""
 REPEATS: Final = 2
@@ -83,7 +83,7 @@ class ByHand:
         self._counting: dict[str, Counting] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Guide the user through all tasks, and return the calibration of each joint, by name.
+        """Guide the user through all tasks, and return the calibration of each joint, keyed by joint name.
 
         Raise CalibrationError if the arm was not moved as requested.
         """
@@ -96,7 +96,7 @@ class ByHand:
     def poses(self) -> dict[str, float]:
         """Ask the user to move freely turning joints to their marked poses.
 
-        Return the counts in these poses, by joint.
+        Return the counts in these poses, keyed by joint name.
         """
         return {joint.name: self._pose_twice(joint, self._plans[joint.name]) for joint in self._joints}
 
@@ -119,7 +119,8 @@ class ByHand:
             names = ", ".join(joint.name for joint in left)
             seen = "; ".join(stops.seen(joint) for joint in left)
             text = (
-                f"Not yet from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops ({seen})"
+                f"Not yet moved from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops "
+                f"({seen})"
             )
         # A short travel is reported with the result, because the stops of an arm may differ from its URDF.
         self._require_seams_outside()
@@ -258,7 +259,7 @@ def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> No
 
 
 def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
-    """Whether reversing the joint's direction would make the travel contradict the URDF's limits."""
+    """Return whether reversing the joint's direction would make the travel contradict the URDF's limits."""
     limits = joint.limits
     if plan.zero != "pose" or turns_freely(joint) or position_warning(joint, made):
         return False

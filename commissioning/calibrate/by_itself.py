@@ -37,9 +37,9 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 REACH: Final = 1.25
-"""Distance within which a stop must be found, as a multiple of the range in the URDF."""
+"""Maximum distance at which a stop must be found, as a multiple of the range in the URDF."""
 DRIVE: Final = 0.5
-"""Default torque limit of a joint, as a share of full drive."""
+"""Default torque limit of a joint, as a fraction of full drive."""
 
 
 def by_itself(
@@ -76,7 +76,7 @@ class ByItself:
         self._poses: dict[str, float] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Find all stops and directions, then return the arm to its start and release the torque.
+        """Find all stops and directions, then return the arm to its start and disable the torque.
 
         Raise CalibrationError, StoppedError.
         """
@@ -126,7 +126,7 @@ class ByItself:
                 bus.write(joint.servo_id, register, 0)
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
-        """Make all measurements that need torque. Return the calibration of each joint."""
+        """Make all measurements that require enabled torque. Return the calibration of each joint."""
         auto = self._plan.auto
         counted = [_counted_from(joint, here[joint.name], auto.drive.get(joint.name, DRIVE)) for joint in self._joints]
         named = {joint.name: index for index, joint in enumerate(self._joints)}
@@ -187,7 +187,10 @@ class ByItself:
 
 
 def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
-    """Return the counts of all servos, by joint. Raises CalibrationError naming every servo that does not answer."""
+    """Return the counts of all servos, keyed by joint name.
+
+    Raises CalibrationError naming every servo that does not answer.
+    """
     readings = bus.read_states([joint.servo_id for joint in joints])
     silent = [f"{j.name}: {r.text}" for j in joints if not isinstance(r := readings[j.servo_id], ServoState)]
     if silent:

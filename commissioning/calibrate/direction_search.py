@@ -14,11 +14,11 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 WIGGLE_RAD: Final = 0.15
-"""Angle by which a joint turns to show its direction, rad of the servo's shaft."""
+"""Angle by which a joint turns to show its direction, in rad of the servo's shaft."""
 NEAR_RAD: Final = 0.3
-"""Maximum distance to a stop, in the folded pose, at which the stop shows the joint's direction, rad."""
+"""Maximum distance to a stop, in the folded pose, at which the stop shows the joint's direction, in rad."""
 ARRIVED_RAD: Final = 0.12
-"""Following error above which a joint is considered blocked by an obstacle, rad of the servo's shaft."""
+"""Minimum following error of a joint that counts as blocked by an obstacle, in rad of the servo's shaft."""
 
 
 class Watcher(CalibrationDialog, Protocol):
@@ -77,7 +77,7 @@ class DirectionSearch:
         return True
 
     def _seen(self, index: int, first: int) -> int:
-        """Turn the joint a little, the ``first`` way if possible, and return the sign that the user's answer gives."""
+        """Turn the joint a little, in direction ``first`` if possible, and return the sign from the user's answer."""
         joint = self._joints[index]
         for way in (first, -first):
             if self._wiggled(index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
@@ -90,7 +90,7 @@ class DirectionSearch:
     def _shown_by_stop(self, index: int) -> int:
         """Return the sign of a joint near a stop, which turns farther away from the stop than toward it.
 
-        0 for other joints.
+        Return 0 for other joints.
         """
         joint = self._joints[index]
         start, limits = self._plan.auto.start.get(joint.name), joint.limits

@@ -26,7 +26,7 @@ class JointPlan(BaseModel):
     URDF's limits.
     """
     pose: str = ""
-    """Instruction for the user that describes the pose; only for ``zero: pose``."""
+    """Instruction for the user that describes the pose. Used only for ``zero: pose``."""
 
     @model_validator(mode="after")
     def _pose_is_complete(self) -> Self:
@@ -74,14 +74,14 @@ class AutoPlan(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: dict[str, Position] = {}
-    """Approximate joint positions at the start. The arm must be able to rest in this pose without torque."""
+    """Approximate joint positions at the start. The arm must be able to rest in this pose with its torque disabled."""
     clear: Steps = {}
     """Positions to which joints move, one by one, before the search for stops. Each joint needs an entry in ``start``.
     """
     stops: Steps = {}
     """Order of the search for stops, and the position of each joint after it. Other joints come last and wait at 0."""
     drive: dict[str, TorqueLimit] = {}
-    """Torque limit of a joint, as a share of full drive, just enough to lift the load. The default is 0.5."""
+    """Torque limit of a joint, as a fraction of full drive, just enough to lift the load. The default is 0.5."""
 
     @model_validator(mode="after")
     def _start_is_known(self) -> Self:

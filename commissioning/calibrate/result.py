@@ -9,23 +9,24 @@ from drivers.servos.angles import Travel
 from hal.joint import Joint
 
 SWEPT_SHARE: Final = 0.8
-"""Minimum travel of a joint that was swept from stop to stop, as a share of its range in the URDF."""
+"""Minimum travel of a joint that was swept from stop to stop, as a fraction of its range in the URDF."""
 DOUBTFUL_SHARE: Final = 0.03
-"""Maximum difference between travel and URDF range, as a share of the range. A larger difference may mean a wrong part.
+"""Maximum difference between travel and URDF range, as a fraction of the range. A larger difference may mean a wrong
+part.
 """
 PRESSED_RAD: Final = 0.08
-"""Sum of the angles by which a hand presses a joint into its two stops, rad of the servo's shaft."""
+"""Sum of the angles by which a hand presses a joint into its two stops, in rad of the servo's shaft."""
 MISSING_RAD: Final = 0.04
-"""Maximum angle by which a travel may be shorter than the URDF's range, rad of the servo's shaft.
+"""Maximum angle by which a travel may be shorter than the URDF's range, in rad of the servo's shaft.
 
 If the zero is in the middle of the travel, it is wrong by half of the missing angle.
 """
 PLACE_RAD: Final = 0.05
-"""Maximum distance between the middle of a travel and the middle of the URDF's limits, rad."""
+"""Maximum distance between the middle of a travel and the middle of the URDF's limits, in rad."""
 PLAY_RAD: Final = 0.01
-"""Uncertainty of every measurement, rad: half of the usual backlash plus one count."""
+"""Uncertainty of every measurement, in rad: half of the usual backlash plus one count."""
 EYE_RAD: Final = 0.05
-"""Uncertainty of a pose that is judged by eye and not confirmed by a stop, rad."""
+"""Uncertainty of a pose that is judged by eye and not confirmed by a stop, in rad."""
 
 
 class CalibrationError(Exception):
@@ -83,13 +84,13 @@ def unit(joint: Joint) -> float:
 
 
 def turns_freely(joint: Joint) -> bool:
-    """Whether the joint has no stops, because its range in the URDF is a whole turn of its servo."""
+    """Return whether the joint has no stops, because its range in the URDF is a whole turn of its servo."""
     range_counts = (joint.limits.upper - joint.limits.lower) / unit(joint)
     return range_counts > joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
 
 def fills_the_turn(joint: Joint, travel: Travel) -> bool:
-    """Whether the joint has no stops, because it was moved through a whole turn of its servo or more."""
+    """Return whether the joint has no stops, because it was moved through a whole turn of its servo or more."""
     return travel.span > joint.model.counts_per_turn - 2
 
 
@@ -156,7 +157,7 @@ def travel_warnings(joint: Joint, calibration: JointCalibration) -> str:
     if turns_freely(joint):
         return ""
     if travel < SWEPT_SHARE * range_:
-        return f"it was moved through only {travel:.3f} of {range_:.3f} in the URDF, so not from stop to stop"
+        return f"it was moved through only {travel:.3f} of {range_:.3f} in the URDF, so it did not reach both stops"
     sentences = []
     if not range_ - missing_allowed(joint) <= travel <= range_ + _longer_allowed(joint):
         sentences.append(
@@ -205,7 +206,7 @@ def misplaced(joint: Joint, calibration: JointCalibration) -> float:
 
 
 def is_mirrored(joint: Joint, calibration: JointCalibration) -> bool:
-    """Whether the travel matches the URDF's limits only if the direction is reversed."""
+    """Return whether the travel matches the URDF's limits only if the direction is reversed."""
     other_way = misplaced(joint, replace(calibration, sign=-calibration.sign))
     allowed = PLACE_RAD * joint.transmission
     return abs(other_way) <= allowed < abs(misplaced(joint, calibration))

@@ -1,4 +1,4 @@
-"""Calibrate an arm on one bus: release torque, measure, show the changes, store them, and test each joint."""
+"""Calibrate an arm on one bus: disable the torque, measure, show the changes, store them, and test each joint."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
@@ -21,10 +21,10 @@ from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question, servo_name, torque_warning
 
 WAY_RAD: Final = 0.2
-"""Angle that each servo turns in the motion test, back and forth, rad."""
+"""Angle by which each servo turns back and forth in the motion test, in rad."""
 OFF_SHARE: Final = 0.3
-"""Maximum error of a test motion, as a share of its length. This covers friction and the dead band. Sag is the same at
-both ends and cancels out.
+"""Maximum error of a test motion, as a fraction of its length. It covers friction and the dead band. Sag is the same
+at both ends and cancels out.
 """
 
 
@@ -57,14 +57,14 @@ def _there_and_back(arm: SlowArm, index: int) -> None:
 
 STORE = "Store this calibration?"
 TRY = (
-    "Test the calibration? Torque will be switched on: support the arm until it holds its position. Each joint then "
+    "Test the calibration? The torque will be enabled: support the arm until it holds its position. Each joint then "
     "moves a little, slowly. Press any key to stop it."
 )
 DIRECTIONS = "Only your hand has shown the direction of {joints}. Did you move each joint in the requested direction?"
 REPEAT = "Measure {joints} again?"
 MOVED = "Did each joint first move in the direction that was printed for it?"
 HANDS_OFF = "The arm holds its position now: take your hands off"
-SUPPORT = "Torque will be released in a moment: support the arm"
+SUPPORT = "The torque will be disabled in a moment: support the arm"
 UNTRIED = "the calibration is stored, but its motion test was not completed"
 HANDS_S = 2.0
 """Time the user gets to support the arm or to take the hands off it, in seconds."""
@@ -114,9 +114,9 @@ class CalibrationOutcome:
     path: Path
     stored: bool = False
     changes: Mapping[str, tuple[Change, ...]] | None = None
-    """Changes written to the servos, by joint."""
+    """Changes written to the servos, keyed by joint name."""
     tried: bool = False
-    """Whether each joint was moved under torque and reached its goals."""
+    """Whether each joint was moved with torque enabled and reached its goals."""
 
 
 def by_hand(asker: Asker) -> Measure:
@@ -132,16 +132,16 @@ class JointsToCalibrate:
     """Robot file. The calibration is stored in the same folder."""
     joints: Sequence[Joint]
     plans: Mapping[str, JointPlan]
-    """Calibration plan of each joint, by name."""
+    """Calibration plan of each joint, keyed by joint name."""
     others: Collection[str] = ()
-    """Joints of the robot file on other buses, whose calibration stays."""
+    """Joints of the robot file on other buses, which keep their calibration."""
 
     def require_plans(self) -> None:
         """Raise CalibrationError if a joint has no plan."""
         missing = [joint.name for joint in self.joints if joint.name not in self.plans]
         if missing:
             names = ", ".join(missing)
-            raise CalibrationError(f"the arm's file has no calibration plan for {names}: add one to arm.yaml")
+            raise CalibrationError(f"the arm's file has no calibration plan for {names}: add the plan to arm.yaml")
 
 
 def calibrate(
@@ -159,11 +159,11 @@ def calibrate(
 
     Args:
         arm: Joints to calibrate.
-        open_bus: Opens the bus of the joints.
+        open_bus: Function that opens the bus of the joints.
         asker: Interface to the person who moves the arm and answers questions.
         clock: Clock for all waiting times.
-        measure: Measurement to use; None to measure by hand.
-        stopped: Checked during the motion test; the test stops when it returns True.
+        measure: Measurement to use. If None, measure by hand.
+        stopped: Function that is called during the motion test. The test stops when the function returns True.
     """
     arm.require_plans()
     robot, joints, plans = arm.robot, arm.joints, arm.plans
@@ -235,7 +235,10 @@ def _try(
     clock: Clock,
     stopped: Callable[[], bool],
 ) -> None:
-    """Move each joint a little under torque, and tell the user when to take the hands off and when to support it."""
+    """Move each joint a little with torque enabled.
+
+    Tell the user when to take the hands off the arm and when to support it.
+    """
     with SlowArm(open_bus, joints, clock, stopped) as arm:
         asker.say(HANDS_OFF)
         arm.rest(HANDS_S)
@@ -248,7 +251,7 @@ def _try(
 
 
 def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
-    """Check that all servos answer and have the right model, and release their torque if the user agrees.
+    """Check that all servos answer and have the right model, and disable their torque if the user agrees.
 
     Raises ServoError, CalibrationError.
     """

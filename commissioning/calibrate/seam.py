@@ -53,7 +53,7 @@ def homing_register(model: ServoModel) -> Register | None:
 
 
 def can_move_seam(model: ServoModel) -> bool:
-    """Whether the seam of this servo model can be moved."""
+    """Return whether the seam of this servo model can be moved."""
     return homing_register(model) is not None
 
 
@@ -67,7 +67,7 @@ def counting_of(bus: Bus, joint: Joint) -> Counting:
 
 
 def is_extended(bus: Bus, joint: Joint) -> bool:
-    """Whether the joint's Dynamixel X is in a mode that counts turns. Raises ServoError."""
+    """Return whether the joint's Dynamixel X is in a mode that counts turns. Raises ServoError."""
     return retry(partial(bus.read, joint.servo_id, x.operating_mode)) in x.MODES_WITH_TURNS
 
 

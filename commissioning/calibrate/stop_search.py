@@ -1,4 +1,4 @@
-"""Find a stop of a joint: drive the joint with low torque until it stands still although its goal is ahead."""
+"""Find a stop of a joint: drive the joint with low torque until it stops moving although its goal is further ahead."""
 
 from typing import Final
 
@@ -9,10 +9,10 @@ from hal.joint import Joint
 SEEK_RAD_S: Final = 0.3
 """Speed of the goal during the search, rad/s of the servo's shaft."""
 STAND_RAD: Final = 0.01
-"""Maximum motion within ``STAND_S`` of a servo that stands still, rad."""
+"""Maximum motion of a servo at rest within ``STAND_S``, in rad."""
 STAND_S: Final = 0.4
 AHEAD_RAD: Final = 0.1
-"""Minimum distance of the goal ahead of a servo at a stop, rad. Friction alone cannot hold the servo so far back."""
+"""Minimum distance of the goal ahead of a servo at a stop, in rad. Friction alone cannot hold the servo so far back."""
 
 
 class StopSearch:

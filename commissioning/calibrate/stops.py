@@ -13,7 +13,7 @@ from commissioning.calibrate.sweep import Sweep
 from hal.joint import Joint
 
 SAME_STOP_RAD: Final = 0.015
-"""Maximum distance between the ends of two motions to the same stop, rad of the servo's shaft."""
+"""Maximum distance between the ends of two motions to the same stop, in rad of the servo's shaft."""
 
 
 @dataclass(slots=True)
@@ -48,7 +48,7 @@ class Stops:
             visit.lower, visit.upper = min(visit.lower, swept.counts), max(visit.upper, swept.counts)
 
     def missing(self, joint: Joint) -> bool:
-        """Whether a stop may have been missed.
+        """Return whether a stop may have been missed.
 
         A travel that is shorter than the URDF's range is accepted once both of its ends were reached in two tasks.
         """

@@ -41,9 +41,9 @@ def save(
 
     Args:
         robot: Robot file of the arm.
-        joints: Servo ID and calibration of each joint, by name.
+        joints: Servo ID and calibration of each joint, keyed by joint name.
         in_servos: Whether all servos already have this calibration.
-        kept: Other joints, whose previous calibration stays.
+        kept: Other joints, which keep their previous calibration.
     """
     path = calibration_path(robot)
     former = load_calibration(robot) if kept else None
@@ -93,11 +93,11 @@ def set_aside(robot: Path) -> str:
 
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
+"""Time allowed for the restart of a servo, in seconds. A servo needs 0.8 s."""
 AGAIN_S: Final = 0.1
 """Time after which a silent servo is read again, in seconds."""
 SLACK_COUNTS: Final = 40
-"""Tolerance of the travel, in counts. A stop gives way a little, and the joint can move without torque."""
+"""Tolerance of the travel, in counts. A stop gives way a little, and a limp joint can move."""
 
 
 def store(
@@ -110,10 +110,10 @@ def store(
 ) -> dict[str, tuple[Change, ...]]:
     """Write the calibration file and the homing offsets.
 
-    Return the changes in the servos, by joint. Torque must be off. The previous calibration of the joints ``kept``
-    stays. The file is written first: if the servos are then not all written, their offsets differ from the file, and
-    the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about the values that are
-    already stored.
+    Return the changes in the servos, keyed by joint name. Torque must be off. The joints in ``kept`` keep their
+    previous calibration. The file is written first. If some servos cannot be written after that, their offsets differ
+    from the file, and the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about
+    the values that are already stored.
     """
     content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
     path = save(robot, content, in_servos=False, kept=kept)

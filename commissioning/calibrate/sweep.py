@@ -23,7 +23,7 @@ class Swept:
     upper: int
     readings: int = 1
     recent: tuple[int, ...] = ()
-    """Up to three readings, newest last. Their median is used, because one of the readings may be wrong."""
+    """Up to three readings, in chronological order. Their median is used, because one of the readings may be wrong."""
 
     @property
     def travel(self) -> Travel:
@@ -48,9 +48,9 @@ class Sweep:
     def __init__(self, bus: Bus, joints: Sequence[Joint]) -> None:
         self.joints = tuple(joints)
         self.swept: dict[str, Swept] = {}
-        """Sweep of each joint whose servo has answered, by joint."""
+        """Sweep of each joint whose servo has answered, keyed by joint name."""
         self.missing: dict[str, str] = {}
-        """Joints whose servos did not answer the last read, with the reason."""
+        """Reason for each joint whose servo did not answer the last read, keyed by joint name."""
         self._bus = bus
 
     def update(self) -> None:

@@ -84,11 +84,11 @@ def doctor(
 
     Args:
         arm: The arm.
-        devices: Port of each bus, by the name of the bus.
+        devices: Port of each bus, keyed by bus name.
         clock: Clock for all times.
-        machine: Machine whose serial adapters are listed; None for this machine.
-        open_port: Opens a device at a baud rate; None for serial ports.
-        move: Moves the joints for the checks that need motion.
+        machine: Machine whose serial adapters are listed. If None, this machine is used.
+        open_port: Function that opens a device at a baud rate. If None, serial ports are opened.
+        move: Function that moves the joints for the checks that need motion.
     """
     opened = open_port or partial(_serial, clock)
     lines = arm.robot.file.lines()

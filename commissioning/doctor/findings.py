@@ -28,7 +28,7 @@ class FindingPlace:
     servo_id: int | None = None
 
     def covers(self, other: "FindingPlace") -> bool:
-        """Whether the other place is the same place or a part of this place."""
+        """Return whether the other place is the same place or a part of this place."""
         return self.bus in (None, other.bus) and self.servo_id in (None, other.servo_id)
 
     def __str__(self) -> str:
@@ -68,7 +68,7 @@ def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
 
 
 def _explains(kinds: dict[str, Kind], by: Finding, one: Finding) -> bool:
-    """Whether the more likely finding explains the other finding, which then need not be reported."""
+    """Return whether the more likely finding explains the other finding, which then need not be reported."""
     return by.rank > one.rank and one.id in kinds[by.id].explains and by.place.covers(one.place)
 
 
@@ -161,7 +161,7 @@ KINDS: Final[dict[str, Kind]] = {
     "shakes": _kind("warning", 51),
     "not_moved": _kind("note", 3),
 }
-"""All kinds of findings, by ID."""
+"""All kinds of findings, keyed by ID."""
 
 
 def finding(kind: str, place: FindingPlace, symptom: str, cause: str, command: str | None = None) -> Finding:

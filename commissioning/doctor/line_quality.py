@@ -39,10 +39,10 @@ def line_figures(
 
     Args:
         bus: The bus.
-        models: Model of each servo, by ID.
+        models: Model of each servo, keyed by ID.
         clock: Clock for all times.
         delays: Values of the servos' return delay registers.
-        echoes: Whether the adapter echoes every request; copied to the result.
+        echoes: Whether the adapter echoes every request. The value is copied to the result.
     """
     before, noise = _counted(bus, models), bus.counters.noise + bus.counters.strange
     cycles_s: list[float] = []
@@ -89,7 +89,7 @@ def _round_trips(bus: Bus, models: Mapping[int, ServoModel], clock: Clock) -> li
 
 
 def hears_itself(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
-    """Whether the adapter echoes every request."""
+    """Return whether the adapter echoes every request."""
     ping: bytes = packets.packet(servo_id, packets.PING, b"")
     port.discard_input()
     port.write(ping)
@@ -104,8 +104,8 @@ SAMPLE_S: Final = 0.02
 MORE_TRIES: Final = 12
 """Number of further reads if no state was received. Together these reads last as long as a reply may be delayed."""
 STEADY_SHARE: Final = 0.6
-"""Minimum share of successful reads of a servo that answers well. A bus that loses 9 % of the packets in each direction
-loses one read in six.
+"""Minimum fraction of successful reads of a servo that answers well. A bus that loses 9 % of the packets in each
+direction loses one read in six.
 """
 
 

@@ -27,7 +27,7 @@ class SearchResult:
     """Result of the search for missing and unexpected servos."""
 
     bauds: Mapping[int, int] = field(default_factory=dict)
-    """Baud rates of missing servos, by ID."""
+    """Baud rates of missing servos, keyed by ID."""
     strangers: tuple[Stranger, ...] = ()
     """Servos that do not belong to a joint."""
 
@@ -50,7 +50,7 @@ LARGEST_GAP: Final = 8
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
-    """Return the values of all readable registers, by name. Raises PortLost if the port disappears."""
+    """Return the values of all readable registers, keyed by name. Raises PortLost if the port disappears."""
     values: dict[str, int] = {}
     for block in blocks(series.registers):
         values |= _read_block(bus, servo_id, block, series.protocol.byte_order)
@@ -156,7 +156,7 @@ def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock:
 
 
 def _is_unknown(number: int | None, joint: Joint) -> bool:
-    """Whether no control table has this model number. All values may then come from the wrong addresses."""
+    """Return whether no control table has this model number. All values may then come from the wrong addresses."""
     return number is not None and not has_table(number, series_of(joint.model))
 
 

@@ -1,4 +1,4 @@
-"""Move each joint a little for the checks that need motion. Torque is off before and after."""
+"""Move each joint a little for the checks that need motion. The torque is off before and after the motion."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,12 +26,12 @@ The function returns the motions, and a message if joints were not moved.
 """
 
 WAY_RAD: Final = 0.4
-"""Angle by which each servo turns back and forth, twice, rad."""
+"""Angle by which each servo turns back and forth twice, in rad."""
 FASTEST_RAD_S: Final = 1.0
 
 
 def no_move(snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
-    """Do not move any joint, because the user did not request it."""
+    """Do not move any joint, because the user did not request motion."""
     return (), ""
 
 
@@ -49,8 +49,8 @@ class SmallMotions:
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
             return (), (
-                f"{torque_warning(held)}. The motion test would release the torque at its end. Support the arm, switch "
-                "its torque off, and run the doctor again"
+                f"{torque_warning(held)}. The motion test would disable the torque at its end. Support the arm, "
+                "disable its torque, and run the doctor again"
             )
         if any(finding.severity == "fault" for finding in findings):
             return (), "The joints were not moved, because there are faults. Fix the faults and run the doctor again"

@@ -109,7 +109,7 @@ def markdown(report: DoctorReport, user: str, robot: Path | None = None) -> str:
 
     Args:
         report: The report.
-        user: Name of the user, which is removed everywhere, as are the host name and home folders.
+        user: Name of the user. This name, the host name and all home folders are removed from the report.
         robot: Robot file to include.
     """
     return without_names("\n".join(_lines(report, robot)) + "\n", user, platform.node())

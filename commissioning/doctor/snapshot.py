@@ -118,12 +118,12 @@ class ArmSnapshot:
 
 
 def counts_turns(registers: Mapping[str, int]) -> bool:
-    """Whether these registers belong to a Dynamixel X in a mode that counts turns and ignores position limits."""
+    """Return whether the registers are of a Dynamixel X in a mode that counts turns and ignores position limits."""
     return "drive_mode" in registers and registers.get("operating_mode") in x.MODES_WITH_TURNS
 
 
 def counts_at_activation(model: ServoModel, registers: Mapping[str, int], counts: int) -> int:
-    """Return the counts from which an activation starts.
+    """Return the counts at which an activation starts.
 
     A limp Dynamixel X discards the turns that it has counted when it is activated.
     """
@@ -145,7 +145,7 @@ def show(servo: ServoSnapshot) -> str:
 
 
 def release(servo: ServoSnapshot) -> str:
-    """Return the command that switches the torque off."""
+    """Return the command that disables the torque."""
     return write(servo, "torque_enable", 0)
 
 

@@ -42,7 +42,7 @@ class Comparison:
 
 
 def read_servo(bus: Bus, servo_id: int, model: ServoModel) -> dict[str, int]:
-    """Return the values of all EEPROM registers, by name. Raises ServoError."""
+    """Return the values of all EEPROM registers, keyed by name. Raises ServoError."""
     # There are about fifty reads. With fewer attempts, one of these reads would often fail on a bad bus.
     registers = persistent_registers(model).items()
     return {name: retry(partial(retry, partial(bus.read, servo_id, register))) for name, register in registers}
@@ -59,8 +59,8 @@ def take_passport(
 
     Args:
         bus: The bus.
-        models: Model of each servo to read, by ID; None for all servos of ``series`` that answer.
-        joints: Name of the joint of each servo, by ID.
+        models: Model of each servo to read, keyed by ID. If None, read all servos of ``series`` that answer.
+        joints: Name of the joint of each servo, keyed by ID.
         adapter: Serial number of the USB adapter.
         series: Series of the servos if ``models`` is None.
 

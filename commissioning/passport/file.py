@@ -1,4 +1,4 @@
-"""Read and write passports: YAML files with every EEPROM register of every servo, by name."""
+"""Read and write passports: YAML files with every EEPROM register of every servo, keyed by name."""
 
 from pathlib import Path
 from typing import Final, Self
@@ -75,7 +75,7 @@ class Passport(_Strict):
     """Serial number of the USB adapter; None if it has none."""
     baud: Baud = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
     servos: dict[ServoId, ServoPassport]
-    """Passport of each servo, by ID."""
+    """Passport of each servo, keyed by ID."""
 
     @model_validator(mode="after")
     def _has_its_ids(self) -> Self:
@@ -86,7 +86,7 @@ class Passport(_Strict):
 
 
 def read_passport(path: Path) -> Passport:
-    """Read a passport. Raises PassportError listing all mistakes."""
+    """Read a passport. Raises PassportError listing all errors."""
     passport = load(path, Passport, PassportError)
     text = read_text(path, PassportError)
     if not text.endswith(END):

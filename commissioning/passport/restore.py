@@ -28,7 +28,7 @@ class Restoration:
     values: Mapping[Register, int]
     """Values to write, including the ID if it changes."""
     now: Mapping[str, int] = field(default_factory=dict)
-    """Current values of these registers, by name."""
+    """Current values of these registers, keyed by name."""
 
 
 def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> list[Restoration]:
@@ -78,8 +78,8 @@ def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
 def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[int, tuple[Change, ...]]:
     """Restore several servos, one after the other.
 
-    Return the changes, by ID. The notes of an exception list the servos that were already written and the remaining
-    servos.
+    Return the changes, keyed by ID. The notes of an exception list the servos that were already written and the
+    remaining servos.
     """
     changes: dict[int, tuple[Change, ...]] = {}
     for index, plan in enumerate(plans):
@@ -106,7 +106,7 @@ def _asked_for(passport: Passport, servo_id: int | None) -> list[int]:
 def _newcomer(bus: Bus, present: Sequence[int], passport: Passport, servo_id: int) -> int:
     if not present:
         raise PassportError(
-            f"no servo answers on {bus.name} at {bus.baud} baud. Check its power; it may also have another baud rate"
+            f"no servo answers on {bus.name} at {bus.baud} baud. Check the power and the baud rate of the servo"
         )
     if len(present) == 1:
         return present[0]
@@ -135,7 +135,7 @@ def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Re
     servo = passport.servos[servo_id]
     require_model(bus, now_id, servo.servo_model)
     if drives(bus, now_id, servo.servo_model):
-        raise PassportError(f"{torque_warning([f'servo {now_id}'])}: support the arm and switch its torque off first")
+        raise PassportError(f"{torque_warning([f'servo {now_id}'])}: support the arm and disable its torque first")
     registers = persistent_registers(servo.servo_model)
     values, now = {}, {}
     for difference in servo_differences(bus, now_id, servo):

@@ -163,7 +163,7 @@ def _modem_manager(machine: Machine, rules: Rules, adapter: "Adapter") -> Compla
 
 
 def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
-    """Whether the udev rules of brltty contain this kind of adapter."""
+    """Return whether the udev rules of brltty contain this kind of adapter."""
     vid, pid = numbers
     if vid is None or pid is None:
         return False
@@ -171,7 +171,7 @@ def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
 
 
 def _ignored(rules: Rules, adapter: "Adapter") -> bool:
-    """Whether a udev rule makes ModemManager ignore adapters of this vendor."""
+    """Return whether a udev rule makes ModemManager ignore adapters of this vendor."""
     lines = (line for text in rules.values() for line in text.splitlines())
     return any("id_mm_device_ignore" in line and f'"{adapter.vid:04x}"' in line for line in lines)
 
@@ -228,7 +228,7 @@ def only_port(machine: Machine | None = None) -> str:
     if devices:
         raise CommissioningError(f"there are {len(devices)} USB adapters: choose one of {', '.join(devices)}")
     others = ", ".join(one.device for one in report.adapters)
-    hint = f"plug one in, or name the port ({others})" if others else "plug one in, or name the port"
+    hint = f"plug in an adapter or specify the port ({others})" if others else "plug in an adapter or specify the port"
     why = "".join(f"; {complaint}" for complaint in report.complaints)
     raise CommissioningError(f"no USB adapter was found: {hint}{why}")
 

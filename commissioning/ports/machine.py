@@ -77,11 +77,11 @@ class Machine:
         )
 
     def runs(self, program: str) -> bool:
-        """Whether a program of this name is running."""
+        """Return whether a program of this name is running."""
         return any(name == program for _, name in self._programs())
 
     def udev_rules(self) -> dict[str, str]:
-        """Return the active udev rules, by file name, in lower case and without comments. A masked file is empty."""
+        """Return the active udev rules in lower case, without comments, keyed by file name. A masked file is empty."""
         rules: dict[str, str] = {}
         for folder in RULE_FOLDERS:
             for file in sorted((self.root / folder).glob("*.rules")):

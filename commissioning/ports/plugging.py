@@ -11,7 +11,7 @@ from drivers.clock import Clock, MonotonicClock
 
 LOOK_S: Final = 0.1
 SETTLE_S: Final = 1.0
-"""Time within which udev sets the group of a new device, or brltty removes the device, in seconds."""
+"""Maximum time until udev sets the group of a new device, or brltty removes the device, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)

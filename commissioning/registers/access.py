@@ -37,7 +37,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     if not isinstance(state, ServoState) and bus.needs_single_reads(servo_id):
         state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if not isinstance(state, ServoState):
-        raise CommissioningError(f"{state.text}: its torque stays off")
+        raise CommissioningError(f"{state.text}: its torque stays disabled")
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
         raise CommissioningError(
             f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it discards when its "
@@ -53,15 +53,15 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     bus.torque_on(servo_id)
     if not servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo_id}: its torque could not be switched on. Check its alarms with 'servoloop scan'"
+            f"servo {servo_id}: its torque could not be enabled. Check its alarms with 'servoloop scan'"
         )
 
 
 def release(servo: FoundServo) -> None:
-    """Switch the torque off. If the servo holds a load, the load falls."""
+    """Disable the torque. If the servo holds a load, the load falls."""
     servo.bus.torque_off([servo.servo_id])
     if servo.holds_torque():
-        raise CommissioningError(f"servo {servo.servo_id}: its torque could not be switched off. Switch its supply off")
+        raise CommissioningError(f"servo {servo.servo_id}: its torque could not be disabled. Switch its supply off")
 
 
 ELSEWHERE: Final = {
@@ -72,9 +72,9 @@ ELSEWHERE: Final = {
 }
 """Registers that ``write_register`` does not write, with the reason or the command to use instead."""
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
-"""Registers that make the servo move. A write to such a register even switches on the torque of an STS servo."""
+"""Registers that make the servo move. A write to such a register even enables the torque of an STS servo."""
 CORRECTS_S: Final = 0.005
-"""Time to wait before reading back. An STS servo accepts any value, but corrects an invalid one a millisecond later."""
+"""Time to wait before reading back. An STS servo accepts any value, and corrects an invalid value 1 ms later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +106,8 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
     """Write one register and read it back.
 
     A register in EEPROM is unlocked for the write, and written only if its value differs. Goals cannot be written.
-    While the torque is on, only ``torque_enable`` can be written: 1 makes the servo hold its position, and 0 releases
-    it.
+    While the torque is enabled, only ``torque_enable`` can be written: 1 makes the servo hold its position, and 0
+    disables the torque.
 
     Args:
         servo: The servo.
@@ -125,8 +125,8 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
     elif raw != before.raw:
         if servo.holds_torque():
             raise CommissioningError(
-                f"servo {servo.servo_id}: {name} cannot be written while the torque is on. Support the arm, then "
-                f"switch the torque off with 'servoloop register write --id {servo.servo_id} torque_enable 0'"
+                f"servo {servo.servo_id}: {name} cannot be written while the torque is enabled. Support the arm, "
+                f"then disable the torque with 'servoloop register write --id {servo.servo_id} torque_enable 0'"
             )
         _write(servo, register, raw)
     return RegisterWrite(servo.servo_id, before, value_of(servo.model, register, servo.read(register)))
@@ -150,7 +150,7 @@ def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
         text = f"cannot be written here: {ELSEWHERE[name]}"
     elif name in GOALS:
         text = (
-            "cannot be written here, because it makes the servo move and can even switch its torque on. Use "
+            "cannot be written here, because it makes the servo move and can even enable its torque. Use "
             "'servoloop up' to move an arm"
         )
     elif register == servo.series.status_level and raw == 0:
@@ -163,7 +163,7 @@ def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
 
 def _switch(servo: FoundServo, raw: int, torque: bool) -> None:
     if not torque:
-        raise CommissioningError(f"servo {servo.servo_id}: its torque is switched only if you confirm it (--yes)")
+        raise CommissioningError(f"servo {servo.servo_id}: its torque is changed only if you confirm it (--yes)")
     if raw:
         enable_torque_in_place(servo)
     else:

@@ -128,9 +128,9 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
 
 
 RESTART_S: Final = 1.0
-"""Time a servo gets to restart, in seconds. Feetech and ROBOTIS specify less."""
+"""Time allowed for the restart of a servo, in seconds. Feetech and ROBOTIS specify less."""
 DEAF_S: Final = 0.05
-"""Time within which a restart begins, in seconds."""
+"""Maximum time until a restart begins, in seconds."""
 PATIENCE_S: Final = 4.0
 """Maximum duration of a restart, in seconds."""
 FACTORY_ID: Final = 1
@@ -157,13 +157,13 @@ class RebootReport:
     took_s: float
     """Time until the servo answered again."""
     let_go: bool
-    """Whether the torque was on before the restart. After a restart, the torque is off."""
+    """Whether the torque was enabled before the restart. After a restart, the torque is disabled."""
 
 
 def factory_reset(servo: FoundServo) -> ResetReport:
     """Reset the servo to its factory settings. The port is set to the baud rate of the servo.
 
-    Raises CommissioningError if the torque is on, or if the servo would get an ID that another servo has.
+    Raises CommissioningError if the torque is enabled, or if the servo would get an ID that another servo has.
     """
     _refuse_torque(servo, "cannot be reset")
     goes_to = FACTORY_ID if servo.series.protocol is PROTOCOL_1 else servo.servo_id
@@ -186,10 +186,10 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
 
     Args:
         servo: The servo.
-        let_go: Whether to restart a servo whose torque is on. The restart releases the torque.
+        let_go: Whether to restart a servo whose torque is enabled. The restart disables the torque.
 
     Raises:
-        CommissioningError: The torque is on and ``let_go`` is False, or the servo does not answer again.
+        CommissioningError: The torque is enabled and ``let_go`` is False, or the servo does not answer again.
     """
     held = servo.holds_torque()
     if held and not let_go:
@@ -200,16 +200,14 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
     while servo.clock.now() < began_s + PATIENCE_S:
         if answers(servo.port, servo.clock, servo.packets, servo.servo_id):
             return RebootReport(servo.servo_id, round(servo.clock.now() - began_s, 3), held)
-    raise CommissioningError(
-        f"servo {servo.servo_id}: it does not answer after its restart. Switch its supply off and on"
-    )
+    raise CommissioningError(f"servo {servo.servo_id} does not answer after its restart. Switch its supply off and on")
 
 
 def _refuse_torque(servo: FoundServo, what: str) -> None:
     if servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo.servo_id}: {what} while its torque is on, because what it holds falls without torque. "
-            "Support the arm, then switch the torque off with 'servoloop register write "
+            f"servo {servo.servo_id}: {what} while its torque is enabled, because its load falls when the torque is "
+            "disabled. Support the arm, then disable the torque with 'servoloop register write "
             f"--id {servo.servo_id} torque_enable 0'"
         )
 

@@ -19,7 +19,7 @@ _END: Final = {True: 1 << 8, False: 1 << 16}
 
 @dataclass(frozen=True, slots=True)
 class AddressValue:
-    """Value of a register that is known by its address only."""
+    """Value of a register that is known only by its address."""
 
     servo_id: int
     address: int

@@ -62,7 +62,7 @@ def listed_registers(name: str) -> tuple[ListedRegister, ...]:
         Its registers, sorted by address.
 
     Raises:
-        CommissioningError: The model is unknown. The message has similar names.
+        CommissioningError: The model is unknown. The message lists similar names.
     """
     if name not in MODELS:
         near = get_close_matches(name, MODELS) or sorted(MODELS)

@@ -16,7 +16,7 @@ from drivers.servos.catalog import known_as, series_of
 from drivers.servos.register import ServoModel
 
 BURN_S: Final = 0.05
-"""Time that a servo gets to write its EEPROM, in seconds."""
+"""Time allowed for a servo to write its EEPROM, in seconds."""
 
 
 def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...] = ()) -> int:
@@ -27,14 +27,14 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
         clock: Clock for all times.
         servo_id: ID of the servo.
         model: Model of the servo, which cannot be read. Other models may have a different register at this address.
-        bauds: Baud rates to try; all if empty.
+        bauds: Baud rates to try. If empty, try all baud rates.
 
     Returns:
         The status level that the servo has now.
 
     Raises:
-        CommissioningError: No servo answers, the servo answers reads before the write or no reads after it, or it is
-            another model.
+        CommissioningError: No servo answers, the servo answers reads before the write or no reads after it, or it has
+            a different model.
     """
     series = series_of(model)
     packets, level = series.protocol.packets, series.status_level
@@ -51,12 +51,12 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
         raise
     except ServoError as error:
         raise CommissioningError(
-            f"servo {servo_id}: it still answers pings but not reads. Check that it is an {model.name}, switch its "
+            f"servo {servo_id} still answers pings but not reads. Check that it is an {model.name}, switch its "
             "supply off and on, and try again"
         ) from error
     if number != model.number:
         raise CommissioningError(
-            f"servo {servo_id}: it is model {number} ({known_as(number, series)}), not {model.name} ({model.number}). "
+            f"servo {servo_id} is model {number} ({known_as(number, series)}), not {model.name} ({model.number}). "
             f"Check its register {level.address}, to which {series.answers_all} was written"
         )
     return retry_often(partial(bus.read, servo_id, level))
@@ -72,7 +72,7 @@ def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel)
     except ServoError:
         return
     raise CommissioningError(
-        f"servo {servo_id}: it answers reads (model number {number}), so nothing was written. Omit --model"
+        f"servo {servo_id} answers reads (model number {number}), so nothing was written. Omit --model"
     )
 
 

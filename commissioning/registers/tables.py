@@ -20,13 +20,13 @@ AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 50
 }
 """Nominal baud rates of Dynamixel protocol 1.0 by register value: 2 Mbit/s divided by the value plus one."""
 MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
-"""Further baud rates of MX servos, by register value."""
+"""Further baud rates of MX servos, keyed by register value."""
 
 
 def register_named(model: ServoModel, name: str) -> Register:
     """Return a register by name.
 
-    If the model does not have this register, raise CommissioningError with similar names.
+    If the model does not have this register, raise CommissioningError with a list of similar names.
     """
     table = {register.name: register for register in registers_of(model)}
     if name in table:

@@ -67,7 +67,7 @@ def _look(bus: Bus, servo_ids: Iterable[int], found: dict[int, bool]) -> None:
 
 
 def _seen_closely(bus: Bus, servo_id: int) -> bool | None:
-    """Whether an ID with corrupted replies sends a valid state when it is asked alone. None if there was only noise."""
+    """Return whether an ID with corrupted replies sends a valid state when asked alone; None after only noise."""
     readings = [bus.read_states([servo_id])[servo_id] for _ in range(CLOSER_LOOKS)]
     if any(not isinstance(reading, ServoFault) for reading in readings):
         return True

@@ -39,7 +39,7 @@ MODES: Final[dict[str, tuple[Register, dict[int, str]]]] = {
     ),
     XL.name: (xl320.control_mode, {1: "wheel", 2: "joint"}),
 }
-"""Register of the operating mode and the names of its values, by series."""
+"""Register of the operating mode and the names of its values, keyed by series."""
 
 
 def mode_text(series: Series, read: Callable[[Register], int]) -> str:

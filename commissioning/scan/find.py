@@ -71,7 +71,7 @@ class FoundServo:
         return retry_often(partial(self.bus.read, self.servo_id, register))
 
     def holds_torque(self) -> bool:
-        """Whether the torque is on."""
+        """Return whether the torque is enabled."""
         return self.read(self.series.torque_enable) == 1
 
 
@@ -89,7 +89,7 @@ def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = (
 
 
 def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
-    """Whether this ID answers at the current baud rate of the port, even if the replies are corrupted."""
+    """Return whether this ID answers at the current baud rate of the port, even if the replies are corrupted."""
     wire = Wire(port, clock, packets)
     if servo_id > wire.largest_id:
         return False

@@ -39,7 +39,7 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """Model with the packets of the servo: its own model or the first of its series, whose table may differ."""
+        """Model for the servo's packets: its own model, or the first of its series, whose table may differ."""
         return self.model or self.series.models[0]
 
 

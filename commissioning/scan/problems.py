@@ -27,7 +27,7 @@ Kind = Literal[
     "absent",
 ]
 BAD_SHARE: Final = 0.5
-"""Smallest share of failed reads at which the bus counts as bad."""
+"""Minimum fraction of failed reads at which the bus counts as bad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def line_trouble(
 
 NO_READS: Final = (
     "it answers pings but not reads. If it is a Dynamixel, its status return level may be 0: set it with 'servoloop "
-    "register write --model MODEL status_return_level 2'. A Dynamixel X also answers again after its supply was off"
+    "register write --model MODEL status_return_level 2'. A Dynamixel X also answers after its supply was off"
 )
 """Description of a servo that answers only pings."""
 

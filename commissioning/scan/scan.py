@@ -83,8 +83,8 @@ def scan(
         port: The port.
         clock: Clock for all times.
         scope: Baud rates, IDs and makes to try.
-        models: Expected model of each servo, by ID. These IDs are searched for if the scope has no IDs.
-        progress: Called before each step and at the end.
+        models: Expected model of each servo, keyed by ID. The scan searches for these IDs if the scope has no IDs.
+        progress: Function that is called before each step and at the end.
 
     Raises:
         PortLost: The port has disappeared.

@@ -107,8 +107,8 @@ class SetUp:
             places: Servos of the arm.
             guide: Interface to the person who connects the servos.
             turn: Whether servos turn their horns to show their gears, if several models share their model number.
-                Otherwise torque is never switched on.
-            stopped: Checked while a horn turns. When it returns True, StoppedError is raised.
+                Otherwise, the torque is never enabled.
+            stopped: Function that is called while a horn turns. When it returns True, StoppedError is raised.
         """
         self.turn = turn
         self._stopped = stopped

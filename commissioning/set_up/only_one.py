@@ -124,8 +124,8 @@ def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
 def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[ServoPlace]) -> float:
     """Check that a servo may be used for a joint, and return its supply voltage. The bus is at the servo's baud rate.
 
-    Raise NotYet if the servo belongs to another joint, has the wrong model, or holds torque. Raise SetUpError if the
-    voltage is wrong.
+    Raise NotYet if the servo belongs to another joint, has the wrong model, or has its torque enabled. Raise SetUpError
+    if the voltage is wrong.
     """
     owner = next((one.joint for one in places if one.servo_id == servo_id), None)
     if servo_id not in (FACTORY_ID, place.servo_id) and owner is not None:
@@ -137,8 +137,8 @@ def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[Ser
     _require_voltage(bus, servo_id, place, voltage_v)
     if drives(bus, servo_id, place.model):
         raise NotYet(
-            f"the torque of servo {servo_id} is on, and settings cannot be written while it is on. Switch the supply "
-            "off and on to release the torque. If the servo holds a load, support it first"
+            f"the torque of servo {servo_id} is enabled, so its settings cannot be written. Switch the supply "
+            "off and on to disable the torque. If the servo holds a load, support it first"
         )
     return voltage_v
 

@@ -29,7 +29,7 @@ FITS: Final = 0.22
 CLEARLY: Final = 0.06
 """Minimum difference of |ln(measured / expected)| between the best model and the second best model."""
 PULLS: Final = 0.1
-"""Maximum constant drive of a free horn, as a share of full drive. A larger drive shows that something pulls at the
+"""Maximum constant drive of a free horn, as a fraction of full drive. A larger drive shows that something pulls at the
 horn.
 """
 Verdict = Literal["fits", "other", "not sure"]
@@ -71,7 +71,7 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
         return GearResult("not sure", "it is too close to its position limits to turn")
     model, faster = motion.joint.model, motion.faster
     if motion.moved / motion.asked < STUCK_SHARE or faster is None:
-        return GearResult("not sure", "its horn did not move far enough: it is not free, or the servo has no force")
+        return GearResult("not sure", "its horn did not move far enough: it is blocked, or the servo has no force")
     measured = round(v_s_rad(model) / faster, 3)
     if abs(motion.pull) > PULLS:
         return GearResult("not sure", "something pulls at its horn", measured)
@@ -90,7 +90,7 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
 
 
 WAY_RAD: Final = 0.8
-"""Angle by which the horn turns back and forth."""
+"""Angle by which the horn turns back and forth, in rad."""
 FASTEST_RAD_S: Final = 0.8
 """Speed of the goal. The horn itself turns up to 50 % faster, which is a quarter of the slowest model's no-load speed.
 At lower speeds, two gears cannot be distinguished reliably.
@@ -98,12 +98,12 @@ At lower speeds, two gears cannot be distinguished reliably.
 PERIOD_S: Final = 0.04
 PACE: Final = TrialPace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
-"""Torque limit, as a share of full drive.
+"""Torque limit, as a fraction of full drive.
 
 Reaching the test speed takes half of this limit; the other half covers friction and weak models.
 """
 MARGIN_COUNTS: Final = 32
-"""Distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""
+"""Minimum distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""
 LEAST_ROOM_RAD: Final = 0.4
 """Minimum angle that the horn must be able to turn."""
 ACCELERATION_RAD_S2: Final = 10.0
@@ -127,7 +127,7 @@ def turn_loose(
     with _left_limp(bus, servo_id, place), bus.at_baud(bus.baud, {servo_id: place.model}) as line:
         try:
             with SlowArm(lambda: line, [joint], clock, stopped, FASTEST_RAD_S, PERIOD_S) as arm:
-                arm.relax = False  # The horn carries no load, so the torque is released without sinking first.
+                arm.relax = False  # The horn carries no load, so the torque is disabled without sinking first.
                 trial = DriveTrial(arm, 0, way, PACE)
                 trial.run()
         except (DriverError, HalError) as error:
@@ -155,7 +155,7 @@ def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
 
 @contextmanager
 def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
-    """Release the torque and restore the torque limit when the context ends. Report a failure."""
+    """Disable the torque and restore the torque limit when the context ends. Report a failure."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
     may_hold = f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
@@ -170,7 +170,7 @@ def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
 
 
 def _release(bus: Bus, servo_id: int, place: ServoPlace, before: Mapping[Register, int]) -> bool:
-    """Switch the torque off, then restore these registers. Return whether the servo acknowledged all writes."""
+    """Disable the torque, then restore these registers. Return whether the servo acknowledged all writes."""
     try:
         for register, value in {place.series.torque_enable: 0, **before}.items():
             retry(partial(bus.write, servo_id, register, value))

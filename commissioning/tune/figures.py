@@ -13,9 +13,9 @@ import numpy as np
 from hal.types import FloatArray
 
 SETTLED_S: Final = 0.6
-"""Last part of the time at rest, in which a joint is at rest or swings, in seconds."""
+"""Duration of the last part of a rest, in which a joint is at rest or swings, in seconds."""
 BAND_SHARE: Final = 0.02
-"""Maximum distance of a settled joint from its position at rest, as a share of the step."""
+"""Maximum distance of a settled joint from its position at rest, as a fraction of the step."""
 BAND_COUNTS: Final = 2.0
 """Maximum distance of a settled joint from its position at rest, in counts. The larger of the two limits applies."""
 SHAKES_COUNTS: Final = 4.0
@@ -92,7 +92,7 @@ class Following:
     delay_s: float
     """Delay of the measured position after the command."""
     gain: float
-    """Measured amplitude, as a share of the commanded amplitude."""
+    """Measured amplitude, as a fraction of the commanded amplitude."""
     largest: float
     """Largest following error (command minus position), including sag."""
     rms: float
@@ -123,7 +123,7 @@ def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, floa
 
 @dataclass(frozen=True, slots=True)
 class JointFigures:
-    """Performance figures of one joint with one set of gains. Positions in rad or m, times in seconds."""
+    """Performance figures of one joint with one set of gains. Positions are in rad or m, times in seconds."""
 
     overshoot: float
     """Mean overshoot of all steps."""

@@ -33,14 +33,14 @@ _PAIR: Final = re.compile(r"(\w+)=(\d+)")
 
 
 def gains_of(model: ServoModel) -> dict[str, Register]:
-    """Return the gain registers of a servo model, by name. The result is empty if the model has none."""
+    """Return the gain registers of a servo model, keyed by name. The result is empty if the model has none."""
     table = {register.name: register for register in registers_of(model) if register.access is Access.READ_WRITE}
     found = {letter: table[name] for letter, names in LETTERS.items() for name in names if name in table}
     return found | {name: table[name] for name in OTHERS if name in table}
 
 
 def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
-    """Parse gains such as ``P=24 D=32``, given as one string or several. Raises TuneError listing all mistakes."""
+    """Parse gains such as ``P=24 D=32``, given as one string or several. Raises TuneError listing all errors."""
     known = gains_of(model)
     if not known:
         raise TuneError(f"an {model.name} has no gains that can be set")
@@ -68,7 +68,7 @@ def _misfit(name: str, register: Register, value: int) -> str:
 
 
 def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
-    """Read the gains of the joint's servo, by name. Raises ServoError.
+    """Read the gains of the joint's servo, keyed by name. Raises ServoError.
 
     If P is in RAM and the robot file sets it, the value in the robot file is returned, because the stack writes it when
     it enables torque.
@@ -116,7 +116,7 @@ class Written:
 def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
     """Write these gains to the joint's servo and return the changes.
 
-    Raise ServoError if the servo holds torque or does not accept a gain, and PortLost if the port disappears.
+    Raise ServoError if the servo's torque is enabled or it does not accept a gain, and PortLost if the port disappears.
     """
     known = gains_of(joint.model)
     names = {known[name]: name for name in values}

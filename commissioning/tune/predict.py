@@ -23,13 +23,13 @@ TICK_S: Final = 0.001
 D_EVERY_TICKS: Final = 20
 """Interval at which an STS computes the change of its error, in ticks: the factory value of register 81."""
 D_SHARE: Final = 1.0 / 8000.0
-"""Drive per unit of D and count of change, as a share of full drive."""
+"""Drive per unit of D and count of change, as a fraction of full drive."""
 FULL_DRIVE: Final = 0.97
 FRICTION_SHARE: Final = 0.5 * STS_FRICTION_SHARE
 SIMULATED_S: Final = 1.0
 """Simulated time from the beginning of the step, in seconds."""
 LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
-"""Range of inertias, in shares of full drive per count/s². A bare STS3215 has 7e-6."""
+"""Range of inertias, in fractions of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
 """Minimum overshoot for determining the inertia. Encoder steps may cause a smaller overshoot."""
@@ -39,7 +39,7 @@ CLEAR_COUNTS: Final = 2.0
 class Predicted:
     """Predicted performance figures.
 
-    Figures that cannot be computed are None. Positions in rad or m, times in seconds.
+    Figures that cannot be computed are None. Positions are in rad or m, times in seconds.
     """
 
     sag: float | None
@@ -54,7 +54,7 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Model of an STS position loop with one inertia, in counts, seconds and shares of full drive."""
+    """Model of an STS position loop with one inertia, in counts, seconds and fractions of full drive."""
 
     position_p: int
     position_d: int

@@ -12,7 +12,7 @@ from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint
 
 CALMER: Final = 0.75
-"""New P of a joint that shakes, as a share of its present P."""
+"""New P of a joint that shakes, as a fraction of its present P."""
 LEAST_P: Final = 8
 DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
 WIDE: Final = 3
@@ -24,7 +24,7 @@ STIFFER: Final = 1.5
 ALLOWED_REST_COUNTS: Final = 8.0
 """Largest acceptable error at rest, in counts (0.7 degrees). A larger error needs a larger P."""
 ALLOWED_OVERSHOOT: Final = 0.05
-"""Acceptable overshoot, as a share of the step."""
+"""Acceptable overshoot, as a fraction of the step."""
 WORTH_COUNTS: Final = 2.0
 """Minimum reduction of the overshoot for which a new D is proposed, in counts."""
 D_STEP: Final = 4
@@ -43,7 +43,7 @@ class Proposal:
     """Proposed gains with the reasons."""
 
     values: Mapping[str, int] = field(default_factory=dict)
-    """Proposed gains, by name; empty if no better gains are known."""
+    """Proposed gains, keyed by name; empty if no better gains are known."""
     reasons: tuple[str, ...] = ()
     predicted: Predicted | None = None
     """Predicted performance figures with the proposed gains; None without a prediction."""

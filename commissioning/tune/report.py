@@ -45,12 +45,12 @@ class TuneReport:
 
     @property
     def held(self) -> Mapping[str, int]:
-        """Present gains of the servo, by name."""
+        """Present gains of the servo, keyed by name."""
         return (self.after or self.before).gains
 
     @property
     def to_keep(self) -> dict[str, Any]:
-        """Entries for the joint in the robot file with which the stack keeps the written gains."""
+        """Robot file entries for the joint that make the stack keep the written gains."""
         return kept(self.joint.model, {one.gain: one.new for one in self.written}, self.named)
 
     @property
@@ -64,7 +64,7 @@ class TuneReport:
         return {name: value for name, value in self.named.items() if now.get(name, value) != value}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the report as a dictionary for JSON. Positions in rad or m, times in seconds."""
+        """Return the report as a dictionary for JSON. Positions are in rad or m, times in seconds."""
         return {
             "joint": self.joint.name,
             "servo_id": self.joint.servo_id,
@@ -104,7 +104,7 @@ def tune(
     Args:
         tuner: Tuner of the joint.
         at: Position at which to measure, in rad or m; near the present position if None.
-        write: Gains to write, by name.
+        write: Gains to write, keyed by name.
         apply: Whether to write the proposed gains if ``write`` is empty.
 
     Raises:

@@ -17,12 +17,12 @@ STEP_RAD: Final = 0.15
 LEAST_RAD: Final = 0.03
 """Minimum size of a step. Smaller steps show only dead band and friction."""
 ROOM_SHARE: Final = 0.4
-"""Maximum length of the lift and of the step, each as a share of the distance to the farther limit."""
+"""Maximum length of the lift and of the step, each as a fraction of the distance to the farther limit."""
 FASTEST_RAD_S: Final = 1.0
 """Maximum speed of a servo's shaft, unless the URDF's limit is lower."""
 SINE_HZ: Final = 1.0
 SPEED_MARGIN: Final = 0.8
-"""Maximum speed of the sine, as a share of the speed limit, so that the safety gate does not distort it."""
+"""Maximum speed of the sine, as a fraction of the speed limit, so that the safety gate does not distort it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +85,11 @@ def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str
     unit, counts = joint.unit, abs(plan.step / joint.units_per_count)
     held = f" {', '.join(others)} will hold their positions." if others else ""
     return (
-        f"{joint.name} (servo {joint.servo_id}) will move under torque: from {plan.start:.3f} to {plan.near:.3f} "
-        f"{unit}, then back and forth between {plan.near:.3f} and {plan.far:.3f} {unit} ({counts:.0f} counts), in "
-        f"steps and as a sine of {plan.sine_hz:.2g} Hz, at most {plan.speed:.3g} {unit}/s (its limit is "
-        f"{joint.limits.velocity:g}).{held} {end} Make sure that the arm does not touch its table and has room to "
-        "move. If it could fall, support it until the torque is on. Continue?"
+        f"{joint.name} (servo {joint.servo_id}) will move with torque enabled: from {plan.start:.3f} to "
+        f"{plan.near:.3f} {unit}, then back and forth between {plan.near:.3f} and {plan.far:.3f} {unit} "
+        f"({counts:.0f} counts), in steps and as a sine of {plan.sine_hz:.2g} Hz, at most {plan.speed:.3g} {unit}/s "
+        f"(its limit is {joint.limits.velocity:g}).{held} {end} Make sure that the arm does not touch its table and "
+        "has room to move. If it could fall, support it until the torque is enabled. Continue?"
     )
 
 
@@ -99,11 +99,11 @@ SHORT_REST_S: Final = 0.8
 PERIODS: Final = 3
 """Number of periods of the sine. The first period is not evaluated."""
 BEHIND_RAD: Final = 0.35
-"""Maximum following error, rad of the servo's shaft. At this error, half of the factory P gives almost full drive."""
+"""Maximum following error, in rad of the servo's shaft. At this error, half the factory P gives almost full drive."""
 HEARD_SHARE: Final = 0.8
-"""Minimum share of a motion's cycles in which the joint must be measured."""
+"""Minimum fraction of a motion's cycles in which the joint must be measured."""
 MOVED_SHARE: Final = 0.5
-"""Minimum motion in the slow pass, as a share of the step. A joint that moves less is blocked."""
+"""Minimum motion in the slow pass, as a fraction of the step. A joint that moves less is blocked."""
 
 
 class TuneTrial:
@@ -131,7 +131,7 @@ class TuneTrial:
         if abs(moved) < MOVED_SHARE * abs(self._plan.step) or moved * self._plan.step < 0.0:
             raise TuneError(
                 f"{self._called} should have moved by {self._plan.step:+.3f}, but it moved by {moved:+.3f}. Check "
-                "whether something is in its way, it lies on something, or it is too weak for its load"
+                "whether something is in its way, whether it lies on something, or whether it is too weak for its load"
             )
         return from_near, from_far
 
@@ -182,7 +182,7 @@ class TuneTrial:
         if abs(behind) > BEHIND_RAD * self._joint.transmission:
             raise TuneError(
                 f"{self._called} does not follow: its following error is {behind:+.3f}. Check whether something is in "
-                "its way, or it is too weak for its load"
+                "its way, or whether it is too weak for its load"
             )
 
     @property

@@ -19,7 +19,7 @@ from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
-"""Function that opens the buses of these joints, by name, with the P gains that are in RAM."""
+"""Function that opens the buses of these joints, keyed by name, with the P gains that are in RAM."""
 
 PERIOD_S: Final = 0.02
 TIMES: Final = 2
@@ -31,9 +31,9 @@ class Ending:
     """State of the arm after a measurement."""
 
     relax: bool
-    """Whether the torque is released. Otherwise the arm holds its position."""
+    """Whether the torque is disabled. Otherwise, the arm holds its position."""
     park: Mapping[str, float] | None = None
-    """Pose in which the torque is released; None if the robot file has none."""
+    """Pose in which the torque is disabled; None if the robot file has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +64,12 @@ class Tuner:
         Args:
             joints: All joints of the arm.
             name: Name of the joint to tune.
-            open_buses: Opens the buses of joints.
+            open_buses: Function that opens the buses of joints.
             clock: Clock of the cycles.
             ending: State of the arm after a measurement.
-            signals: Returns the number of signals. After the first signal, the measurement ends and the arm is left as
-                ``ending`` describes. After the second signal, the rest of the way to the park pose is skipped.
+            signals: Function that returns the number of signals. After the first signal, the measurement ends and the
+                arm is left as ``ending`` describes. After the second signal, the rest of the way to the park pose is
+                skipped.
         """
         if name not in (names := [joint.name for joint in joints]):
             raise TuneError(f"the arm has no joint {name}: choose one of {', '.join(names)}")
@@ -81,9 +82,9 @@ class Tuner:
         with self._buses(joints) as buses:
             self.joints = [_checked(buses[one.bus], one) for one in joints]
             self.gains = read_gains(buses[self.joint.bus], self.joint)
-            """Present gains of the joint, by name."""
+            """Present gains of the joint, keyed by name."""
             self.held = [servo_name(one) for one in joints if drives(buses[one.bus], one.servo_id, one.model)]
-            """Names of the servos that held torque at the start."""
+            """Names of the servos whose torque was enabled at the start."""
             self.position = _position(buses[self.joint.bus], self.joint)
             """Position of the joint at the start, in rad or m."""
 
@@ -104,22 +105,22 @@ class Tuner:
             yield buses
 
     def releases(self, writes: bool) -> str:
-        """Return a warning about servos that hold torque and will be released, or an empty text.
+        """Return a warning about servos whose torque is enabled and will be disabled, or an empty string.
 
         Args:
             writes: Whether gains are written, for which the torque must be off.
         """
         if not self.held or not (writes or self._ending.relax):
             return ""
-        return f"Warning: this command switches the torque off. {torque_warning(self.held)}."
+        return f"Warning: this command disables the torque. {torque_warning(self.held)}."
 
     def check_write(self, wanted: bool) -> None:
-        """Raise TuneError if gains could not be written, because no pose for releasing the torque is known."""
+        """Raise TuneError if gains could not be written, because no pose for disabling the torque is known."""
         if wanted and self.held and not self._ending.park:
             raise TuneError(
-                "gains can be written only while the torque is off, but the torque of the arm is on and the robot file "
-                "has no park pose in which it could be released safely. Lay the arm down, switch its torque off, and "
-                "run this command again"
+                "gains can be written only while the torque is disabled, but the arm's torque is enabled and the robot "
+                "file has no park pose in which it could be disabled safely. Lay the arm down, disable its torque, "
+                "and run this command again"
             )
 
     def measure(self, at: float | None, again: Callable[[Measurement], bool] = lambda found: False) -> Measurement:
@@ -127,7 +128,7 @@ class Tuner:
 
         Args:
             at: Position at which to measure, in rad or m; near the present position if None.
-            again: Returns whether the joint will be measured again. The torque is then released in any case.
+            again: Function that returns whether the joint will be measured again. If so, the torque is always disabled.
 
         Raises:
             TuneError: The joint does not follow.
@@ -159,7 +160,7 @@ class Tuner:
         return done
 
     def _end(self, arm: SlowArm) -> None:
-        """Move the joint back, or move the arm to its park pose if its torque is released.
+        """Move the joint back, or move the arm to its park pose if its torque is disabled.
 
         ``hurry`` skips this motion.
         """

@@ -114,10 +114,10 @@ class JointStateBroadcaster:
         Args:
             name: Name of the controller.
             parameters: Parameters of the controller.
-            state_interfaces: Existing state interfaces of each joint, by joint name.
-            mimics: Mimic rule of each mimic joint, by joint name.
+            state_interfaces: Existing state interfaces of each joint, keyed by joint name.
+            mimics: Mimic rule of each mimic joint, keyed by joint name.
             hardware_joints: Joint names in the order of the hardware.
-            limits: Limits of each joint, by joint name.
+            limits: Limits of each joint, keyed by joint name.
 
         Raises:
             ValueError: The parameters request interfaces that do not exist.

@@ -1,4 +1,4 @@
-"""Implement servoloop/ServoStateBroadcaster, which reports servo states as numbers (``/diagnostics`` has texts)."""
+"""Implement servoloop/ServoStateBroadcaster, which reports servo states as numbers, not text."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -12,7 +12,7 @@ from hal.plausible import Rate
 from hal.types import FloatArray, JointState
 
 ROUNDING = 1e-6
-"""Rounding tolerance of times, in periods, so that a rounding error does not delay a due cycle."""
+"""Tolerance for comparing times, in periods. It prevents a rounding error from delaying a due cycle."""
 
 
 class ServoStateParameters(Parameters):
@@ -74,7 +74,10 @@ class ServoStateBroadcaster:
         return True
 
     def values(self, state: JointState) -> list[list[float]]:
-        """Return all values of every joint, in the order of ``interfaces``. A joint without a servo has NaN."""
+        """Return all values of every joint, in the order of ``interfaces``.
+
+        The values of a joint without a servo are NaN.
+        """
         return [[read(state) for read in own] for own in self._readers]
 
 

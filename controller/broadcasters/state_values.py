@@ -33,13 +33,13 @@ _COUNTERS: Final[dict[str, str]] = {
     "implausible": "implausible",
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
-"""Interfaces of a servo: its values (°C, V, share of full drive, A, number of alarms), its fault state (1 or 0) and the
-counters of its bus.
+"""Interfaces of a servo: its values (°C, V, fraction of full drive, A, number of alarms), its fault state (1 or 0) and
+the counters of its bus.
 """
 
 
 def reader(joint: str, interface: str, hardware_joints: Sequence[str], mimic: Mimic | None = None) -> Reader:
-    """Return the reader for an interface of a joint. A mimic joint uses position and velocity of its source joint."""
+    """Return the reader for an interface of a joint. A mimic joint uses its source joint's position and velocity."""
     source = mimic.joint if mimic else joint
     if source in hardware_joints and interface in MOVEMENT:
         return _movement(interface, list(hardware_joints).index(source), mimic or Mimic(joint, 1.0, 0.0))

@@ -8,14 +8,14 @@ import numpy as np
 from hal.types import FloatArray, JointLimits
 
 ROUNDING: Final = 1e-9
-"""Distance at which a command counts as at its goal, in rad or m."""
+"""Maximum distance at which a command counts as having reached its goal, in rad or m."""
 
 
 class Approach:
     """Commands of n joints. A command never passes its goal, unless the goal comes closer than the joint can brake.
 
-    A goal that a joint at rest can reach in one period is commanded at once. A command follows a moving goal at a
-    distance in which the joint can brake, because each goal may be the last goal.
+    A goal that a joint at rest can reach in one period is commanded at once. A command stays far
+    enough behind a moving goal for the joint to brake, because any goal may be the last one.
     """
 
     def __init__(self, limits: Sequence[JointLimits]) -> None:
@@ -44,7 +44,7 @@ class Approach:
         Args:
             goal: Goals (n,) within the limits, in rad or m.
             period_s: Duration of the period, in seconds.
-            share: Shares (n,) of the velocity limits that the joints may use.
+            share: Fractions (n,) of the velocity limits that the joints may use.
         """
         change = self._acceleration * period_s
         room = np.abs(goal - self.command)
@@ -65,7 +65,7 @@ def _arriving(room: FloatArray, change: FloatArray, period_s: float) -> FloatArr
 
     Args:
         room: Distances (n,) to the goals, in rad or m.
-        change: Largest changes (n,) of the speed in one period, in rad/s or m/s.
+        change: Maximum changes (n,) of the speed in one period, in rad/s or m/s.
         period_s: Duration of a period, in seconds.
     """
     braking = np.maximum(np.ceil((np.sqrt(1.0 + 8.0 * room / (change * period_s)) - 3.0) / 2.0), 0.0)

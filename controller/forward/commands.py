@@ -15,7 +15,7 @@ from hal.plausible import Time
 from hal.types import FloatArray
 
 COMMAND_TIMEOUT_S = 0.5
-"""Default time for which a velocity or an effort stays valid without a new message, in seconds."""
+"""Default maximum time a velocity or an effort stays valid without a new message, in seconds."""
 
 
 class ForwardParameters(Parameters):
@@ -42,7 +42,7 @@ class Inbox:
     """Inbox for the latest command. Any thread may submit a command."""
 
     def __init__(self, joints: Sequence[str], strict: bool = False) -> None:
-        """Create an empty inbox. ``strict``: Whether ``take`` raises after a message of the wrong length."""
+        """Create an empty inbox. If ``strict``, ``take`` raises an error after a message of the wrong length."""
         self._joints = tuple(joints)
         self._strict = strict
         self._commands: deque[FloatArray | str] = deque(maxlen=1)
@@ -79,4 +79,5 @@ class Inbox:
         text = f"command size ({length}) does not match number of interfaces ({len(self._joints)})"
         if self._strict:
             self._commands.append(text)
-        return f"{text}: dropped, send one value for each of {', '.join(self._joints)}"
+        result = "the controller is deactivated" if self._strict else "the command is dropped"
+        return f"{text}: {result}. Send one value for each of {', '.join(self._joints)}"

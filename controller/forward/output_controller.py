@@ -17,7 +17,7 @@ NOTHING: Final[FloatArray] = np.empty(0)
 class OutputController:
     """Controller that sets outputs to the values of the latest message. It moves no joint.
 
-    Its command has no values, because the safety gate limits only motions.
+    The command of this controller is empty, because the safety gate limits only motions.
     """
 
     parameters_type: type[Parameters] = ForwardParameters

@@ -31,7 +31,7 @@ from hal.types import FloatArray, JointLimits, JointState, apart
 LOG = logging.getLogger("servoloop.controller")
 
 NOISE_SHARE: Final = 0.16
-"""Motion that does not count after the end of the commanded motion, as a share of the goal tolerance.
+"""Maximum motion that is ignored after the commanded motion has ended, as a fraction of the goal tolerance.
 
 With the default tolerance, this is just above one count of a servo with 4096 counts per turn.
 """
@@ -70,7 +70,7 @@ class GripperActionController:
         self._unmeasured = Unmeasured((self.joint,))
         self._elapsed_s = self._last_s = self._still_s = 0.0
         self._stood_at = np.nan
-        """Position at which the fingers have stood for ``_still_s``, in rad or m."""
+        """Position at which the fingers have been at rest for ``_still_s``, in rad or m."""
         self._running = False
 
     @classmethod
@@ -172,7 +172,7 @@ class GripperActionController:
     def _take_cancels(self, reference: Kinematics) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
-            while handle in self._inbox:  # It has replaced the goals before it.
+            while handle in self._inbox:  # This goal has replaced the goals before it.
                 if self._active:
                     self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
                 self._active = self._inbox.popleft()
@@ -219,7 +219,7 @@ class GripperActionController:
         """Return whether the fingers have stalled.
 
         The change of position also counts, because the velocity may be unknown or below the servo's resolution. After
-        the end of the commanded motion, single counts of the encoder do not count.
+        the end of the commanded motion, a motion of one encoder count is ignored.
         """
         slowest = self.parameters.stall_velocity_threshold
         noise = NOISE_SHARE * self.parameters.goal_tolerance if self._elapsed_s >= self._duration_s else 0.0

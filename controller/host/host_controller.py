@@ -23,13 +23,13 @@ Flags = NDArray[np.bool_]
 MAX_SILENCE_S: Final = 0.2
 """Maximum time without a command while a joint is on its way, and maximum time without a measurement, in seconds."""
 NEAR: Final = 0.02
-"""Distance at which a first command counts as near the joint, as a share of the joint's range. This distance covers
-sag.
+"""Maximum distance at which a first command counts as near the joint, as a fraction of the joint's range. This
+distance covers sag.
 """
 SLOW: Final = 0.1
-"""Share of the velocity limit with which a joint approaches a first command that is not near."""
+"""Fraction of the velocity limit at which a joint approaches a first command that is not near."""
 JOINED: Final = 0.002
-"""Distance at which a slow approach has ended, as a share of the joint's range. A slow joint can brake within it."""
+"""Distance at which a slow approach ends, as a fraction of the joint's range. A slow joint can brake within it."""
 
 
 class HostPhase(StrEnum):
@@ -42,15 +42,15 @@ class HostPhase(StrEnum):
 
 
 class HostController:
-    """Controller of n joints that another program commands, in messages at its own rate.
+    """Controller of n joints whose commands another program sends at its own rate.
 
-    The commands approach the newest message within the velocity and acceleration limits. At the start or after a
+    The commands approach the latest message within the velocity and acceleration limits. At the start or after a
     silence, a joint approaches its first command slowly if the command is not near the measured position. The joints
     brake and hold if the messages end while a joint is on its way, if the sender leaves, or if a joint is not measured.
     The joints follow again from the next message on.
 
-    NaN in a message means that no controller of the sender commands the joint. A joint that is missing in a message is
-    treated in the same way.
+    NaN in a message means that no controller of the sender commands the joint. A joint that is missing from a message
+    is treated in the same way.
     """
 
     kind: ClassVar[str] = "servoloop/HostController"
@@ -88,7 +88,7 @@ class HostController:
         self._upper = np.array([limit.upper for limit in limits])
         spans = self._upper - self._lower
         self._range = np.where(np.isfinite(spans), spans, math.tau)
-        """Range (n,) of each joint, or a turn if it has no limits."""
+        """Range (n,) of each joint, or a full turn if the joint has no limits."""
         self._approach = Approach(limits)
         self._goal = self.command
         """Goals (n,) within the limits, in rad or m."""
@@ -104,7 +104,7 @@ class HostController:
         self._unmeasured_s = np.zeros(len(joints))
 
     def submit(self, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Pass on a message from any thread.
+        """Submit a message. Any thread may call this method.
 
         Raise RefusedCommandError if the message is not a command for these joints.
         """
@@ -172,7 +172,7 @@ class HostController:
         self._age_s[given] = 0.0
 
     def _hold_if_silent(self, period_s: float) -> None:
-        """Brake and hold if no command comes although joints are on their way.
+        """Brake and hold if no command arrives while joints are still moving to their goals.
 
         Silence after the joints have arrived is normal.
         """

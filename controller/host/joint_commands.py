@@ -19,9 +19,9 @@ class JointCommands:
     """
 
     def __init__(self, joints: Sequence[str], others: Collection[str] = ()) -> None:
-        """``others`` are joints of the robot that cannot be commanded, such as mimic joints.
+        """Create a checker for the commands of ``joints``.
 
-        Messages may name these joints.
+        Messages may also name ``others``, which are joints that cannot be commanded, such as mimic joints.
         """
         self.joints = tuple(joints)
         self._others = frozenset(others)

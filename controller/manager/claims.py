@@ -8,9 +8,9 @@ from hal.types import Interface
 
 
 def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
-    """Check that the URDF has each claimed command interface and that each is claimed once.
+    """Check that the URDF has each claimed command interface and that no interface is claimed twice.
 
-    Yields the name of the wrong parameter and a description of the mistake.
+    Yields the name of the wrong parameter and a description of the error.
     """
     joints, claims = component.joints, parameters.claims()
     key = "joint" if "joint" in type(parameters).model_fields else "joints"

@@ -34,7 +34,7 @@ class ManagerClient:
         self._manager = loop.manager
         self._factory = factory
         self._changes: dict[str, tuple[ControllerSpec, Request[None]]] = {}
-        """Latest parameter change of each controller, by name. The loop may not have applied the change yet."""
+        """Latest parameter change of each controller, keyed by name. The loop may not have applied the change yet."""
 
     def load(self, name: str, settings: ManagerSettings) -> Request[None]:
         """Load a controller. The arguments are those of ``Factory.spec``."""

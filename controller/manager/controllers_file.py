@@ -1,4 +1,4 @@
-"""Read and check a controllers file in the format of ros2_control. Every mistake is reported with its line."""
+"""Read and check a controllers file in the format of ros2_control. Every error is reported with its line number."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,11 +31,11 @@ HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_descript
 """Parameters of the manager that have an effect or that every node has."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
-"""Default parameter values, by controller name and parameter name."""
+"""Default parameter values, keyed by controller name and parameter name."""
 
 
 class ControllersFileError(Exception):
-    """The controllers file has mistakes. The message lists each mistake with file and line."""
+    """The controllers file has errors. The message lists each error with file and line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +71,13 @@ def load_controllers_file(
 
     Args:
         path: Path of the file.
-        defaults: Default parameter values, by controller name.
+        defaults: Default parameter values, keyed by controller name.
         component: The joints and interfaces of the robot.
         origin: Robot file that provides the defaults.
         namespace: Namespace of the nodes; empty for the root namespace.
 
     Raises:
-        ControllersFileError: The file has mistakes. The message lists all mistakes.
+        ControllersFileError: The file has errors. The message lists all errors.
     """
     sections = _sections(path, namespace)
     places = sections if origin is None else SectionsWithDefaults(sections, origin, DEFAULTS)
@@ -93,7 +93,7 @@ def load_controllers_file(
 
 
 def _sections(path: Path, namespace: str) -> Sections:
-    """Read the sections of the nodes in a namespace, or in the root namespace if the file names no other.
+    """Read the sections of the nodes in a namespace, or in the root namespace if the file names no other one.
 
     Raises ControllersFileError.
     """
@@ -115,11 +115,11 @@ def load_controller(
     Args:
         file: The controllers file of the robot.
         name: Name of the controller.
-        settings: Settings that override those in ``file``, as do their parameter files.
+        settings: Settings that override those in ``file``. Their parameter files also override ``file``.
         component: The joints and interfaces of the robot.
 
     Raises:
-        ControllersFileError: The parameters have mistakes. The message lists all mistakes.
+        ControllersFileError: The parameters have errors. The message lists all errors.
         ValueError: An argument of the node is not valid YAML.
     """
     source = _Source(file.sections, file.defaults, file.namespace)
@@ -193,17 +193,17 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of the sections of one file, with the mistakes found so far."""
+    """Reader of the sections of one file, with the errors found so far."""
 
     sections: Sections
     component: HardwareInfo
     problems: list[str]
     places: YamlPlaces
     complete: bool = True
-    """Whether a required parameter that is missing is a mistake."""
+    """Whether a required parameter that is missing is an error."""
 
     def report(self, node: str, key: str, text: str) -> None:
-        """Record a mistake with its file and line."""
+        """Record an error with its file and line."""
         self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
     def controllers(self, defaults: Defaults, namespace: str) -> list[ControllerSpec]:
@@ -248,7 +248,7 @@ class _Reader:
         )
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
-        """Record the mistakes in the settings of a controller. Return whether there are mistakes."""
+        """Record the errors in the settings of a controller. Return whether there are errors."""
         known = len(self.problems)
         for node, prefix, settings in source.settings(name):
             for key, text in setting_mistakes(settings):
@@ -268,7 +268,7 @@ class _Reader:
             )
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
-        """Return the parameters as a ``model``. If the parameters are invalid, record each mistake and return None."""
+        """Return the parameters as a ``model``. If the parameters are invalid, record each error and return None."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
@@ -278,7 +278,7 @@ class _Reader:
     def controller(
         self, name: str, settings: ManagerSettings, parameters: Mapping[str, Any]
     ) -> Iterator[ControllerSpec]:
-        """Yield the spec of a controller, unless it has mistakes."""
+        """Yield the spec of a controller, unless it has errors."""
         kind = settings.kind
         if kind in SUCCESSORS and self.complete:
             LOG.error("%s: %s is not loaded: %s", self.sections.file.path, name, outdated(kind))

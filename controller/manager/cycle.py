@@ -14,7 +14,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """One update of all active controllers, in the order of loading, in the thread of the loop."""
+    """Update of all active controllers in the order of loading. The thread of the loop runs the update."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[ActiveEntry, FloatArray], None]

@@ -22,7 +22,7 @@ class Factory:
         """Return the checked spec of a controller. The controllers file provides settings that are not in ``settings``.
 
         Raises:
-            ControllersFileError: The parameters have mistakes. The message lists all mistakes.
+            ControllersFileError: The parameters have errors. The message lists all errors.
             ValueError: An argument of the node is not valid YAML.
         """
         if name in settings.fallback:

@@ -1,4 +1,4 @@
-"""Load controllers and switch which of them command the joints."""
+"""Load controllers, and switch between the controllers that command the joints."""
 
 import logging
 from collections.abc import Collection, Iterable, Mapping
@@ -30,7 +30,7 @@ class ControllerManager:
 
         Args:
             hardware: The hardware with its command interfaces.
-            limits: Limits of each joint, within which joints stop that lose their controller.
+            limits: Limits of each joint, keyed by joint name. A joint that loses its controller stops within them.
             outputs: Command interfaces that move no joint.
         """
         self.registry = ControllerRegistry(hardware.command_interfaces, outputs)

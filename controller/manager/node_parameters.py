@@ -53,7 +53,7 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
 
 
 def files_in(arguments: Sequence[str]) -> list[Path]:
-    """Return the parameter files that ROS arguments name and that rcl reads."""
+    """Return the parameter files that are named in ROS arguments and that rcl reads."""
     return [Path(value) for flag, value in pairwise(arguments) if flag == "--params-file"]
 
 

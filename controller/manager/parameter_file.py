@@ -29,12 +29,12 @@ _NOT_FINITE: Final = re.compile(r"[+-]?\.?(inf|nan)|[+-]?infinity", re.IGNORECAS
 
 
 class _TooMany(Exception):
-    """The file has too many nodes or values. The message continues the name of the file."""
+    """The file has too many nodes or values. The message is appended to the name of the file."""
 
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one parameter file, which collects the parameters of each node and the mistakes."""
+    """Reader of one parameter file, which collects the parameters of each node and the errors."""
 
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class _Reader:
             self.report(node, f"{where} has a list or a mapping within a list: ROS parameters do not support this")
             return ""
         if not node.value and not node.style:
-            self.report(node, f"{where} has no value: set one or remove the parameter")
+            self.report(node, f"{where} has no value: set a value or remove the parameter")
         return scalar(node)
 
 
@@ -184,7 +184,7 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in the file's order.
 
     Raises:
-        error: The file has mistakes that rcl also rejects. The message lists all mistakes with their lines.
+        error: The file has errors that rcl also rejects. The message lists all errors with their line numbers.
     """
     file = compose(path, error)
     reader = _Reader(file)

@@ -59,7 +59,7 @@ class PluginError(Exception):
 
 @cache
 def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
-    """Return the installed controller types, and the errors of types that cannot be loaded, both by ``type``."""
+    """Return the installed controller types, and the errors of types that cannot be loaded, both keyed by ``type``."""
     sound: dict[str, ControllerType] = {}
     broken_plugins: dict[str, str] = {}
     for point in entry_points(group=ENTRY_POINTS):
@@ -73,7 +73,7 @@ def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
 def why_not_loaded(point: EntryPoint, error: Exception) -> str:
     """Return the reason why an installed class cannot be loaded.
 
-    The text continues a message that starts with the type.
+    The text completes a message that starts with the type.
     """
     remedy = ""
     if point.module.split(".")[0] in sys.stdlib_module_names:
@@ -82,12 +82,12 @@ def why_not_loaded(point: EntryPoint, error: Exception) -> str:
 
 
 def controller_types() -> Mapping[str, ControllerType]:
-    """Return all usable controller types, by ``type``. A broken plug-in does not affect the other types."""
+    """Return all usable controller types, keyed by ``type``. A broken plug-in does not affect the other types."""
     return {**{kind.kind: kind for kind in _OURS}, **_installed()[0]}
 
 
 def broken_plugins() -> Mapping[str, str]:
-    """Return the errors of installed types that cannot be used, by ``type``."""
+    """Return the errors of installed types that cannot be used, keyed by ``type``."""
     return _installed()[1]
 
 

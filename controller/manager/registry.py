@@ -61,11 +61,11 @@ class ControllerRegistry:
         self.running: tuple[ActiveEntry, ...] = ()
         """The active controllers, in the order of loading."""
         self.controllers: Mapping[str, Controller] = {}
-        """All configured controllers, by name."""
+        """All configured controllers, keyed by name."""
 
     @property
     def claimed(self) -> Mapping[str, str]:
-        """Name of the controller that has claimed each command interface, by interface."""
+        """Name of the controller that has claimed each command interface, keyed by interface."""
         return taken(self.loaded)
 
     def state(self, name: str) -> LifecycleState:

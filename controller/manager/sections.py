@@ -1,4 +1,4 @@
-"""Read the sections of a parameter file as the nodes of one namespace do, and find the lines of their values."""
+"""Read the sections of a parameter file that apply to the nodes of one namespace, and find the lines of values."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Sections:
 
     @classmethod
     def read(cls, path: Path, namespace: str, error: type[Exception]) -> "Sections":
-        """Read a parameter file. Raises ``error`` with a message that lists all mistakes."""
+        """Read a parameter file. Raises ``error`` with a message that lists all errors."""
         return cls(*read_parameter_file(path, error), namespace)
 
     def of(self, node: str) -> dict[str, Any]:
@@ -38,7 +38,7 @@ class Sections:
         return self.has(node) or ALL in self.content
 
     def elsewhere(self, node: str) -> bool:
-        """Return whether the only sections with the name of this node are for the node in the root namespace."""
+        """Return whether this node's name appears only in sections for the root namespace."""
         return bool(self.namespace) and not self.has(node) and named(self.content, f"/{node}")
 
     def nodes(self) -> Iterator[str]:
@@ -76,7 +76,7 @@ class SectionsWithDefaults:
 
 
 def _spellings(pattern: str) -> Iterator[tuple[str, ...]]:
-    """Yield the keys under which a file can have this pattern: as one key, or nested at one slash or at all."""
+    """Yield the key paths by which a file can contain this pattern: one key, or keys nested at one or every slash."""
     yield (pattern,)
     for at, letter in enumerate(pattern):
         if letter == "/" and at:

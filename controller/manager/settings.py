@@ -46,14 +46,14 @@ class ManagerSettings:
 
 
 def setting_mistakes(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the name of each setting with an invalid value, and a description of the mistake."""
+    """Yield the name of each setting with an invalid value, and a description of the error."""
     for name in SETTINGS:
         if name in values and (mistake := setting_mistake(name, values[name])):
             yield name, mistake
 
 
 def setting_mistake(name: str, value: Any) -> str:
-    """Describe the mistake in the value of a setting. The text is empty if the value is valid."""
+    """Describe the error in the value of a setting. The text is empty if the value is valid."""
     shown = printable(repr(value))
     if name == "type":
         return "" if isinstance(value, str) else f"is {shown}, which is not a controller type: write it as a string"

@@ -16,14 +16,14 @@ from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 SMOOTHED_S: Final = 0.04
 """Time constant of the filter for joint velocities, in seconds."""
 LED_RAD_S: Final = 1.0
-"""Maximum shaft speed up to which servo lag is compensated, in rad/s.
+"""Maximum shaft speed at which servo lag is compensated, in rad/s.
 
 A servo that lags less than its known lag must not mistake the compensation for a push and keep moving.
 """
 
 
 SLACK: Final = 0.15
-"""Share of a servo's full drive with which a free joint resists the hand, in addition to the friction of its gears."""
+"""Fraction of a servo's full drive with which a free joint resists the hand, in addition to gear friction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class FreedriveController:
         self.command = self.command + np.clip(near - self.command, -reach, reach)
 
     def _update_velocity(self, measured: FloatArray, period_s: float) -> None:
-        """Update the velocities. A joint not measured (NaN), now or in the previous cycle, counts as at rest."""
+        """Update the velocities. A joint that lacks a measurement now or in the previous cycle counts as at rest."""
         moved = np.full_like(measured, np.nan) if self._last is None else measured - self._last
         self._velocity += (np.nan_to_num(moved) / period_s - self._velocity) * min(1.0, period_s / SMOOTHED_S)
         self._last = measured

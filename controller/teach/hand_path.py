@@ -18,11 +18,11 @@ WINDOW: Final = 15
 ORDER: Final = 3
 """Order of the polynomials that approximate the motion of a hand."""
 TOLERANCE: Final = 0.001
-"""Maximum deviation of the thinned path from the smooth path, as a share of a joint's range. It corresponds to 0.2
+"""Maximum deviation of the thinned path from the smooth path, as a fraction of a joint's range. It corresponds to 0.2
 degrees, or two encoder counts.
 """
 STIRS: Final = 0.003
-"""Maximum motion of a joint that counts as at rest, as a share of its range."""
+"""Maximum motion of a joint that counts as at rest, as a fraction of its range."""
 BEFORE_S: Final = 0.3
 """Time at rest that is kept before the first and after the last motion, in seconds."""
 
@@ -72,7 +72,7 @@ class HandPath:
         return type(self)(times_s, *self.at(times_s))
 
     def thinned(self, tolerance: FloatArray) -> Self:
-        """Return the path without the knots that it also passes within ``tolerance`` (n,) if they are removed.
+        """Return the path without unnecessary knots. The new path passes each removed knot within ``tolerance`` (n,).
 
         This is the Douglas-Peucker algorithm with cubics as chords.
         """
@@ -106,7 +106,7 @@ def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatAr
 
 
 def tolerances(limits: Sequence[JointLimits], share: float = TOLERANCE) -> FloatArray:
-    """Return a share of each joint's range (n,), in rad or m."""
+    """Return a fraction of each joint's range (n,), in rad or m."""
     return share * np.array([limit.upper - limit.lower for limit in limits])
 
 

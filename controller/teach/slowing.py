@@ -12,7 +12,7 @@ from controller.trajectory.paths import FEW
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.9
-"""Share of the velocity and acceleration limits that a path may use. Lag compensation and smoothing need the rest."""
+"""Fraction of the velocity and acceleration limits for paths. Lag compensation and smoothing need the rest."""
 LEAST: Final = FEW + 2
 """Minimum number of knots of a path, including the first."""
 SPREAD: Final = 8

@@ -16,12 +16,12 @@ from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 LEAP_RAD_S: Final = 20.0
 """Maximum plausible speed of the leader, in rad/s. A hand cannot turn a joint faster, so a higher speed is an error."""
 FAR_OUTSIDE: Final = 0.05
-"""Maximum distance beyond a limit, as a share of the joint's range.
+"""Maximum distance beyond a limit, as a fraction of the joint's range.
 
 Both arms have mechanical stops at their limits, so a larger distance shows a wrong calibration.
 """
 FULL_SPEED_S: Final = 1.0
-"""Time in which the follower's speed limit rises to its maximum after it has joined the leader, in seconds."""
+"""Time the follower's speed limit takes to rise to its maximum after the follower joins the leader, in seconds."""
 SMOOTHED_S: Final = 0.04
 """Time constant of the filter for the leader's velocity, in seconds. The velocity compensates for servo lag."""
 
@@ -82,7 +82,7 @@ class LeaderFollowerController:
         self.wanted: FloatArray = np.full(len(joints), np.nan)
         """Positions (n,) that the leader requests, before the limits apply. NaN if the leader is not measured."""
         self.beyond: Mapping[str, str] = {}
-        """Errors of joints that the leader would move far outside their limits, by name of the follower's joint."""
+        """Errors of joints that the leader would move far outside their limits, keyed by the follower's joint name."""
         self._leader = indices([followed.leader for followed in joints], hardware_joints)
         self._limits = tuple(followed.limits for followed in joints)
         self._lower = np.array([followed.limits.lower for followed in joints])
@@ -97,7 +97,7 @@ class LeaderFollowerController:
         """Smoothed velocity of the target."""
         self._ramp: RampIn | None = None
         self._share = SHARE
-        """Share of each joint's velocity limit that the follower may use."""
+        """Fraction of each joint's velocity limit that the follower may use."""
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.command = command.copy()

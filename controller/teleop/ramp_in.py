@@ -9,9 +9,9 @@ from ruckig import InputParameter, OutputParameter, Result, Ruckig, Synchronizat
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.25
-"""Share of each joint's velocity limit that the ramp uses."""
+"""Fraction of each joint's velocity limit that the ramp uses."""
 JOINED: Final = 0.01
-"""Maximum distance at which a joint has joined its leader, as a share of the joint's range."""
+"""Maximum distance at which a joint has joined its leader, as a fraction of the joint's range."""
 
 
 class RampIn:

@@ -84,9 +84,9 @@ class ActiveGoal:
     ending: GoalResult | None = None
     """Result to report after the joints have come to rest."""
     rest: Rest | None = None
-    """Rest detector for joints within the goal tolerance. None before the joints reach the tolerance."""
+    """Rest detector for joints within the goal tolerance. None until the joints reach the tolerance."""
     near_s: float = 0.0
-    """Time for which the joints have been within the goal tolerance, in seconds."""
+    """Time the joints have been within the goal tolerance, in seconds."""
 
     def settles(self, now: Cycle, still: FloatArray) -> bool:
         """Return whether joints within the goal tolerance are at rest, or have had enough time to come to rest.

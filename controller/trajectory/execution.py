@@ -29,9 +29,9 @@ from hal.fault_timeout import FaultTimeout
 LOG = logging.getLogger("servoloop.controller")
 
 LATE_S: Final = 0.001
-"""Minimum delay of the first cycle after which the controller plans the motion to the first point again, in seconds."""
+"""Minimum delay of the first cycle at which the controller plans the motion to the first point again, in seconds."""
 RECALL_S: Final = 0.05
-"""Time after its start in which a goal can still be made to wait, in seconds; at least one cycle.
+"""Time after its start during which a goal can still be made to wait, in seconds. The minimum is one cycle.
 
 A command sent to another controller at the same instant as the goal may arrive just after the goal. The arm has hardly
 moved by then.
@@ -88,7 +88,7 @@ class GoalExecution:
     def relieve(self, now: Cycle) -> bool:
         """Run one cycle of the relief. Return whether another cycle is needed.
 
-        A joint without torque is still measured, and its neighbors may press.
+        A limp joint is still measured, and its neighbors may press against an obstacle.
         """
         faults = now.state.faults
         gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
@@ -128,7 +128,7 @@ class GoalExecution:
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
     def _replace_by(self, handle: GoalHandle, now: Cycle) -> None:
-        """Let a queued goal that is canceled replace the goals before it. Otherwise they would continue."""
+        """Let a queued goal that is canceled replace the goals before it. Otherwise, those goals would continue."""
         queued = [waiting for waiting, _ in tuple(self._inbox)]
         if handle not in queued or (self.active is None and queued[0] is handle):
             return

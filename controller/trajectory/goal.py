@@ -20,7 +20,7 @@ LONGEST_GOAL_S: Final = 3_600.0
 """Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually means a wrong stamp.
 """
 ROUNDING: Final = 1e-6
-"""Share by which a value may exceed a limit. Planners use limits fully and have rounding errors (MoveIt: 1e-13)."""
+"""Fraction by which a value may exceed a limit. Planners use limits fully and have rounding errors (MoveIt: 1e-13)."""
 STANDS_STILL: Final = 1.19e-7
 """Maximum final velocity that counts as zero, as in ros2_control."""
 

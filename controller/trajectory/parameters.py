@@ -53,7 +53,7 @@ class Constraints(Parameters):
     __pydantic_extra__: dict[str, JointConstraints]
 
     def by_joint(self) -> dict[str, JointConstraints]:
-        """Return the constraints of each joint, by name."""
+        """Return the constraints of each joint, keyed by name."""
         return self.model_extra or {}
 
 

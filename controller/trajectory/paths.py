@@ -15,7 +15,7 @@ FEW: Final = 50
 """Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
 
 MISSES: Final = 0.02
-"""If there are few points, the largest distance at which a smoothed spline may pass a point, in rad or m."""
+"""Maximum distance at which a smoothed spline may pass a point if there are few points, in rad or m."""
 SLOWER: Final = 1.2
 """Factor by which a spline that misses a point is slowed down."""
 SLOWEST: Final = 10.0
@@ -23,7 +23,7 @@ SLOWEST: Final = 10.0
 SAMPLES: Final = 21
 """Number of samples that are compared with each point. The samples cover the windows that smooth the spline there."""
 BEGINNING_S: Final = 0.3
-"""Time within which a path that starts off its plan is back on the plan, in seconds."""
+"""Time that a path that starts off its plan takes to return to the plan, in seconds."""
 NEAR: Final = 0.05
 """Maximum distance of the measured position from the commanded position, in rad or m. This distance covers sag,
 backlash and following error.

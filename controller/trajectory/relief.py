@@ -25,22 +25,23 @@ PRESSES: Final = 15.0
 """Minimum distance from its command at which a joint at rest counts as pressing, in multiples of the still threshold.
 """
 CREEPS_SHARE: Final = 0.05
-"""Motion of a joint that still counts as rest, as a share of its distance from the command. A blocked joint may slide
-slowly along its obstacle, but a free joint soon covers more of the distance."""
+"""Maximum motion of a joint that counts as rest, as a fraction of its distance from the command. A blocked joint may
+slide slowly along its obstacle, but a free joint soon covers more of the distance."""
 LOOSE: Final = 5.0
 """Minimum motion that shows that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
-"""Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
+"""Fraction of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 GROWS: Final = 1.25
-"""Growth of the distance from its command that shows that a neighbor has pushed a joint that seemed free."""
+"""Minimum growth factor of the distance of a seemingly free joint from its command that shows that a neighbor has
+pushed the joint."""
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
 blocked after that, so one attempt is not enough.
 """
 JERK_SHARE: Final = 0.25
-"""Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
+"""Fraction of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
 SPEED_SHARE: Final = 0.5
-"""Share of the velocity limit used for the return, which matters only for a joint that is far from its command."""
+"""Fraction of the velocity limit used for the return, which matters only for a joint that is far from its command."""
 
 
 class Relief:
@@ -120,7 +121,7 @@ class Relief:
         self._begun, self._stood_s = now, 0.0
 
     def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
-        """Stop all commands if a joint, with or without torque, moves further meanwhile than a blocked joint can.
+        """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
 
         A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
         other joints that still rest short of their commands are relieved again, because a joint that advances toward

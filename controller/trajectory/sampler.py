@@ -123,7 +123,7 @@ class TrajectorySampler:
         return clipped(position, self._lower, self._upper)
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
-        """Stop within the limits and hold. ``along``: Whether to stop on the path of the goal, if possible."""
+        """Stop within the limits and hold. If ``along``, stop on the path of the goal if possible."""
         gentle = gentle_limits(self.limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
@@ -154,10 +154,7 @@ def _moving(path: Path, time_s: float, rate: float) -> Kinematics:
 
 
 def shorter_way(error: FloatArray, endless: Sequence[int]) -> FloatArray:
-    """Return a position error (n,).
-
-    For continuous joints (indices ``endless``), this is the error the shorter way around.
-    """
+    """Return a position error (n,), measured the shorter way around for continuous joints (indices ``endless``)."""
     if endless:
         columns = list(endless)
         error = error.copy()

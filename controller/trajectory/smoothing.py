@@ -22,7 +22,7 @@ from hal.types import FloatArray, JointLimits
 GRAIN_S: Final = 0.005
 """Step of the time grid, in seconds. Windows are multiples of this step. Limits are checked at the grid points."""
 MARGIN: Final = 0.95
-"""Share of a limit that may be used at the grid points, because values between them can be higher."""
+"""Fraction of a limit that may be used at the grid points, because values between them can be higher."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from controller.motion import Kinematics
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.5
-"""Share of the remaining acceleration that a change of speed may use. Lag compensation also needs acceleration."""
+"""Fraction of the remaining acceleration that a change of speed may use. Lag compensation also needs acceleration."""
 FASTEST: Final = 5.0
 """Maximum change of the factor, per second."""
 
@@ -27,7 +27,8 @@ class SpeedScaling:
         """Request a factor. Return None, or the reason why the factor is ignored or limited."""
         if not (math.isfinite(factor) and factor >= 0.0):
             return (
-                f"the speed scaling factor must be 0 (pause) to 1 (the speed of the goal), not {factor}: it is ignored"
+                f"the speed scaling factor must be 0 (pause) to 1 (the speed of the goal), not {factor}: "
+                "the value is ignored"
             )
         self.asked = min(factor, 1.0)
         if factor > 1.0:

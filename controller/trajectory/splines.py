@@ -16,7 +16,7 @@ ATTEMPTS: Final = 20
 SAMPLES: Final = 33
 """Number of instants at which the velocity and position of a segment are compared with the limits."""
 SLACK: Final = 2e-3
-"""Share by which a curve may exceed a limit between two samples."""
+"""Fraction by which a curve may exceed a limit between two samples."""
 _ROUNDING: Final = 1e-6
 
 

@@ -15,14 +15,14 @@ from controller.unmeasured import Unmeasured
 from hal.types import FloatArray, JointFault
 
 LONGEST_LEAD_S: Final = 0.5
-"""Time ahead of the reference in which the path point nearest to the last command is searched, in seconds.
+"""Maximum time ahead of the reference to search for the path point nearest to the last command, in seconds.
 
 This time covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
 """Number of instants that the search samples. A finer search around the best instant samples the same number."""
 REJOIN_S: Final = 0.3
-"""Time on the path within which joints that start next to their path return to it, in seconds."""
+"""Time on the path that joints starting next to it need to return to it, in seconds."""
 
 
 class Standstill(Unmeasured):

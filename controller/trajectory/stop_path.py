@@ -15,7 +15,7 @@ from hal.types import FloatArray, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Shares of the acceleration and jerk limits that are tried for a stop on a path. The path itself needs the rest."""
+"""Fractions of the acceleration and jerk limits that are tried for a stop on a path. The path itself needs the rest."""
 DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
 """Delays that are tried for a stop on a path, in seconds. No stop can start while the path brakes at a limit."""
 LONGEST_STOP: Final = 2.0
@@ -75,7 +75,7 @@ class Slowing:
 
     @property
     def asked_s(self) -> float:
-        """Same as the actual duration, because no client requests a duration for a stop."""
+        """Requested duration, equal to the actual duration because no client requests a duration for a stop."""
         return self.duration_s
 
     def on_path(self, time_s: float) -> tuple[float, float, float]:

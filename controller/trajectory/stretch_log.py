@@ -1,4 +1,4 @@
-"""Log motions that the joint limits stretch. A stream of trajectories gets one warning a minute."""
+"""Log motions that the joint limits stretch. A stream of trajectories gets one warning per minute."""
 
 import logging
 import math

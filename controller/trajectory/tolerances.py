@@ -12,7 +12,7 @@ ERASE: Final = -1.0
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Maximum deviations in rad or m, by joint name. A joint without an entry has no tolerance.
+    """Maximum deviations in rad or m, keyed by joint name. A joint without an entry has no tolerance.
 
     In a goal, 0 means the controller's default, and ERASE means no tolerance.
     """

@@ -15,7 +15,7 @@ from hal.types import FloatArray, JointLimits
 ATTEMPTS: Final = 4
 """Maximum number of times that the planner chooses new velocities if the time between two points is too short."""
 ACCELERATION_SHARE: Final = 0.5
-"""Share of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the remaining share."""
+"""Fraction of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the rest."""
 
 BoolArray = NDArray[np.bool_]
 

@@ -1,7 +1,7 @@
 """Decide when to ask silent servos again.
 
 A request to a silent servo costs the whole timeout. A silent servo is therefore asked last and at growing intervals,
-but is found within a second after it answers again.
+but it is found within a second after it starts to answer again.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,9 @@ from drivers.bus.read_plan import ReadResult
 from drivers.types import ServoFault, ServoState
 
 ASKED_ALWAYS: Final = 2
-"""Number of consecutive misses up to which a servo is asked in every cycle, because single replies get lost."""
+"""Maximum number of consecutive misses at which a servo is still asked in every cycle, because single replies may be
+lost.
+"""
 FIRST_PAUSE_S: Final = 0.02
 LONGEST_PAUSE_S: Final = 0.4
 

@@ -56,9 +56,9 @@ class Bus:
         Args:
             port: The line.
             clock: Clock of the deadlines.
-            models: Servo model by ID; None for STS servos.
-            position_p: Position P gain by ID, for Dynamixels whose gain differs from the factory's. It is in RAM, so
-                it is written whenever torque is enabled.
+            models: Servo model by ID. If None, all servos are STS servos.
+            position_p: Position P gain by ID, for Dynamixels whose gain differs from the factory's. The gain is in RAM,
+                so it is written whenever torque is enabled.
             lent: Whether the port belongs to another bus. ``close`` then leaves it open.
 
         Raises:
@@ -117,11 +117,11 @@ class Bus:
     def receive(self) -> Mapping[int, Reading]:
         """Receive the requested states.
 
-        Missing replies are requested again if there is time. Not every cycle waits for a servo that is known to be
-        silent.
+        Missing replies are requested again if there is time. A servo that is known to be silent is not asked in every
+        cycle.
 
         Returns:
-            The state of each requested servo, or its fault, by ID.
+            The state of each requested servo, or its fault, keyed by ID.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
         return readings if self._maps is None else self._name_alarms(readings, deadline_s)
@@ -129,7 +129,7 @@ class Bus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """Send the goals of all servos in one packet, which the servos do not acknowledge.
 
-        Each servo that does not support group writes gets a packet of its own, which it acknowledges.
+        Each servo that does not support group writes gets a separate packet, which it acknowledges.
 
         Args:
             goals: Goal by ID, in counts.
@@ -178,11 +178,11 @@ class Bus:
 
         Args:
             servo_ids: IDs of the servos.
-            deadline_s: Time to stop waiting, in seconds on the bus's clock. None waits for every servo; do not use
-                it in a cycle.
+            deadline_s: Time to stop waiting, in seconds on the bus's clock. If None, the call waits for every servo; do
+                not use None in a cycle.
 
         Returns:
-            The state of each servo, or its fault, by ID.
+            The state of each servo, or its fault, keyed by ID.
         """
         if deadline_s is None:
             readings = self._reader.read_without_deadline(tuple(servo_ids))
@@ -197,7 +197,7 @@ class Bus:
         """Return the number of bytes of a cycle without errors.
 
         Args:
-            goals: Goals that are written, by ID.
+            goals: Goals that are written, keyed by ID.
             servo_ids: IDs of the servos whose states are read.
 
         Returns:
@@ -224,7 +224,7 @@ class Bus:
 
         Args:
             servo_ids: IDs of the servos.
-            alone: Whether each of them gets a packet of its own.
+            alone: Whether each servo gets a separate packet.
         """
         for servo_id in servo_ids:
             self._servos.set_written_alone(servo_id, alone)
@@ -255,7 +255,7 @@ class Bus:
 
         Raises:
             ServoSilent: The servo does not answer.
-            ServoRefused: The servo is another model, or its settings do not allow driving it.
+            ServoRefused: The servo is a different model, or its settings do not allow driving it.
         """
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
@@ -305,8 +305,8 @@ class Bus:
             servo_id: ID of the servo.
 
         Returns:
-            The lowest and the highest goal, in counts. None if there are no limits: the servo has no such setting,
-            both are 0 (as in a simulator), or it ignores them in a mode that counts turns.
+            The lowest and the highest goal, in counts. None if there are no limits: the servo has no such setting, both
+            limits are 0 (as in a simulator), or the servo ignores them in a mode that counts turns.
         """
         if self._turns and servo_id in self._turns:
             return None
@@ -335,7 +335,7 @@ class Bus:
             deadline_s: Time to stop waiting, in seconds on the bus's clock.
 
         Returns:
-            Whether each servo drives its motor, by ID. Servos that did not answer are missing.
+            Whether each servo drives its motor, keyed by ID. Servos that did not answer are missing.
         """
         series = {i: self._servos.series(i) for i in servo_ids}
         held = self._reader.registers({i: one.torque_state for i, one in series.items()}, deadline_s)
@@ -373,7 +373,7 @@ class Bus:
         self.write(servo_id, self._servos.series(servo_id).torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
-        """Release the torque of servos. If a servo fails, the other servos are still released.
+        """Disable the torque of servos. If one servo fails, the torque of the others is still disabled.
 
         Args:
             servo_ids: IDs of the servos.
@@ -400,7 +400,7 @@ class Bus:
 
         Args:
             servo_id: ID of the servo.
-            share: Limit as a share of full drive, 0 to 1.
+            share: Limit as a fraction of full drive, 0 to 1.
 
         Raises:
             ServoRefused: The servo would have no torque, or has no torque limit in RAM.

@@ -23,7 +23,7 @@ def confirmed_states(
         servo_ids: The servos.
 
     Returns:
-        The newest state of each servo, or a fault if it did not answer or its readings never agreed.
+        The latest state of each servo, or a fault if it did not answer or its readings never agreed.
     """
     last: dict[int, Reading] = dict(read(servo_ids))
     found: dict[int, Reading] = {}

@@ -51,7 +51,7 @@ class GroupRead:
         self.fast_replies = 0
         """Number of servos that replied to the last fast read before it failed."""
         self.hidden: tuple[int, ...] = ()
-        """Servos that may not have replied to the last read only because a servo before them is silent."""
+        """Servos whose reply to the last read may be missing only because a servo before them is silent."""
 
     def send(self, plan: ReadPlan) -> None:
         if not self._line.clean:
@@ -134,7 +134,7 @@ class GroupRead:
         self._count(plan, dict.fromkeys(plan.servo_ids, "no_time"))
 
     def _wait_for_fast_reply(self, plan: ReadPlan, deadline_s: float) -> bytes:
-        """Wait longer for a fast reply of which nothing has arrived, as far as time is left for separate replies.
+        """Wait longer for a fast reply of which nothing has arrived, as long as time is left for separate replies.
 
         A failed fast read is expensive, because no fast read can be sent while its reply may still arrive.
         """
@@ -201,7 +201,7 @@ class GroupRead:
         self, assembler: ReplyAssembler, servo_ids: tuple[int, ...], wait_s: float, deadline_s: float
     ) -> None:
         line = self._line
-        # This end also applies if noise keeps arriving.
+        # This deadline also applies if noise keeps arriving.
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s

@@ -1,8 +1,8 @@
 """Map the indirect registers of servos when they are identified, and restore lost maps before torque is enabled.
 
 Every valid reply proves that the map is intact (drivers/servos/indirect.py). A reply without this proof shows that the
-servo was reset and has no torque. The state of this servo is then read from the direct block until its torque is
-enabled again.
+servo was reset and that its torque is disabled. The state of this servo is then read from the direct block until its
+torque is enabled again.
 """
 
 import logging
@@ -75,7 +75,7 @@ class IndirectMaps:
         if servo_id in self._servos.mapped:
             LOG.warning(
                 "%s: servo %d has lost the map of its indirect registers: it was reset, perhaps by a voltage drop, and "
-                "its torque is off. It is read from the direct block until its torque is enabled again",
+                "its torque is disabled. It is read from the direct block until its torque is enabled again",
                 self._name, servo_id,
             )  # fmt: skip
             self._lost.add(servo_id)

@@ -15,26 +15,28 @@ from drivers.servos.series import Series, StateBlock
 from drivers.types import ServoGoal
 
 GoalWrite = Callable[[Mapping[int, ServoGoal]], bytes]
-"""Encodes the goals of its servos as a sync write."""
+"""Function that encodes the goals of its servos as a sync write."""
 
 
 class KnownServos:
-    """The servos of one bus, by ID. An unknown servo is assumed to belong to the series of the first known servo."""
+    """Servos of one bus. An unknown servo is assumed to belong to the series of the first known servo."""
 
     def __init__(self, models: Mapping[int, ServoModel]) -> None:
         """Raise ValueError if the servos cannot share a bus."""
         self.protocol = wire_protocol(models)
         self.models = dict(models)
-        """Models of the known servos, by ID."""
+        """Models of the known servos, keyed by ID."""
         self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
         self.mapped: dict[int, tuple[StateBlock, ...]] = {}
-        """State blocks of the servos whose states are read through indirect registers, by ID."""
+        """State blocks of the servos whose states are read through indirect registers, keyed by ID."""
         self.firmware: dict[int, int] = {}
-        """Firmware versions of the Dynamixel X servos that were identified, by ID."""
+        """Firmware versions of the Dynamixel X servos that were identified, keyed by ID."""
         self.separate: set[int] = set()
-        """Servos that do not support group reads, so each gets a read of its own."""
+        """Servos that do not support group reads, so each of them is read separately."""
         self.written_alone: set[int] = set()
-        """Servos that do not support group writes, so each gets a write of its own. This set includes ``separate``."""
+        """Servos that do not support group writes, so each of them is written separately. The set includes
+        ``separate``.
+        """
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
@@ -133,7 +135,7 @@ class KnownServos:
             kept.clear()
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
-        """Encode one sync write of goals for each series, without servos that need a write of their own.
+        """Encode one sync write of goals for each series. Servos that need separate writes are omitted.
 
         Raise ValueError if a goal does not fit.
         """

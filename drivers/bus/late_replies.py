@@ -39,7 +39,7 @@ class _OpenRequests:
 
 
 class LateReplyFilter:
-    """Open requests of one bus, by servo and size.
+    """Open requests of one bus, keyed by servo and size.
 
     A corrupt reply leaves its request open, because the garbage may come from another servo. A refusal that arrives
     while other requests are open also leaves its request open. A refusal has no data, and may belong to any of the open
@@ -48,7 +48,7 @@ class LateReplyFilter:
 
     def __init__(self) -> None:
         self.open: dict[int, dict[int, _OpenRequests]] = {}
-        """Open requests by servo ID and reply size. Servos without open requests are left out."""
+        """Open requests by servo ID and reply size. Servos without open requests are omitted."""
         self._single_until_s: dict[int, float] = {}
 
     def add(self, servo_id: int, size: int, now_s: float, counted: Missed) -> None:

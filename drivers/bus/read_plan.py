@@ -21,7 +21,8 @@ reason.
 """
 
 Decode = Callable[[bytes], Mapping[int, ServoState] | None]
-"""Returns all states if the bytes are exactly the valid replies of all servos in their order, or else None."""
+"""Function that returns all states if the bytes are exactly the valid replies of all servos in order, otherwise None.
+"""
 
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
 """Low byte of Adler-32 over a valid reply. The checksum makes the sum of the bytes after the header 255, and Adler-32
@@ -41,7 +42,7 @@ class ReadPlan:
     overhead: int
     decode_all: Decode
     result: Callable[[Reply], ReadResult]
-    """Decodes a single reply."""
+    """Function that decodes a single reply."""
     blocks: Mapping[int, StateBlock]
     fast: bool = False
     """Whether all servos reply with one common packet, which is valid only as a whole."""
@@ -70,7 +71,7 @@ def state_plan(
 
 
 def register_plan(protocol: WireProtocol, registers: Mapping[int, Register], *, separate: bool = False) -> ReadPlan:
-    """Plan a read of one register of each servo, with a plain read of the only servo if ``separate``."""
+    """Plan a read of one register of each servo. ``separate`` selects a plain read if there is only one servo."""
 
     def result(reply: Reply) -> ReadResult:
         if refused := _refusal(protocol, reply):
@@ -90,7 +91,7 @@ class _Request(NamedTuple):
     separate: bool
 
     def encode(self) -> bytes:
-        """Encode a sync read if the protocol has it and all spans are equal, or else a bulk read."""
+        """Encode a sync read if the protocol supports it and all spans are equal, otherwise a bulk read."""
         packets, spans, places = self.protocol.packets, self.spans, set(self.spans.values())
         in_groups = self.protocol.group_read == "sync" and not self.separate
         if in_groups and len(places) == 1:

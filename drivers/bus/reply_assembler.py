@@ -46,8 +46,8 @@ class ReplyAssembler:
     def corrupted(self) -> tuple[set[int], int]:
         """Return the servos whose corrupt replies explain the garbage, and the number of remaining runs of noise.
 
-        Servos reply in order. The garbage between two replies is attributed to the missing servos between them, as many
-        as it has room for. Servos whose IDs are still readable in the garbage come first.
+        Servos reply in order. The garbage between two replies is attributed to the missing servos between them, to as
+        many as it has room for. Servos whose IDs are still readable in the garbage come first.
         """
         corrupt: set[int] = set()
         noise = 0

@@ -1,4 +1,4 @@
-"""Read and write servos without group instructions one by one, as the last fallback.
+"""As a last resort, read and write servos that do not support group instructions one by one.
 
 Self-made servos with a microcontroller often answer only pings, reads and writes. These servos are detected outside the
 control cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
@@ -21,9 +21,9 @@ from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 LOG = logging.getLogger("servoloop.drivers")
 
 TRIALS: Final = 6
-"""Number of consecutive group reads without a reply, each followed by a read with a reply, that prove that a servo does
-not support group reads. On a bus that loses 9 % of the packets in each direction, this happens by chance once in 40,000
-trials.
+"""Number of consecutive failures that prove that a servo does not support group reads. A failure is a group read
+without a reply that is followed by a single read with a reply. On a bus that loses 9 % of the packets in each
+direction, this happens by chance once in 40,000 trials.
 """
 WRITE_TRIES: Final = 2
 """Number of attempts to write a goal in one cycle."""
@@ -78,7 +78,7 @@ class SeparateServos:
         return True
 
     def _measure(self, servo_id: int) -> None:
-        """Measure how long replies take, after replies that may be late replies to the group reads."""
+        """Measure how long replies take. Replies that may be late replies to the group reads are not measured."""
         for _ in self._servos.blocks(servo_id):
             self._reader.ask(servo_id)
         self._group.timeout = AdaptiveTimeout()
@@ -128,10 +128,10 @@ class SeparateServos:
         self._reported = alone
         cycle_s = self._cycle_s(asked)
         names = ", ".join(map(str, sorted(alone)))
-        subject = f"servos {names} support" if len(alone) > 1 else f"servo {names} supports"
+        subject = f"servos {names} do not support" if len(alone) > 1 else f"servo {names} does not support"
         reads = alone & self._servos.separate
         LOG.warning(
-            "%s: %s no %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and limits the rate to %d "
+            "%s: %s %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and limits the rate to %d "
             "Hz: set a lower update_rate, or use servos with this support",
             self._line.port.name, subject, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),

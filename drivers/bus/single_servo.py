@@ -82,7 +82,7 @@ class SingleServo:
         self._request(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
     def forget_turns(self, servo_id: int) -> None:
-        """Reset the turn count of a Feetech STS servo to zero, which also releases its torque."""
+        """Reset the turn count of a Feetech STS servo to zero, which also disables its torque."""
         self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:
@@ -94,7 +94,9 @@ class SingleServo:
         return tuple(sorted(found))
 
     def _request(self, servo_id: int, instruction: int, parameters: bytes, size: int | None, what: str) -> bytes:
-        """Send an instruction and return the data of the reply, which must be ``size`` bytes (None: any size).
+        """Send an instruction and return the data of the reply.
+
+        The data must be ``size`` bytes. If ``size`` is None, any size is valid.
 
         A reply does not identify its request. The call therefore waits until no late reply of this servo is possible.
         """

@@ -241,8 +241,8 @@ class StateReader:
         return results
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
-        """Read one register of each servo once. Servos that do not reply before the deadline are left out."""
-        # Servos are left out if a late reply, even to a single request, may have the size of this reply.
+        """Read one register of each servo once. Servos that do not reply before the deadline are omitted."""
+        # Servos are omitted if a late reply, even to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
         asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
         asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide the servos after it

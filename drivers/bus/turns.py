@@ -19,7 +19,7 @@ class Turns:
         self._whole_turns: dict[int, int] = {}
         """Whole turns in the readings of each servo, in counts."""
         self._unconfirmed: dict[int, int] = {}
-        """Whole turns in the newest reading of each servo, in counts, if not confirmed yet."""
+        """Whole turns in the latest reading of each servo, in counts, if they are not confirmed yet."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
         self._counts_per_turn.pop(servo_id, None)

@@ -52,7 +52,7 @@ def place(address: int) -> bytes:
 
 
 def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """Encode a bulk read of the address and size in ``spans``, by servo ID.
+    """Encode a bulk read of the address and size in ``spans``, keyed by servo ID.
 
     Only Dynamixel MX servos support bulk reads.
     """

@@ -41,7 +41,7 @@ FAST_OVERHEAD = 4
 """Bytes of a servo's part in addition to its data: error, ID, CRC."""
 
 ALERT = 0x80
-"""Bit of the error byte that reports a hardware error. The servo has executed the instruction nevertheless."""
+"""Bit of the error byte that reports a hardware error. The servo has still executed the instruction."""
 CORRUPT_PACKET, NO_ACCESS = 3, 7
 _ERRORS = {
     1: "could not execute the instruction (if it has a hardware error, reboot it)",
@@ -106,7 +106,7 @@ def fast_head(count: int, size: int) -> bytes:
 
 
 def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """Encode a bulk read of the address and size in ``spans``, by servo ID."""
+    """Encode a bulk read of the address and size in ``spans``, keyed by servo ID."""
     return packet(BROADCAST_ID, BULK_READ, b"".join(bytes((i,)) + span(*place) for i, place in spans.items()))
 
 

@@ -11,7 +11,7 @@ Make = Literal["feetech", "dynamixel"]
 
 SERIES: Final = feetech.SERIES + dynamixel.SERIES + dynamixel1.SERIES
 MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES for model in series.models}
-"""All supported servo models, by their name in robot files."""
+"""All supported servo models, keyed by their name in robot files."""
 
 
 UNSUPPORTED: Final[Mapping[int, str]] = {
@@ -24,13 +24,13 @@ UNSUPPORTED: Final[Mapping[int, str]] = {
     35074: "RH-P12-RN", 43289: "M42-10-S260-RA", 46097: "M54-40-S250-RA", 46353: "M54-60-S250-RA",
     51201: "H42-20-S300-RA", 53769: "H54-100-S500-RA", 54025: "H54-200-S500-RA",
 }  # fmt: skip
-"""Dynamixel models with protocol 2.0 whose control tables differ from all supported tables, by model number.
+"""Dynamixel models with protocol 2.0 whose control tables differ from all supported tables, keyed by model number.
 
 Source: ``dynamixel.model`` of ROBOTIS' SDK (dynamixel_easy_sdk 4.1).
 """
 
 _ADDED: Final[dict[str, ServoModel]] = {}
-"""Models that the user added, by name."""
+"""Models that the user added, keyed by name."""
 
 
 def add(model: ServoModel, like: ServoModel) -> None:
@@ -47,11 +47,11 @@ def add(model: ServoModel, like: ServoModel) -> None:
     """
     series = series_of(like)
     if model.name in MODELS and model.name not in _ADDED:
-        raise ValueError(f"{model.name} is a model of servoloop: choose another name")
+        raise ValueError(f"servoloop already has a model {model.name}: choose another name")
     taken = [m for m in _numbered(model.number, series) if m.name != model.name and m.name not in _ADDED]
     if taken and like not in taken:
         raise ValueError(
-            f"number {model.number} is that of {taken[0].name}: write `like: {taken[0].name}` for a variant of it, or "
+            f"number {model.number} belongs to {taken[0].name}: write `like: {taken[0].name}` for a variant of it, or "
             "correct the number"
         )
     if known := _ADDED.get(model.name):

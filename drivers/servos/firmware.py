@@ -31,7 +31,7 @@ def reads_fast(model: ServoModel, version: int | None) -> bool | None:
         version: Firmware version that it reports; None if it was not read.
 
     Returns:
-        Whether it supports them; None if this is unknown, so that only a trial can show it.
+        Whether it supports them, or None if only a trial can show this.
     """
     since = _fast_read_since(model)
     return None if since is None or version is None else version >= since

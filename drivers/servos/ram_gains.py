@@ -61,7 +61,7 @@ _OTHER: Final[dict[str, Mapping[Register, int]]] = {
         ax_mx.cw_compliance_slope: 64, ax_mx.ccw_compliance_slope: 64,
     },
 }  # fmt: skip
-"""Gains of models that differ from the others of protocol 1.0, by model name."""
+"""Gains of models that differ from the others of protocol 1.0, keyed by model name."""
 _XL320: Final = {xl320.p_gain: 32, xl320.i_gain: 0, xl320.d_gain: 0}
 
 

@@ -37,9 +37,9 @@ class Register:
         address: Address of its first byte.
         size: Size, in bytes.
         access: Whether the register can be written.
-        persistent: Whether it is in EEPROM, which keeps its value without power and wears out when written.
+        persistent: Whether the register is in EEPROM, which keeps its value without power and wears out when written.
         sign_bit: Sign bit of a sign-magnitude number (Feetech); None if there is none.
-        signed: Whether it holds a two's complement number (Dynamixel).
+        signed: Whether the register holds a two's complement number (Dynamixel).
         values: Values that the servo accepts, in ascending order. Empty if all values that fit are accepted.
     """
 
@@ -185,7 +185,7 @@ class ServoModel:
         no_load_speed_rad_s: Speed without load, in rad/s.
         positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
         own: Registers that not all models of the series have, or that accept different values in this model.
-        supply_v: Lowest and highest rated voltage, in V; None for the usual shares of the rated voltage.
+        supply_v: Lowest and highest rated voltage, in V; None for the usual fractions of the rated voltage.
     """
 
     name: str

@@ -11,7 +11,7 @@ from drivers.servos.register import ByteOrder, Register, ServoModel, signed
 from drivers.types import ServoGoal, ServoState
 
 Read = Callable[[Register], int]
-"""Reads a register of the servo that is being checked."""
+"""Function that reads a register of the servo that is being checked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class WireProtocol:
     """``drivers.protocol.v1`` or ``v2``."""
     byte_order: ByteOrder
     sdk: Callable[[], Any]
-    """Creates the manufacturer's packet handler, for requests to a single servo."""
+    """Function that creates the manufacturer's packet handler, for requests to a single servo."""
     group_read: Literal["sync", "bulk", "none"]
     """How one packet requests several servos: ``sync`` for all models, ``bulk`` only for models that support it."""
     reboot: Literal["acknowledged", "unanswered", "none"]
@@ -32,9 +32,11 @@ class WireProtocol:
     refusals: int = 0
     """Bits of a reply's error byte that refuse an instruction. The other bits are alarms and part of the state."""
     refusal: Callable[[int], str] = "refused the instruction (error {})".format
-    """Describes the refusal bits, worded to follow the servo's name."""
+    """Function that describes the refusal bits, worded to follow the servo's name."""
     arrived_corrupt: Callable[[int], bool] = lambda refused: False
-    """Whether the refusal bits report a corrupt instruction packet, so that the request can be repeated."""
+    """Function that returns whether the refusal bits report a corrupt instruction packet. The request can then be
+    repeated.
+    """
     factory_reset: bytes = b""
     """Option byte of the factory reset instruction."""
     broadcast_ping: bool = False
@@ -89,8 +91,7 @@ class Series:
     goal_fields: str
     """Layout of the goal block in the notation of ``struct``."""
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
-    """Returns the function that encodes a goal of this model. The function raises ValueError if the goal does not fit.
-    """
+    """Returns a function that encodes goals of a model. That function raises ValueError if a goal does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
     """Returns the unit of speed or current of a model, for series whose models have different units."""
     servo_id: Register
@@ -138,7 +139,7 @@ class Series:
         return replace(self.torque_enable, size=last.address + last.size - self.torque_enable.address)
 
     def drives(self, state: int, limit: int | None) -> bool:
-        """Whether a servo with this torque state has torque enabled with this torque limit (None: any limit)."""
+        """Whether this torque state means that torque is enabled with this limit. If None, any limit matches."""
         behind = self.torque_state.size - 2  # offset of the two bytes of the limit, which come last
         return state & 0xFF == 1 and (behind < 0 or limit is None or state >> 8 * behind == limit)
 

@@ -6,9 +6,10 @@ from drivers.servos.register import ServoModel
 
 LOWEST_SHARE: Final = 0.75
 HIGHEST_SHARE: Final = 1.25
-"""Lowest and highest share of the rated voltage: 9.0 to 15.0 V for a 12 V servo."""
+"""Lowest and highest fraction of the rated voltage: 9.0 to 15.0 V for a 12 V servo."""
 HIGH_SHARE: Final = 1.15
-"""Share of the rated voltage above which a supply is unusual. A full battery reaches 1.14 (8.4 V for a 7.4 V servo)."""
+"""Fraction of the rated voltage above which a supply is unusual. A full battery reaches 1.14 (8.4 V for a 7.4 V servo).
+"""
 _SMALL_STS: Final = (4.4, 8.9)
 """Range of small STS models, in V. Their datasheet starts at 4 V, and many arms with 7.4 V servos use a 5 V supply."""
 RANGES_V: Final = {
@@ -19,7 +20,7 @@ RANGES_V: Final = {
     **dict.fromkeys(("2xl430-w250", "2xc430-w250", "xc335-t332"), (6.5, 15.0)),
     **dict.fromkeys(("rx-28", "rx-64", "ex-106+"), (12.0, 19.0)),
 }
-"""Lowest and highest voltage by model, in V, for models whose datasheet differs from the usual shares."""
+"""Lowest and highest voltage by model, in V, for models whose datasheet differs from the usual fractions."""
 
 
 class VoltageFault(NamedTuple):

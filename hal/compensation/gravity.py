@@ -19,8 +19,8 @@ GRAVITY_M_S2: Final = 9.81
 class Gravity:
     """Gravity model of an arm. Gravity acts along -z of the root link.
 
-    A moving joint that is neither in ``joints`` nor follows one of them is assumed to be at zero. The torques of the
-    joints after such a joint are assumed to be zero, because their inclination is unknown.
+    A moving joint that is not in ``joints`` and does not follow one of them is assumed to be at zero. The torques of
+    all joints beyond such a joint are assumed to be zero, because their inclination is unknown.
     """
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
@@ -43,7 +43,7 @@ class Gravity:
         return np.array(self.torques_at(position.tolist()))
 
     def torques_at(self, places: Sequence[float]) -> list[float]:
-        """Compute the torques like ``torques``, with plain floats, which are faster than arrays of three elements."""
+        """Compute the same torques as ``torques`` with plain floats, which are faster than arrays of three elements."""
         torques = [0.0] * self._joints
         turned: list[Matrix] = []
         slid: list[float] = []
@@ -78,7 +78,7 @@ def _orientation(joint: MovingJoint, q: float) -> Matrix:
 
 
 def _in_link(matrix: Matrix, vector: Vector) -> Vector:
-    """Transform a vector from the frame of the parent to that of the link."""
+    """Transform a vector from the parent's frame to the link's frame."""
     x, y, z = vector
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = matrix
     return r0 * x + r3 * y + r6 * z, r1 * x + r4 * y + r7 * z, r2 * x + r5 * y + r8 * z
@@ -94,7 +94,7 @@ def _held(joint: MovingJoint, moment: Vector, up: Vector) -> float:
 
 
 def _carried(joint: MovingJoint, matrix: Matrix, slid_m: float, moment: Vector, own: Vector) -> Vector:
-    """Return the sum of the parent's first moment (``own``) and that of a link that it carries."""
+    """Return the parent's first moment (``own``) plus the first moment of a link that it carries."""
     (x, y, z), (px, py, pz), (dx, dy, dz) = moment, joint.place_m, joint.slide
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = matrix
     kg = joint.carried_kg

@@ -10,18 +10,18 @@ from hal.compensation.limit_cycle import LimitCycle
 from hal.joint import Joint
 
 GUIDED_SHARE: Final = 0.75
-"""Compensated share of the weight if the arm is moved by hand. Servos are up to 1.7 times as strong as their datasheets
-state (BAM's identification of an STS3215). An arm that rises by itself is worse than an arm whose gears carry part of
-the weight.
+"""Fraction of the weight that is compensated while the arm is moved by hand. Servos are up to 1.7 times as strong as
+their datasheets state (BAM's identification of an STS3215). An arm that rises by itself is worse than an arm whose
+gears carry part of the weight.
 """
 FADE_IN_S: Final = 1.0
-"""Time in which the offsets increase from zero after activation, so that the arm does not jump at activation."""
+"""Duration of the fade-in of the offsets after activation, in seconds, so that the arm does not jump."""
 LARGEST_LOAD: Final = 0.5
-"""Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
+"""Maximum torque for compensation, as a fraction of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
-"""Time constant of the slow correction. This constant is much longer than the servos' lag and the cycle."""
+"""Time constant of the slow correction, in seconds. It is much longer than the servos' lag and one cycle."""
 REST_S: Final = 0.2
-"""Time after the last change of the command until the correction begins. The joint is still moving during this time."""
+"""Delay between the last change of the command and the start of the correction, while the joint is still moving."""
 STILL: Final = 1e-6
 """Maximum change per cycle (rad or m) of a command at rest. A command that repeats the measured position is also at
 rest.
@@ -67,10 +67,11 @@ class JointOffset:
 
         Args:
             command: Commanded position.
-            measured: Measured position; NaN if there is none, which keeps the offset.
+            measured: Measured position. If it is NaN (not measured), the offset does not change.
             torque: Torque or force due to gravity, in N m or N.
             dt_s: Period of the control loop, in seconds.
-            share: Share of the offset to apply, from 0 to 1. The slow correction, which resists a hand, is off below 1.
+            share: Fraction of the offset to apply, from 0 to 1. Below 1, the slow correction is off, because it would
+                resist the hand.
 
         Returns:
             The offset.

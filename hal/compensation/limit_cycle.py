@@ -8,11 +8,14 @@ import math
 from typing import Final
 
 GIVE_WAY_RAD: Final = 0.0046
-"""Maximum offset of the goal, in rad of the shaft: three counts of an STS, less than half of a backlash of 1 degree."""
+"""Maximum offset of the goal, in rad at the shaft. The value equals three counts of an STS and is less than half of a
+backlash of 1 degree.
+"""
 SLOW_CYCLES: Final = 6
 """Minimum period of an oscillation that is damped, in control cycles. A faster oscillation would be amplified."""
 CALMED_CYCLES: Final = 5
-"""Minimum period at which damping continues, in control cycles. The period of an oscillation shrinks with its size."""
+"""Minimum period at which damping continues, in control cycles. The period becomes shorter as the oscillation decays.
+"""
 BEFORE_CYCLES: Final = 4
 """Assumed duration of the half period before the first measured half period, in control cycles."""
 RETURN_S: Final = 0.5
@@ -56,7 +59,7 @@ class LimitCycle:
 
         Args:
             error: Command minus measured position; NaN if unknown.
-            loose: Whether the command of the joint is at rest and gravity does not hold the joint.
+            loose: Whether the joint's command is at rest and gravity does not hold the joint.
             dt_s: Period of the control loop, in seconds.
         """
         former = self._side

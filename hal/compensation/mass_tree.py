@@ -47,7 +47,7 @@ class MovingJoint:
 
 
 class _Tree:
-    """Builder for a tree of moving joints in which each joint follows its parent."""
+    """Builder for a list of moving joints in which each joint comes after its parent."""
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
         self.found: list[MovingJoint] = []

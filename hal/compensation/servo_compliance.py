@@ -19,27 +19,29 @@ from hal.types import FloatArray
 STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "max_acceleration": 100}
 """Factory settings that affect the compliance."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
-"""Share of full drive per count of error and unit of P.
-
-In the firmware, full drive is 1000 and each count of error adds P / 4. BAM identified 2 % more."""
+"""Fraction of full drive per count of error and unit of P. In the firmware, full drive is 1000 and each count of error
+adds P / 4. BAM identified 2 % more.
+"""
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
 ENCODER_STEP_COUNTS: Final = 1.0
 """Resolution of the encoder. A servo does not correct errors below its dead zone plus this resolution."""
 STS_FRICTION_SHARE: Final = 0.04
-"""Friction as a share of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), because load
+"""Friction as a fraction of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), because load
 increases friction.
 """
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
-"""Share of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of PWM.
+"""Fraction of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of
+PWM.
 """
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
 """Half of ``X_DRIVE_PER_COUNT``, which BAM measured on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
 """Dead band of the X series, which has no dead zone: one count of measurement and one count of goal resolution."""
 X_FRICTION_SHARE: Final = 0.04
-"""Friction as a share of the stall torque, assumed as for the STS. The unknown rotor inertia is assumed to be zero."""
+"""Friction as a fraction of the stall torque, assumed as for the STS. The unknown rotor inertia is assumed to be zero.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +51,15 @@ class Compliance:
     stiffness: float
     """Torque or force per unit of error."""
     lag_s: float
-    """Delay of the joint behind the set-point at constant speed, in seconds."""
+    """Delay of the joint relative to the set-point at constant speed, in seconds."""
     inertia_s2: float
     """Rotor inertia divided by stiffness. This value times the acceleration is the lag due to inertia."""
     profile_acceleration: float
-    """Deceleration with which the servo stops at each goal. In a stream of goals, the servo lags by the braking
+    """Deceleration with which the servo stops at each goal. If goals arrive continuously, the servo lags by the braking
     distance.
     """
     dead_band: float
-    """Error below which the servo does not correct."""
+    """Error below which the servo makes no correction."""
     friction: float
     """Torque or force that may be lost to friction at standstill."""
 
@@ -81,7 +83,7 @@ def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
 
 
 def assumed_settings(model: ServoModel) -> Mapping[str, int]:
-    """Return the settings that are assumed for a servo, by register name."""
+    """Return the settings that are assumed for a servo, keyed by register name."""
     return STS_SETTINGS if model in sts.MODELS.values() else {}
 
 
@@ -97,11 +99,11 @@ def compliance_of(
         model: Model of the servo.
         position_p: Position P gain of a Dynamixel, if it is set.
         transmission: Joint units per radian of the shaft.
-        settings: Settings of an STS that differ from the factory settings, by register name.
+        settings: Settings of an STS that differ from the factory settings, keyed by register name.
 
     Returns:
-        The compliance. None if it is unknown: the scale of the gain of SCS, AX, MX and XL-320 servos is not published,
-        and the default gain of the X series differs between models.
+        The compliance, or None if it is unknown. The gain scale of SCS, AX, MX and XL-320 servos is not published, and
+        the default gain of the X series differs between models.
     """
     if model in sts.MODELS.values():
         held = {**STS_SETTINGS, **(settings or {})}

@@ -27,7 +27,7 @@ class Component:
     switching: bool = False
     """Whether a transition is running in the background. During a transition, the cycle skips the component."""
     error: Exception | None = None
-    """Error because of which the component is lost. The component may still be stopped if it can be reached."""
+    """Error that caused the loss of the component. The component may still be stopped if it can be reached."""
     out_of_reach: bool = False
     """Whether the last command reached none of its joints."""
     finalized: bool = False
@@ -40,7 +40,7 @@ class Component:
 
     @property
     def state(self) -> LifecycleState:
-        """Life cycle state of the component; FINALIZED once the component has been given up."""
+        """Life cycle state of the component, or FINALIZED if the component was given up for good."""
         return LifecycleState.FINALIZED if self.finalized else self.hardware.state
 
     @property
@@ -73,7 +73,7 @@ def merged_state(components: Sequence[Component], parts: Mapping[str, JointState
 
     Args:
         components: All components, in the order of their joints.
-        parts: State of each component, by component name.
+        parts: State of each component, keyed by component name.
         stamp_s: Time of the merged state, in seconds.
     """
     position, velocity, effort = (np.full(components[-1].joints.stop, np.nan) for _ in range(3))

@@ -65,7 +65,7 @@ def deactivate_all(components: ComponentSet, relax: bool) -> Sequence[str]:
 
     Args:
         components: The set.
-        relax: Whether torque is disabled; otherwise the joints hold their positions.
+        relax: Whether to disable the torque. If False, the joints hold their positions.
     """
     return _switch_off(components, lambda hardware: hardware.deactivate(relax))
 

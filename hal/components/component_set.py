@@ -35,8 +35,8 @@ class ComponentSet:
         self.failures: list[Component] = []
         """Components that have failed since the list was last cleared."""
         self._requests = {one.name: one.request for one in hardware if isinstance(one, Requesting)}
-        """Functions that send the request of a component, by its name. The functions are stored, because protocol
-        checks are slow.
+        """Functions that send a component's request, keyed by component name. They are stored because protocol checks
+        are slow.
         """
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._outputs = {name: component for component in self.components for name in outputs_of(component.hardware)}
@@ -98,7 +98,8 @@ class ComponentSet:
     def read(self, deadline_s: float | None = None) -> JointState:
         """Read all components. A component that cannot be read keeps its last values and gets a fault for each joint.
 
-        All components send their requests before any of them waits for answers, until the clock time ``deadline_s``.
+        All components send their requests before any of them waits for answers. The wait ends at the clock time
+        ``deadline_s``.
         """
         parts, cycle = self._parts, self._cycle
         self._cycle += 1
@@ -131,7 +132,7 @@ class ComponentSet:
         return self._parts[component.hardware.name]
 
     def ask_for_torque(self, component: Component) -> frozenset[str]:
-        """Check between two cycles which joints of an active component have torque. Return joints without an answer.
+        """Check the torque of an active component between two cycles. Return the joints that did not answer.
 
         If the component cannot be reached, it is marked as lost and the error is raised.
         """

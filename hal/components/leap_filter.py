@@ -37,7 +37,7 @@ class LeapFilter:
         self._last: JointState | None = None
 
     def believed(self, state: JointState, driven: bool) -> JointState:
-        """Return the state, in which joints that jumped keep their last values and have a fault.
+        """Return the state. Joints that jumped keep their last values and get a fault.
 
         Args:
             state: The measurement of one cycle.

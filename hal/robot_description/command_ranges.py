@@ -18,9 +18,9 @@ class CommandRange:
     """Range of one command interface."""
 
     lowest: float
-    """``min``; minus infinity if it is not given."""
+    """``min``, or minus infinity if it is not set."""
     highest: float
-    """``max``; infinity if it is not given."""
+    """``max``, or infinity if it is not set."""
     place: str
     """File and line of the interface."""
 
@@ -51,12 +51,12 @@ def _number(interface: str, name: str, text: str | None, where: str) -> float | 
         return None if text is None else finite(text)
     except ValueError as error:
         raise DescriptionError(
-            f"{interface}: {name} must be a number, not '{text}' ({where}): write one, or remove it."
+            f"{interface}: {name} must be a number, not '{text}' ({where}): write a number, or remove the parameter."
         ) from error
 
 
 def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iterator[str]:
-    """Yield a message for each range with which the joint cannot be used.
+    """Yield a message for each range that makes the joint unusable.
 
     Args:
         joint: The joint.
@@ -69,7 +69,7 @@ def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iter
             yield f"{subject} are outside the joint's limits {lower} to {upper}: correct them."
         elif kind == "position":
             if joint.kind == "continuous" and not (math.isfinite(found.lowest) and math.isfinite(found.highest)):
-                yield f"{subject} limit only one end, but a continuous joint needs both ends or none: add the other."
+                yield f"{subject} limit only one end, but a continuous joint needs both or none: add the other end."
         elif not found.lowest <= 0.0 <= found.highest:
             yield f"{subject} exclude 0, so the joint could not be stopped: include 0."
         elif kind == "velocity" and "position" in joint.commands and 0.0 in (found.lowest, found.highest):

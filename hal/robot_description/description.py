@@ -46,7 +46,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         file: Name of the file, for messages.
 
     Raises:
-        DescriptionError: The URDF has mistakes.
+        DescriptionError: The URDF is invalid.
     """
     try:
         robot = parse_xml(xml, file)
@@ -55,7 +55,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
             raise DescriptionError(f"{file}, line {error.lineno}: {XACRO}") from error
         raise DescriptionError(f"the URDF is not well-formed XML: {error}") from error
     if robot.tag != "robot":
-        raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot> ({place(robot)}): correct it")
+        raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot> ({place(robot)}): correct the root tag")
     if is_xacro(robot):
         raise DescriptionError(f"{place(robot)}: {XACRO}")
     blocks, links = robot.findall("ros2_control"), parse_links(robot)
@@ -92,7 +92,7 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
     """Narrow the limits of joints to the ranges of their commands. Return the joints and warnings.
 
     Raises:
-        DescriptionError: A range leaves the joint without motion.
+        DescriptionError: A range leaves the joint no room to move.
     """
     problems: list[str] = []
     warnings: list[str] = []
@@ -112,12 +112,12 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
 def _check_apart(
     components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint], places: Mapping[str, str]
 ) -> None:
-    """Check that blocks have unique names, that joints are in one block, and that leaders of mimic joints are measured.
+    """Check that block names are unique, each joint is in only one block, and the leaders of mimic joints are measured.
 
     Args:
         components: The blocks.
         joints: Joints by name.
-        places: File and line of each block, by name.
+        places: File and line of each block, keyed by name.
 
     Raises:
         DescriptionError: A check failed.

@@ -34,11 +34,11 @@ class HardwareInfo:
     command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
     """``min`` and ``max`` by command interface (``joint1/position``)."""
     transmissions: Mapping[str, SimpleTransmission] = field(default_factory=dict)
-    """Gears between servos and joints, by joint name."""
+    """Gears between servos and joints, keyed by joint name."""
     sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
     """``<sensor>`` and ``<gpio>`` elements by name."""
     outputs: Mapping[str, OutputInfo] = field(default_factory=dict)
-    """Command interfaces that move no joint, by name (``lamp/led``)."""
+    """Command interfaces that do not move a joint, keyed by name (``lamp/led``)."""
     rw_rate: int = 0
     """Rate at which the component is read and written, in Hz; 0 for every cycle."""
 
@@ -89,7 +89,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
     hardware = block.find("hardware")
     plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
     if hardware is None or not plugin:
-        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin> ({place(block)}): add one")
+        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin> ({place(block)}): add a plugin")
     parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
     kind = _kind(name, block)
     elements = _block_joints(name, block, joints)
@@ -195,7 +195,7 @@ def _rw_rate(block: Element, text: str) -> int:
     if not text.isdecimal() or len(text) > 10:
         raise DescriptionError(
             f"<ros2_control name='{block.get('name')}'>: rw_rate must be a whole number of hertz, not '{text}' "
-            f"({place(block)}): correct it"
+            f"({place(block)}): correct rw_rate"
         )
     return int(text)
 

@@ -9,11 +9,11 @@ from hal.plausible import range_mistake
 from hal.robot_description.urdf import UrdfJoint
 
 WHEEL_SPEED_RAD_S: Final = 20.0
-"""Velocity limit of a wheel without one, in rad/s."""
+"""Velocity limit of a wheel for which the URDF sets none, in rad/s."""
 
 
 def with_wheel_speeds(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
-    """Give wheels without a velocity limit a default limit. Return all joints, and a warning for each such wheel.
+    """Set a default velocity limit for wheels that have none. Return all joints and a warning for each such wheel.
 
     A wheel is a continuous joint that takes only velocities or efforts. ros2_control does not limit it.
     """
@@ -23,8 +23,8 @@ def with_wheel_speeds(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJo
         if joint.kind == "continuous" and joint.velocity == 0.0 and joint.commands and "position" not in joint.commands
     }
     warnings = tuple(
-        f"{name} has no velocity limit ({joint.place}), so its limit is {WHEEL_SPEED_RAD_S:g} rad/s: write another one "
-        "in <limit velocity>"
+        f"{name} has no velocity limit ({joint.place}), so its limit is {WHEEL_SPEED_RAD_S:g} rad/s: to change the "
+        "limit, set <limit velocity>"
         for name, joint in wheels.items()
     )
     return {**joints, **{n: replace(j, velocity=WHEEL_SPEED_RAD_S) for n, j in wheels.items()}}, warnings

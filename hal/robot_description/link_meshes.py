@@ -61,7 +61,7 @@ class LinkMesh:
 
 
 def link_meshes(folder: Path) -> list[LinkMesh]:
-    """Read the meshes of the arm in a folder. Raise ArmFileError with every mistake. The result may be empty."""
+    """Read the meshes of the arm in a folder. Raise ArmFileError with all errors. The list may be empty."""
     path = folder / PLACES
     if not path.is_file():
         return []

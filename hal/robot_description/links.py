@@ -27,7 +27,7 @@ class Link:
 
 
 def parse_links(robot: Element) -> dict[str, Link]:
-    """Parse all links of a ``<robot>``, by name. Raises DescriptionError."""
+    """Parse all links of a ``<robot>``, keyed by name. Raises DescriptionError."""
     links: dict[str, Link] = {}
     for element in robot.findall("link"):
         link = _link(element)
@@ -76,7 +76,7 @@ def _number(link: str, element: Element | None, key: str, what: tuple[str, str])
 
 
 def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) -> Iterator[str]:
-    """Yield a message for each missing link, each link with two parent joints, and a loop of links.
+    """Yield a message for each missing link, for each link with two parent joints, and for a loop of links.
 
     A URDF without any links is valid.
     """

@@ -1,4 +1,4 @@
-"""Parse the outputs of ``<ros2_control>`` blocks: command interfaces that move no joint."""
+"""Parse the outputs of ``<ros2_control>`` blocks: command interfaces that do not move a joint."""
 
 import math
 from collections.abc import Mapping
@@ -17,10 +17,10 @@ COMMANDS: Final = ("position", "velocity", "effort")
 
 @dataclass(frozen=True, slots=True)
 class OutputInfo:
-    """Command interface of a ``<gpio>``, or one of a joint that is not a position, velocity or effort."""
+    """Command interface of a ``<gpio>``, or a joint's command interface other than position, velocity or effort."""
 
     joint: str
-    """Joint whose servo has the output; empty if the hardware itself has it."""
+    """Joint whose servo has the output. Empty if the output belongs to the hardware itself."""
     lowest: float = -math.inf
     highest: float = math.inf
     initial: float = math.nan

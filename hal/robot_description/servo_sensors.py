@@ -10,11 +10,11 @@ from hal.robot_description.urdf import attribute, doubles
 from hal.robot_description.xml_places import place
 
 SENSORS: Final = ("sensor", "gpio")
-"""Tags of elements without motion."""
+"""Tags of elements that do not move a joint."""
 SERVO_VALUES: Final = ("voltage", "temperature", "current", "load", "alarms")
-"""State interfaces of a servo (V, °C, A, share of full drive, number of alarms)."""
+"""State interfaces of a servo (V, °C, A, fraction of full drive, number of alarms)."""
 SERVO_INPUTS: Final = ("external_port_data_1", "external_port_data_2", "external_port_data_3")
-"""Registers that a Dynamixel with external ports reports; raw values."""
+"""Registers that a Dynamixel with external ports reports, as raw values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
         joints: Names of its joints.
 
     Raises:
-        DescriptionError: A sensor has mistakes, or a ``<sensor>`` has a command interface.
+        DescriptionError: A sensor is invalid, or a ``<sensor>`` has a command interface.
     """
     found: dict[str, SensorInfo] = {}
     for element in (child for child in block if child.tag in SENSORS):
@@ -45,7 +45,9 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
         if name in found or name in joints:
             raise DescriptionError(f"{subject} has the name of another element ({where}): rename it")
         if element.tag == "sensor" and element.find("command_interface") is not None:
-            raise DescriptionError(f"{subject} has a <command_interface> ({where}): write <gpio>, or remove it")
+            raise DescriptionError(
+                f"{subject} has a <command_interface> ({where}): use <gpio>, or remove the <command_interface>"
+            )
         states = element.findall("state_interface")
         interfaces = tuple(attribute(state, "name", f"a <state_interface> of {subject}") for state in states)
         if twice := doubles(interfaces):
@@ -55,13 +57,15 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
 
 
 def _joint(element: Element, subject: str, joints: Collection[str], interfaces: tuple[str, ...]) -> str:
-    """Return the joint that a sensor names as its source, or an empty string."""
+    """Return the joint that is the source of a sensor, or an empty string."""
     parameters = {p.get("name", ""): (p.text or "").strip() for p in element.findall("param")}
     joint, where = parameters.get("joint", ""), place(element)
     if not joint:
         return ""
     if joint not in joints:
-        raise DescriptionError(f"{subject} names joint '{joint}', which its block does not have ({where}): correct it")
+        raise DescriptionError(
+            f"{subject} names joint '{joint}', which its block does not have ({where}): correct the name"
+        )
     outputs = [command.get("name") for command in element.findall("command_interface")]
     if unknown := [name for name in interfaces if name not in (*SERVO_VALUES, *SERVO_INPUTS, *outputs)]:
         raise DescriptionError(

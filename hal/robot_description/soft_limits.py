@@ -23,7 +23,7 @@ class SoftLimits:
 
 
 def parse_soft_limits(robot: Element) -> dict[str, SoftLimits]:
-    """Return the soft limits of a ``<robot>``, by joint name. If one of the two limits is missing, it is 0, as in URDF.
+    """Return the soft limits of a ``<robot>``, keyed by joint name. A missing limit is 0, as in URDF.
 
     Raises:
         DescriptionError: A limit is not a number.
@@ -38,7 +38,7 @@ def parse_soft_limits(robot: Element) -> dict[str, SoftLimits]:
 
 
 def soft_limit_problems(joint: UrdfJoint, soft: SoftLimits) -> Iterator[str]:
-    """Yield a message for soft limits with which the joint cannot be used."""
+    """Yield a message for soft limits that make the joint unusable."""
     subject = f"{joint.name}: {LOWER} {soft.lower}"
     if soft.lower > soft.upper:
         yield f"{subject} is above {UPPER} {soft.upper} ({soft.place}): swap them."

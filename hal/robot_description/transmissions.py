@@ -33,7 +33,7 @@ def parse_transmissions(block: Element, joints: Mapping[str, Element]) -> dict[s
         joints: Its ``<joint>`` elements by name.
 
     Raises:
-        DescriptionError: A transmission is not a SimpleTransmission, or has mistakes.
+        DescriptionError: A transmission is invalid or is not a SimpleTransmission.
     """
     found: dict[str, SimpleTransmission] = {}
     for element in block.findall("transmission"):
@@ -46,14 +46,16 @@ def parse_transmissions(block: Element, joints: Mapping[str, Element]) -> dict[s
             )
         ends, actuators = element.findall("joint"), element.findall("actuator")
         if len(ends) != 1 or len(actuators) != 1:
-            raise DescriptionError(f"{subject} needs one <joint> and one <actuator> ({where}): correct it")
+            raise DescriptionError(f"{subject} needs one <joint> and one <actuator> ({where}): correct the element")
         joint = attribute(ends[0], "name", f"a <joint> of {subject}")
         if joint not in joints:
-            raise DescriptionError(f"{subject} has joint '{joint}', which its block does not have ({where}): add it")
+            raise DescriptionError(
+                f"{subject} has joint '{joint}', which its block does not have ({where}): add the joint"
+            )
         if joint in found:
             raise DescriptionError(f"{subject}: joint '{joint}' has two transmissions ({where}): remove one")
         if _number(subject, actuators[0], "mechanical_reduction", 1.0) != 1.0:
-            raise DescriptionError(f"{subject}: write <mechanical_reduction> in the <joint> ({where}), not <actuator>")
+            raise DescriptionError(f"{subject}: move <mechanical_reduction> from <actuator> to <joint> ({where})")
         found[joint] = _simple(subject, ends[0])
     return found
 
@@ -62,7 +64,8 @@ def _simple(subject: str, joint: Element) -> SimpleTransmission:
     reduction = _number(subject, joint, "mechanical_reduction", 1.0)
     if not 1e-3 <= abs(reduction) <= 1e3:
         raise DescriptionError(
-            f"{subject}: mechanical_reduction must be from 0.001 to 1000 or negative, not {reduction} ({place(joint)})"
+            f"{subject}: mechanical_reduction must be from 0.001 to 1000, or from -1000 to -0.001, not {reduction} "
+            f"({place(joint)})"
         )
     return SimpleTransmission(reduction, _number(subject, joint, "offset", 0.0))
 

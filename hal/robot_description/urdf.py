@@ -60,7 +60,7 @@ class UrdfJoint:
 
 
 def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
-    """Parse all joints of a ``<robot>``, by name. Raises DescriptionError."""
+    """Parse all joints of a ``<robot>``, keyed by name. Raises DescriptionError."""
     joints: dict[str, UrdfJoint] = {}
     for joint in map(_joint, robot.findall("joint")):
         if joint.name in joints:
@@ -143,7 +143,7 @@ def _mimic(element: Element, name: str) -> Mimic:
 def _child(element: Element, tag: str, name: str) -> str:
     child = element.find(tag)
     if child is None:
-        raise DescriptionError(f"joint '{name}' has no <{tag}> ({place(element)}): add it")
+        raise DescriptionError(f"joint '{name}' has no <{tag}> ({place(element)}): add the element")
     return attribute(child, "link", f"<{tag}> of joint '{name}'")
 
 
@@ -169,7 +169,7 @@ def attribute(element: Element, key: str, owner: str) -> str:
     """
     value = element.get(key)
     if not value:
-        raise DescriptionError(f"{owner} of the URDF has no {key} ({place(element)}): add it")
+        raise DescriptionError(f"{owner} of the URDF has no {key} ({place(element)}): add the attribute")
     return value
 
 
@@ -223,6 +223,6 @@ def finite(text: str) -> float:
 
 
 def doubles(names: Iterable[str]) -> list[str]:
-    """Return the names that occur again after their first occurrence."""
+    """Return every repeated occurrence of a name."""
     seen: set[str] = set()
     return [name for name in names if name in seen or seen.add(name)]  # type: ignore[func-returns-value]

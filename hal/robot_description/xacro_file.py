@@ -23,7 +23,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
 
     Args:
         path: The file. It may include others.
-        arguments: Values of its ``<xacro:arg>``, by name.
+        arguments: Values of its ``<xacro:arg>``, keyed by name.
 
     Returns:
         The URDF. Its lines are the same as in the output of the command ``xacro``.
@@ -42,7 +42,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     except ExpatError as error:
         reason = str(error).partition(":")[0]
         raise DescriptionError(
-            f"{_current(xacro.filestack, path)}, line {error.lineno}: {reason}: correct it"
+            f"{_current(xacro.filestack, path)}, line {error.lineno}: {reason}: correct the file"
         ) from error
     except Exception as error:  # The expressions of the file are Python, so they can raise any error.
         raise DescriptionError(_message(error, _current(xacro.filestack, path))) from error

@@ -1,4 +1,4 @@
-"""Parse XML so that each element has its file and line."""
+"""Parse XML, and record the file and line of each element."""
 
 from typing import Final
 from xml.etree.ElementTree import Element, TreeBuilder

@@ -25,9 +25,9 @@ class CalibratedJoint(BaseModel):
     mode.
     """
     lower_counts: Counts
-    """Lowest counts of the travel."""
+    """Lowest count of the travel."""
     upper_counts: Counts
-    """Highest counts of the travel."""
+    """Highest count of the travel."""
 
 
 class CalibrationFile(BaseModel):
@@ -46,7 +46,7 @@ def calibration_path(robot: Path) -> Path:
 def load_calibration(robot: Path) -> CalibrationFile | None:
     """Read the calibration for a robot file; None if there is no calibration.
 
-    Raises RobotFileError with every mistake.
+    Raises RobotFileError with all errors.
     """
     path = calibration_path(robot)
     return load(path, CalibrationFile, RobotFileError) if path.exists() else None

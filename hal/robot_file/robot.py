@@ -31,12 +31,12 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     """
     missing = [name for name in component.joints if name not in file.joints]
     extra = [name for name in file.joints if name not in component.joints]
-    problems = [f"the URDF commands {name}, but the robot file has no servo for it: add one" for name in missing]
+    problems = [f"the URDF commands {name}, but the robot file has no servo for it: add a servo" for name in missing]
     problems += [
         f"the robot file has a servo for {name}, but the URDF does not command it: remove it" for name in extra
     ]
     problems += [
-        f'the sensor {name} ({sensor.place}) has no source: name a joint as <param name="joint">'
+        f'the sensor {name} ({sensor.place}) has no source: specify a joint in <param name="joint">'
         for name, sensor in component.sensors.items()
         if sensor.interfaces and not sensor.joint
     ]

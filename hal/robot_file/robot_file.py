@@ -72,7 +72,7 @@ class JointFile(_Strict):
     metres_per_radian: MetresPerRadian | None = None
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
-    """Position P gain of a Dynamixel servo, which it keeps in RAM; None leaves the gain unchanged."""
+    """Position P gain of a Dynamixel servo, which keeps the gain in RAM. If None, the gain is not changed."""
     firmware: FirmwareVersion | None = None
     """Firmware version of the virtual servo, a Dynamixel X; by default the usual version. Real servos ignore this
     value.
@@ -97,24 +97,24 @@ class ExitFile(_Strict):
     real: ExitPolicy = "relax"
 
     def releases(self, virtual: bool) -> bool:
-        """Return whether the torque is switched off at the end."""
+        """Return whether the torque is disabled at exit."""
         return (self.virtual if virtual else self.real) == "relax"
 
 
 class ParkFile(_Strict):
-    """Pose to which the arm moves before its torque is released."""
+    """Pose to which the arm moves before its torque is disabled."""
 
     pose: dict[str, Position]
     """Joint positions, in rad or m."""
     velocity_scale: VelocityScale = 0.25
-    """Speed of the motion, as a share of the velocity limits."""
+    """Speed of the motion, as a fraction of the velocity limits."""
 
 
 class RobotFile(_Strict):
     """Content of the robot file."""
 
     bus: BusFile | None = None
-    """The only bus: short form for a robot with one bus."""
+    """Bus of a robot with only one bus (short form of ``buses``)."""
     buses: Annotated[dict[BusName, BusFile], Field(min_length=1)] | None = None
     """Buses by name. Joints and the command line refer to these names."""
     joints: dict[str, JointFile]
@@ -133,7 +133,7 @@ class RobotFile(_Strict):
         return joint.bus or next(iter(self.lines()))
 
     def joints_on(self, bus: str) -> dict[str, JointFile]:
-        """Return the joints whose servos are on this bus, by name."""
+        """Return the joints whose servos are on this bus, keyed by name."""
         return {name: joint for name, joint in self.joints.items() if self.bus_of(joint) == bus}
 
     @field_validator("buses")
@@ -153,7 +153,7 @@ class RobotFile(_Strict):
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
         problems = _shared_ids(placed) + _mixed_protocols(placed)
-        if "bus" in info.data and "buses" in info.data:  # a key is missing if it has mistakes itself
+        if "bus" in info.data and "buses" in info.data:  # a key that is itself invalid is missing here
             problems += _bus_problems(joints, info.data["bus"], info.data["buses"])
         if problems:
             raise ValueError("; ".join(problems))
@@ -170,7 +170,7 @@ class RobotFile(_Strict):
 
 
 def _shared_ids(joints: Mapping[str, JointFile]) -> list[str]:
-    """List pairs of joints with the same servo."""
+    """List pairs of joints that use the same servo."""
     owners: dict[tuple[str | None, int], str] = {}
     problems: list[str] = []
     for name, joint in joints.items():
@@ -241,7 +241,7 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read a robot file with the servo models and the calibration beside it.
+    """Read a robot file with the servo models and the calibration in the same folder.
 
     Servo protections that cannot take effect are logged as warnings.
 
@@ -249,7 +249,7 @@ def load_robot_file(path: Path) -> RobotFile:
         path: The robot file.
 
     Raises:
-        RobotFileError: The files have mistakes. The message lists all of them with file and line.
+        RobotFileError: The files contain errors. The message lists all of them with file and line.
     """
     load_servo_models(path.parent)
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)

@@ -15,9 +15,9 @@ from hal.types import JointLimits
 Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
-"""Time in which a joint without a robot file reaches its velocity limit."""
+"""Time that a joint without a robot file takes to reach its velocity limit."""
 TAKE_UP_S = 0.1
-"""Time in which a joint without a robot file reaches its acceleration limit."""
+"""Time that a joint without a robot file takes to reach its acceleration limit."""
 
 
 def together(parts: Sequence[Part]) -> Robot:
@@ -49,7 +49,7 @@ def together(parts: Sequence[Part]) -> Robot:
 def bus_name(component: HardwareInfo, bus: str) -> str:
     """Return the name of a component's bus in the combined robot.
 
-    The name is that of the component (``hand``). If the component has several buses, the name of the bus follows
+    The name is the component's name (``hand``). If the component has several buses, the bus name is appended
     (``hand-left``).
     """
     name = f"{component.name}-{bus}" if bus else component.name

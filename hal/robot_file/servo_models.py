@@ -1,4 +1,4 @@
-"""Servo models of a user, from the file ``servo_models.yaml`` beside the robot file.
+"""User-defined servo models from the file ``servo_models.yaml`` in the folder of the robot file.
 
 A model has the series and the control table of the supported model in ``like``, with its own data and registers.
 """
@@ -35,14 +35,14 @@ class _Strict(BaseModel):
 
 
 class RegisterFile(_Strict):
-    """A register that the model has in addition to the table, or instead of the table's register of the same name."""
+    """Register that the model adds to the table, or that replaces the table's register of the same name."""
 
     address: Whole = Field(ge=0, le=255)
     size: Whole = Field(ge=0, le=255)
     read_only: bool = False
     eeprom: bool = False
     signed: bool = False
-    """Whether it holds a two's complement number."""
+    """Whether the register holds a two's complement number."""
     sign_bit: Whole | None = Field(None, ge=1, le=31)
     values: tuple[RegisterValue, RegisterValue] | None = None
     """Smallest and largest value that the servo accepts."""
@@ -51,7 +51,7 @@ class RegisterFile(_Strict):
     @classmethod
     def _known_size(cls, size: int) -> int:
         if size not in SIZES:
-            raise ValueError(f"{size} is not a size of a register: write 1, 2 or 4 (bytes)")
+            raise ValueError(f"{size} is not a valid register size: write 1, 2 or 4 (bytes)")
         return size
 
     @model_validator(mode="after")
@@ -120,7 +120,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
         The models of ``servo_models.yaml`` in this folder; none if there is no such file.
 
     Raises:
-        RobotFileError: The file has mistakes. The message lists all of them with file and line.
+        RobotFileError: The file contains errors. The message lists all of them with file and line.
     """
     path = folder / FILE_NAME
     if not path.exists():
@@ -144,7 +144,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
 
 
 def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str]:
-    """Yield the mistakes of one model, each with file and line."""
+    """Yield the errors in one model, each with file and line."""
     like = catalog.MODELS.get(described.like)
     if like is None or described.like == name:
         known = ", ".join(sorted(set(catalog.MODELS) - {name}))
@@ -157,7 +157,7 @@ def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str
 
 
 def _wrong_figures(described: ModelFile, like: ServoModel) -> Iterator[tuple[str, str]]:
-    """Yield the keys of values that the series does not have, each with its mistake."""
+    """Yield the keys of values that the series does not have, each with an error message."""
     for key in _figures(described):
         if getattr(like, key, None) is None and key != "supply_v":
             yield key, f"{like.name} has no {key}: remove it"
@@ -166,7 +166,7 @@ def _wrong_figures(described: ModelFile, like: ServoModel) -> Iterator[tuple[str
 
 
 def _wrong_registers(described: ModelFile, like: ServoModel) -> Iterator[tuple[str, str]]:
-    """Yield the names of registers that cannot be in the table, each with its mistake."""
+    """Yield the names of registers that cannot be in the table, each with an error message."""
     series = catalog.series_of(like)
     last, fixed = _LAST_ADDRESS[series.protocol.packets is v1], _fixed(series)
     own = {key: one.register(key) for key, one in described.registers.items()}
@@ -190,7 +190,7 @@ def _overlaps(table: tuple[Register, ...], own: Mapping[str, Register]) -> Itera
 
 
 def _fixed(series: Series) -> dict[str, Register]:
-    """Return the registers that the bus reads and writes in every servo of a series, by name."""
+    """Return the registers that the bus reads and writes in every servo of a series, keyed by name."""
     named = [value for each in fields(series) if isinstance(value := getattr(series, each.name), Register)]
     block = series.blocks[0]
     shown = [r for r in series.registers if block.address <= r.address < block.address + block.size]

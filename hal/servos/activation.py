@@ -19,11 +19,13 @@ LOG = logging.getLogger("servoloop.hal")
 CONFIRMING_READS: Final = 8
 """Maximum number of readings until two consecutive readings agree and the measured position becomes the goal."""
 AGREE_S: Final = 0.01
-"""Time in which a joint at its velocity limit travels the maximum difference between two readings that agree."""
+"""Maximum difference between two readings that agree, as travel time at the joint's velocity limit, in seconds."""
 AGREE_COUNTS: Final = 3
 """Maximum difference between two readings that is always attributed to encoder noise, in counts."""
 FRESH_S: Final = 0.1
-"""Age at which a measurement is repeated before torque is enabled, because a limp joint may have sunk."""
+"""Maximum age of a measurement when torque is enabled, in seconds. An older measurement is repeated, because a limp
+joint may have sunk.
+"""
 
 
 class Activation:
@@ -57,14 +59,14 @@ class Activation:
     def run(self) -> dict[str, int]:
         """Enable torque joint by joint.
 
-        If the activation fails, servos that were limp before are released again. Servos that had torque before continue
-        to hold, because the arm would fall otherwise.
+        If the activation fails, servos that were limp before are released again. Servos whose torque was already
+        enabled continue to hold, because otherwise the arm would fall.
 
         Returns:
             The goals that the servos hold, in counts by joint name.
 
         Raises:
-            ActivationError: A servo must not have torque now.
+            ActivationError: The torque of a servo must not be enabled now.
             DriverError: A servo could not be reached.
         """
         states = (
@@ -83,7 +85,7 @@ class Activation:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
                 self._setup.prepare_torque(joint)
-            self._take_fresh_goals(self._joints)  # a limp arm may have sunk meanwhile
+            self._take_fresh_goals(self._joints)  # a limp arm may have sunk in the meantime
             self._hold_goals()
             for joint in self._joints:
                 self._torque_on(joint)
@@ -178,8 +180,8 @@ class Activation:
     def _check_own_limits(self, joint: Joint, counts: int) -> None:
         """Check a position outside the joint's limits against the servo's own limits.
 
-        A servo outside its own limits moves to them as soon as it has torque. For positions within the joint's limits,
-        the setup has already made this check.
+        A servo outside its own limits moves to them as soon as its torque is enabled. For positions within the joint's
+        limits, the setup has already made this check.
         """
         limits = self._setup.position_limits(joint)
         if limits is not None and not limits[0] <= counts <= limits[1]:
@@ -189,7 +191,7 @@ class Activation:
             )
 
     def _check_turn(self, joint: Joint) -> None:
-        """Check that a servo with torque does not hold its position in another turn.
+        """Check that a servo whose torque is enabled does not hold its position in another turn.
 
         Such a servo reports only the position within one turn and would move whole turns to a new goal. Only a limp
         servo can be made to discard its turns.
@@ -204,9 +206,9 @@ class Activation:
     def _hold_goals(self) -> None:
         """Write the goals and read them back, because servos do not acknowledge goals.
 
-        Repeat this if a packet was lost. Most servos enable torque when they get a goal, so the goals must be recent.
-        Limp joints are measured again even if their goals agree, because a servo that was reset holds the position at
-        which it started, and may have sunk since.
+        Repeat this if a packet was lost. Most servos enable torque when they receive a goal, so the goals must be
+        recent. Limp joints are measured again even if their goals agree, because a servo that was reset holds the
+        position at which it started, and may have sunk since.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -265,8 +267,8 @@ class Activation:
     def _retake_goals(self, joint: Joint) -> None:
         """Measure this joint and all later joints that are still limp, and use their positions as goals.
 
-        Joints with torque keep their goals. Otherwise a joint that sags under load would sag further with every lost
-        packet.
+        Joints whose torque is enabled keep their goals. Otherwise a joint that sags under load would sag further with
+        every lost packet.
         """
         later = self._joints[self._joints.index(joint) :]
         self._setup.limit_torque(joint)
@@ -278,7 +280,7 @@ class Activation:
 
 
 def counted_turns(joint: Joint, counts: int) -> str:
-    """Explain a reading that is whole turns outside the servo's range. The text is empty for any other reading."""
+    """Explain a reading that is outside the servo's range by whole turns. The text is empty for any other reading."""
     if not (turns := joint.turns(counts)):
         return ""
     number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"

@@ -1,6 +1,6 @@
-"""Find the likely cause of a servo's communication fault, after a failed setup and never in a cycle.
+"""Find the likely cause of a servo's communication fault. Call this only after a failed setup, never in a cycle.
 
-The diagnosis only reads states, also at other baud rates, and writes nothing to the servos.
+The diagnosis reads states, even at other baud rates, but writes nothing to the servos.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def diagnose(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
 def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     """Diagnose servos that have answered at this baud rate before.
 
-    Other baud rates are not tried, and servos that do not answer at all are left out. The diagnosis takes half a second
+    Other baud rates are not tried, and servos that do not answer at all are omitted. The diagnosis takes half a second
     instead of several seconds, because other components may have to wait for it.
     """
     return {i: text for i, text in _diagnosed(bus, servo_ids).items() if NO_BAUD_RATE not in text}
@@ -103,7 +103,7 @@ def _kind(reading: Reading) -> FaultKind | None:
 
 
 def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
-    """Describe each servo that never gave its state, or gave it too late, at the bus's own baud rate."""
+    """Describe each servo that never sent its state, or sent it too late, at the bus's own baud rate."""
     # A reply that arrives while another servo is asked does not count as a reading, but as a late reply.
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     tries = [bus.read_states(servo_ids) for _ in range(TRIES)]
@@ -117,9 +117,10 @@ def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     advice = latency_advice(bus.name) or HELD_BACK
     texts: dict[int, str] = {}
     for i in servo_ids:
-        # The first reply after a long silence counts as late, because it may be late. A connection that loses half of
-        # the replies has several such replies, and even more timely replies between them. Late replies also collide
-        # with other replies or are mistaken for timely replies, so only the first tries are checked for late replies.
+        # The first reply after a long silence counts as late, because it may answer an earlier request. A connection
+        # that loses half of the replies causes several such replies, but even more timely replies between them. Late
+        # replies also collide with other replies or are mistaken for timely replies, so only the first tries are
+        # checked for late replies.
         late = bus.counters.of(i).late - late_before[i]
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
@@ -143,7 +144,7 @@ def _cause(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str
 
 
 def _found_at(bus: Bus, servo_ids: Sequence[int]) -> dict[int, int]:
-    """Return the baud rate at which each missing servo answers, by servo ID."""
+    """Return the baud rate at which each missing servo answers, keyed by servo ID."""
     found: dict[int, int] = {}
     for baud in BAUD_RATES:
         missing = [i for i in servo_ids if i not in found]

@@ -30,7 +30,7 @@ class FaultLog:
 
     def __init__(self) -> None:
         self.events: dict[tuple[object, ...], _Event] = {}
-        """Events of the cycle, by their common text; usually empty."""
+        """Events of the cycle, keyed by their common text; usually empty."""
 
     def note(self, level: int, label: str, servo_id: int, text: str) -> None:
         """Record an event of one servo.

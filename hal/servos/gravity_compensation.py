@@ -35,11 +35,12 @@ class GravityCompensation:
         self.enabled = True
         """Whether offsets are applied. The offsets fade in and out slowly."""
         self.guided = False
-        """Whether the arm is moved by hand. Less of the weight is then carried, and the slow correction is off."""
+        """Whether the arm is moved by hand. If so, less of the weight is compensated, and the slow correction is off.
+        """
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:
-        """Reset the offsets of joints to zero when they are activated (None: all joints)."""
+        """Reset the offsets of joints to zero when they are activated. If None, reset the offsets of all joints."""
         for joint, own in zip(self._joints, self._each, strict=True):
             if joints is None or joint.name in joints:
                 own.restart()
@@ -79,7 +80,7 @@ class GravityCompensation:
         return self._offset(command.tolist(), measured.tolist(), dt_s)
 
     def _offset(self, command: list[float], measured: list[float], dt_s: float) -> FloatArray:
-        if self._gravity is not None and command != self._weighed:  # an arm at rest is weighed once
+        if self._gravity is not None and command != self._weighed:  # an arm at rest needs only one computation
             self._weighed, self._torques = command, self._gravity.torques_at(command)
         share = self.enabled * (GUIDED_SHARE if self.guided else 1.0)
         each = zip(self._each, command, measured, self._torques, strict=True)

@@ -24,12 +24,12 @@ class JointBuses:
     def __init__(self, joints: Sequence[Joint], buses: Mapping[str, Bus]) -> None:
         self.buses = dict(buses)
         self.joints_on = {name: [joint for joint in joints if joint.bus == name] for name in buses}
-        """Joints on each bus, by name of the bus."""
+        """Joints on each bus, keyed by bus name."""
         self._joints = tuple(joints)
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
-        # Buses that read servos one by one come first, because each request waits for the last answer. During this time
-        # the kernel buffers the bytes of the other buses. Dead buses are read last, because they use up all remaining
-        # time.
+        # Buses that read servos one by one come first, because each request waits for the answer to the previous
+        # request. During this time the kernel buffers the bytes of the other buses. Dead buses are read last, because
+        # they use up all remaining time.
         self._in_turn = sorted(buses, key=lambda name: buses[name].read_together)
         self._dead: set[str] = set()
 
@@ -89,7 +89,7 @@ class JointBuses:
             raise lost[0] if len(lost) == len(self.buses) else PartLost(str(lost[0]))
 
     def torque_states(self, joints: Sequence[Joint], deadline_s: float) -> dict[str, bool]:
-        """Return whether torque is enabled, by joint name. Servos that do not answer by the deadline are left out."""
+        """Return whether torque is enabled, keyed by joint name. Servos without an answer in time are omitted."""
         states: dict[str, bool] = {}
         for name, bus in self.buses.items():
             asked = {joint.servo_id: joint.name for joint in joints if joint.bus == name}

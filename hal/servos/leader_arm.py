@@ -1,4 +1,4 @@
-"""Hardware component for a leader arm, which is moved by hand. The servos have no torque and are only read."""
+"""Hardware component for a leader arm, which is moved by hand. The servos are limp and are only read."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -39,14 +39,14 @@ class LeaderArm(LimpArm):
         """Find all servos, without switching their torque.
 
         Raises:
-            ActivationError: A released leader has torque when it is connected again. The arm that was connected may be
-                a different arm.
+            ActivationError: The torque of a released leader is enabled when it is connected again. It may be a
+                different arm.
         """
         super().configure()
         if self._released and (servos := self.held()):
             self.cleanup()
             raise ActivationError(
-                f"the leader had no torque before its connection was lost. Now {torque_warning(servos)}: "
+                f"the leader was limp before its connection was lost. Now {torque_warning(servos)}: "
                 "restart teleoperation"
             )
 
@@ -56,7 +56,7 @@ class LeaderArm(LimpArm):
 
     def activate(self) -> None:
         """Raise ActivationError, because a leader is never driven."""
-        raise ActivationError("a leader arm is moved by hand and never gets torque")
+        raise ActivationError("a leader arm is moved by hand, so its torque is never enabled")
 
     def request(self, deadline_s: float | None = None) -> None:
         self.asked_s = self._clock.now()

@@ -1,4 +1,4 @@
-"""An arm without torque that is moved by hand, and the release of its servos."""
+"""A limp arm that is moved by hand, and the release of its servos."""
 
 from collections.abc import Collection
 

@@ -53,7 +53,7 @@ def restart(joint: Joint, clock: Clock, bus: Bus) -> None:
     Raises:
         ServoError: The servo does not answer again.
     """
-    LOG.info("%s (servo %d) has counted whole turns while it was limp: it is restarted", joint.name, joint.servo_id)
+    LOG.info("%s (servo %d) has counted whole turns while it was limp: restarting it", joint.name, joint.servo_id)
     with suppress(ServoSilent, ServoCorrupt):  # the acknowledgment may be lost
         bus.reboot(joint.servo_id)
     clock.sleep_until(clock.now() + RESTART_S)

@@ -1,4 +1,4 @@
-"""Track silent servos and servos without torque, and decide when a servo gets goals again."""
+"""Track silent servos and servos that lost their torque, and decide when a servo receives goals again."""
 
 import logging
 import math
@@ -16,66 +16,67 @@ from hal.types import JointFault
 LOG = logging.getLogger("servoloop.hal")
 
 RESET_S: Final = 0.1
-"""Silence after which a servo gets no goals until its torque has been checked.
+"""Minimum silence after which a servo receives no goals until its torque has been checked, in seconds.
 
 According to Feetech's manual a restart takes 0.8 s. A faster restart is detected, because the servo loses its torque
 limit.
 """
 WATCH_S: Final = 0.35
-"""Time in which the torque of every servo is checked once, because a servo may lose its torque without an alarm."""
+"""Period in which the torque of every servo is checked once, because a servo may lose its torque without an alarm."""
 MISSED: Final = 1.2
 """Multiple of ``WATCH_S`` after which an unchecked servo is checked in every cycle that has time left."""
 LATEST: Final = 1.4
 """Multiple of ``WATCH_S`` after which an unchecked servo is checked even if this makes the cycle late.
 
-An occasional late cycle is better than a limp joint that is not noticed, or a joint that never gets goals again."""
+An occasional late cycle is better than a limp joint that is not noticed, or a joint that never receives goals again."""
 QUICK_S: Final = 0.008
-"""Response time up to which only one servo is checked in a late cycle, so that the next cycle is on time.
+"""Maximum response time at which only one servo is checked in a late cycle, so that the next cycle is on time.
 
 On a slower bus all servos are checked at once, because the adapter delays all their answers together."""
 LATE_S: Final = 0.08
 """Maximum delay of a late cycle: two checks through an adapter that delays answers. It must be less than ``RESET_S``.
 """
 RELEASING_ALARMS: Final = ("current", "temperature")
-"""Alarms with which a servo disables its torque. A goal would enable the torque again, at once or after the servo has
+"""Alarms at which a servo releases its torque. A goal would enable the torque again, at once or after the servo has
 cooled down.
 """
-REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has ended"
+REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has exited"
 """Remedy for a servo that has shut down and refuses to enable torque until a reboot."""
 NO_TIME_AGAIN_S: Final = 1.0
 """Minimum time between two log lines about cycles that had no time left for servos, in seconds.
 
 At a rate that is too high for the bus, such cycles are frequent, and each log line takes more time."""
-_UNASKED: Final = "answers again, but its torque has not been checked yet: it gets no goals until then"
+_UNASKED: Final = "answers again, but its torque has not been checked yet: it receives no goals until then"
 
 
 class ServoFaults:
     """Faults of the servos of one component.
 
     A silent servo has a fault until it answers again. If the component is active, the torque of the servo is checked
-    first, because most servos enable torque when they get a goal. A servo that lost its torque must be activated again.
+    first, because most servos enable torque when they receive a goal. A servo that lost its torque must be activated
+    again.
     """
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.withheld: set[str] = set()
-        """Joints whose servos must get no goals."""
+        """Joints whose servos must not receive goals."""
         self.log = FaultLog()
         """Log of the events of a cycle."""
         self._joints = tuple(joints)
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
         self._released: dict[str, str] = {}
-        """Messages for servos that have disabled their torque to protect themselves, by joint name."""
+        """Messages about servos that have released their torque to protect themselves, keyed by joint name."""
         self._latched: dict[str, str] = {}
-        """Alarms that last until a reboot, by joint name."""
+        """Alarms that last until a reboot, keyed by joint name."""
         self._unlogged: set[str] = set()
         """Joints that were not measured because the cycle had no time left, and that are not logged yet."""
         self._no_time_logged_s = -math.inf
         """Time at which the log last reported a lack of time, in seconds: the first measurement of that cycle."""
         self._measured_s: dict[str, float] = {}
-        """Time of the last measurement of missing servos, by joint name."""
+        """Time of the last measurement of missing servos, keyed by joint name."""
         self._checked_s: dict[str, float] = {}
-        """Time at which a servo was last found to have torque, or to be missing, by joint name."""
+        """Time at which a servo was last found with its torque enabled, or last found missing, keyed by joint name."""
         self._next = 0
         self._next_s = self._next_late_s = 0.0
         self._quick = True
@@ -92,7 +93,7 @@ class ServoFaults:
 
     @property
     def named(self) -> frozenset[str]:
-        """Joints that have a fault or get no goals."""
+        """Joints that have a fault or receive no goals."""
         return frozenset(self._faults) | self.withheld
 
     def reactivated(self, names: Iterable[str]) -> None:
@@ -107,11 +108,11 @@ class ServoFaults:
             self._checked_s[name] = self._clock.now()
         if names:
             one = len(names) == 1
-            ends = "has torque again and holds its position" if one else "have torque again and hold their positions"
-            LOG.warning("%s %s", ", ".join(names), ends)
+            ends = "the joint holds its position" if one else "the joints hold their positions"
+            LOG.warning("%s: torque is enabled again, and %s", ", ".join(names), ends)
 
     def ask_all(self, buses: JointBuses) -> frozenset[str]:
-        """Check the torque of all servos without a fault. A servo without torque gets a fault.
+        """Check the torque of all servos without a fault. A servo whose torque is disabled gets a fault.
 
         Returns:
             The joints whose servos did not answer.
@@ -157,7 +158,7 @@ class ServoFaults:
             self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, found.text)
 
     def note_alarms(self, joint: Joint, alarms: Sequence[str], buses: JointBuses) -> None:
-        """Record the alarms of a servo in an active component. With some alarms a servo disables its torque."""
+        """Record the alarms of a servo in an active component. Some alarms make a servo release its torque."""
         if series_of(joint.model).hardware_error:
             self._latched[joint.name] = f"{', '.join(alarms)} alarm"
         releasing = [alarm for alarm in alarms if alarm in RELEASING_ALARMS]
@@ -196,7 +197,7 @@ class ServoFaults:
             for joint in [joint for joint in back if joint.name in self._released]:
                 self._refuse(
                     joint, buses, self._released[joint.name]
-                )  # replaces the fault if the servo was silent meanwhile
+                )  # replaces the fault if the servo was silent in between
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
             if back:
@@ -227,7 +228,7 @@ class ServoFaults:
         return found
 
     def _ask(self, back: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
-        """Check servos that answer again. A servo that lost power has no torque and must be activated again."""
+        """Check servos that answer again. A servo that lost power is limp and must be activated again."""
         joints = {joint.name: joint for joint in back}
         for name, driven in self._driven(back, buses, ask_until_s).items():
             joint, called = joints[name], _servo_label(joints[name], buses)
@@ -237,7 +238,7 @@ class ServoFaults:
                 self._rejoin(name)
             else:
                 why = self._latched.get(name, "power dip?")
-                self._refuse(joint, buses, f"{called} came back without torque ({why})")
+                self._refuse(joint, buses, f"{called} returned with its torque disabled ({why})")
 
     def _watch(self, due: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
         driven = self._driven(due, buses, ask_until_s)
@@ -264,7 +265,7 @@ class ServoFaults:
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
         """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest time first."""
         until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
-        if min(checked.values(), default=math.inf) > until_s:  # usual, and much faster
+        if min(checked.values(), default=math.inf) > until_s:  # the usual case, and much faster
             return []
         limp = {name for name, fault in faults.items() if fault.kind == "no_torque"}
         unseen = [joint for joint in self._joints if joint.name in measured and joint.name not in limp]

@@ -19,7 +19,7 @@ LOG = logging.getLogger("servoloop.hal")
 
 
 def wanted_gains(joint: Joint) -> dict[Register, int]:
-    """Return the gains in RAM with which the stack drives a joint.
+    """Return the gains that the stack uses for a joint and that its servo keeps in RAM.
 
     Args:
         joint: The joint with the gains of the robot file.
@@ -44,14 +44,14 @@ def foreign_gains(joint: Joint, held: Mapping[Register, int]) -> dict[Register, 
         held: Gains that the servo holds.
 
     Returns:
-        Value that the servo holds, by register.
+        Value that the servo holds, keyed by register.
     """
     factory, wanted = ram_gains(joint.model), wanted_gains(joint)
     return {r: value for r, value in held.items() if value not in (factory.get(r, wanted[r]), wanted[r])}
 
 
 def write_gains_in_ram(joint: Joint, bus: Bus) -> None:
-    """Write the gains of a joint that its servo does not have in RAM, and log gains that another program has set.
+    """Write the gains of a joint that differ from those in its servo's RAM, and log gains that another program has set.
 
     Args:
         joint: The joint.

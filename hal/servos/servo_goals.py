@@ -15,11 +15,13 @@ INTERPOLATION_MARGIN: Final = 1.1
 INTERPOLATION_FLOOR_COUNTS_S: Final = 100
 """Constant part of the goal speed, in counts/s."""
 SLOWING_S: Final = 0.2
-"""Time in which the goal speed decays after the goals stop, because the servo still lags behind them."""
+"""Duration of the decay of the goal speed after the goals stop, in seconds, because the servo still lags behind them.
+"""
 CATCH_UP_S: Final = 0.5
-"""Approximate time in which a servo that is far from its goal reaches it."""
+"""Approximate time that a servo far from its goal takes to reach it."""
 BLOCKED_CYCLES: Final = 2
-"""Number of consecutive cycles after which a large lag counts, so that a single false measurement moves no goal."""
+"""Number of consecutive cycles after which a large lag has an effect, so that a single false measurement moves no goal.
+"""
 GAINED_S: Final = 0.1
 """Age of the measured speed, in seconds. The joint may have accelerated since then."""
 UNKNOWN_LEAD_TURNS: Final = 0.12
@@ -36,7 +38,7 @@ class ServoGoals:
         self._servos = tuple(_Servo(joint) for joint in joints)
         self._watch = StallWatch({servo.name: servo.lead.at_rest for servo in self._servos})
         self.stalls = self._watch.stalls
-        """Joints that press without moving, by name. If a joint has a torque limit, its drive is reduced."""
+        """Joints that press without moving, keyed by name. If a joint has a torque limit, its drive is reduced."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
         """Set the goals (counts by joint name) that the servos hold after activation. Other joints keep their goals."""
@@ -57,16 +59,17 @@ class ServoGoals:
         loads: Mapping[str, float],
         withheld: Collection[str],
     ) -> dict[str, ServoGoal]:
-        """Compute the goals of one cycle, by joint name. A goal changes by at most the joint's travel in one period.
+        """Compute the goals of one cycle, keyed by joint name.
 
-        ``positions`` are in rad or m, in the order of the joints. ``measured`` has counts and ``loads`` has shares of
-        full drive, both by joint name. Joints in ``withheld`` get no goal.
+        A goal changes by at most the distance that the joint may travel in one period. ``positions`` are in rad or m,
+        in the order of the joints. ``measured`` holds counts and ``loads`` holds fractions of full drive, both keyed by
+        joint name. Joints in ``withheld`` receive no goal.
         """
         goals: dict[str, ServoGoal] = {}
         watch = self._watch
         for servo, position in zip(self._servos, positions, strict=True):
             name, reading = servo.name, measured.get(servo.name)
-            if name in withheld:  # a joint without torque cannot press
+            if name in withheld:  # a limp joint cannot press
                 watch.restart((name,))
             else:
                 here = _as_compared(servo.joint, reading, servo.goal.position_counts)
@@ -81,7 +84,7 @@ class ServoGoals:
 
 
 class _Servo:
-    """Goal of one servo. Each cycle uses the numbers of its joint, which are therefore computed only once."""
+    """Goal of one servo. The constants of its joint are computed only once, because every cycle uses them."""
 
     __slots__ = ("behind", "fastest", "goal", "joint", "lead", "lower", "measured", "name", "turn", "upper")
 
@@ -150,7 +153,7 @@ def _as_compared(joint: Joint, measured: int | None, goal: int) -> int | None:
     """Return the measured counts as the servo compares them with its goal.
 
     A servo with disabled position limits counts turns in its goal, but reports its position within one turn. The turn
-    nearest to the goal is the right turn, because the goal of such a servo is never half a turn ahead.
+    nearest to the goal is the correct turn, because the goal of such a servo is never half a turn ahead.
     """
     if measured is None or not joint.seam_inside:
         return measured

@@ -19,7 +19,7 @@ from hal.servos.soft_torque import SoftTorque
 from hal.types import JointCommand, JointState, position_interfaces
 
 READ_SHARE = 0.5
-"""Share of the period that a read may take if it has no deadline."""
+"""Maximum duration of a read without a deadline, as a fraction of the period."""
 FIRST_PERIOD_S = 0.05
 """Assumed period before the first command."""
 
@@ -103,11 +103,11 @@ class ServoHardware:
         self._activation = activation
 
     def holds(self) -> bool:
-        """Return whether a servo of the configured component has torque. Raises DriverError."""
+        """Return whether the torque of any servo of the configured component is enabled. Raises DriverError."""
         return any(map(ServoSetup(self._opened("ask for torque")).torque_is_on, self._joints))
 
     def disable_torque(self) -> Sequence[str]:
-        """Disable the torque of all servos that answer, also if the component could not be configured."""
+        """Disable the torque of all servos that answer, even if the component could not be configured."""
         buses = self._buses or self._open()
         try:
             return ServoSetup(buses).torque_off(self._joints)
@@ -116,7 +116,10 @@ class ServoHardware:
                 buses.close()
 
     def undo_activation(self) -> Sequence[str]:
-        """Undo the activation. Servos that had torque before continue to hold, because the arm would fall otherwise."""
+        """Undo the activation.
+
+        Servos whose torque was already enabled continue to hold, because otherwise the arm would fall.
+        """
         require(self.state, LifecycleState.ACTIVE, "undo the activation")
         assert self._activation is not None
         self.state = LifecycleState.INACTIVE
@@ -133,7 +136,7 @@ class ServoHardware:
         return self._states.faults.ask_all(self._opened("ask for torque"))
 
     def reactivate(self) -> frozenset[str]:
-        """Enable torque of joints without torque at their measured positions. The other servos hold their positions."""
+        """Enable the torque of limp joints at their measured positions. The other servos hold their positions."""
         require(self.state, LifecycleState.ACTIVE, "reactivate")
         names = self.without_torque
         joints = [joint for joint in self._joints if joint.name in names]
@@ -183,8 +186,8 @@ class ServoHardware:
     def write(self, command: JointCommand) -> None:
         """Send the goals of all servos, with one packet on each bus.
 
-        The command has passed the safety gate. A servo that may be limp gets no goal, because the goal would enable its
-        torque.
+        The command has passed the safety gate. A servo that may be limp receives no goal, because the goal would enable
+        its torque.
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s

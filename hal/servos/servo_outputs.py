@@ -58,7 +58,7 @@ class ServoOutputs:
         self._due = [*self._inputs]
         self._next_s = -math.inf
         self.values: Mapping[str, float] = {}
-        """Values of the state interfaces, by name (``lamp/led``). The loop replaces the mapping."""
+        """Values of the state interfaces, keyed by name (``lamp/led``). The loop replaces the mapping."""
 
     @property
     def has_inputs(self) -> bool:
@@ -102,13 +102,13 @@ def output_problems(component: HardwareInfo, joints: Mapping[str, Joint]) -> Ite
     """Yield a message for each output that the servos of a component do not have."""
     for name, info in component.outputs.items():
         if info.joint not in joints:
-            yield f'the output {name} ({info.place}) has no servo: name a joint as <param name="joint">'
+            yield f'the output {name} ({info.place}) has no servo: specify a joint in <param name="joint">'
         elif reason := _why_not_output(joints[info.joint], Interface.parse(name).kind, info):
             yield reason
 
 
 def _why_not_output(joint: Joint, kind: str, info: OutputInfo) -> str:
-    """Return why a register cannot be an output, or an empty text."""
+    """Return the reason why a register cannot be an output, or an empty text."""
     subject = f"{info.joint}: the command_interface {kind} ({info.place})"
     has = ", ".join(name for name in ALLOWED if _register(joint, name)) or "none"
     remedy = f"use one of its outputs ({has}), or remove it"

@@ -37,7 +37,7 @@ These registers define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
-    """Return the registers of a servo that a robot file may set, by name: settings in EEPROM and gains in RAM.
+    """Return the registers of a servo that a robot file may set, keyed by name: settings in EEPROM and gains in RAM.
 
     A P gain in RAM is not included, because the robot file has the key ``position_p`` for it.
     """
@@ -119,7 +119,7 @@ def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
 
 
 def check_goal_current(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and no torque."""
+    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and thus no torque."""
     if _goal_current(joint, bus) == 0:
         raise ServoRefused(
             joint.servo_id,
@@ -146,7 +146,10 @@ def warn_of_goal_current(joint: Joint, bus: Bus) -> None:
 
 
 def _goal_current(joint: Joint, bus: Bus) -> int | None:
-    """Return the goal current if it limits the servo; None in other modes and for servos without current."""
+    """Return the goal current if it limits the servo.
+
+    Return None in other modes, and for servos that do not measure their current.
+    """
     if x.current_unit_a(joint.model) is None:
         return None
     if retry(partial(bus.read, joint.servo_id, x.operating_mode)) != x.CURRENT_POSITION_MODE:
@@ -187,7 +190,7 @@ def apply_settings(joint: Joint, bus: Bus) -> None:
 
 
 def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
-    """Log a warning if the servo has gains for which the compensation was not computed."""
+    """Log a warning if the servo's gains differ from those that the compensation assumes."""
     known, named = settings_of(joint.model), dict(joint.settings)
     assumed = {name: value for name, value in assumed_settings(joint.model).items() if name not in named}
     held = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in assumed}
@@ -195,7 +198,7 @@ def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
         others = {name: value for name, value in held.items() if value != assumed[name]}
         LOG.warning(
             "%s (servo %d) has gains that differ from the factory settings, so the compensation is less accurate. "
-            "Write the gains to use in the robot file, for example the present values: settings: %s",
+            "Set the gains in the robot file, for example to the present values: settings: %s",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )
 

@@ -1,4 +1,4 @@
-"""Set up servos: identify and check them, write their settings, measure positions and switch torque."""
+"""Set up servos: identify and check them, write their settings, measure positions, and enable or disable torque."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 
 class ServoSetup:
-    """Slow access to servos one by one, which must not be used in a cycle."""
+    """Slow access to single servos. It must not be used in a cycle."""
 
     def __init__(self, buses: JointBuses) -> None:
         self._buses = buses
@@ -244,7 +244,7 @@ def _prepare_torque(joint: Joint, bus: Bus) -> None:
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """Enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+    """Enable torque. If a Dynamixel refuses because it has shut down, add its alarms to the error."""
     try:
         bus.torque_on(joint.servo_id, prepared=True)
     except ServoRefused as error:
@@ -252,11 +252,11 @@ def _torque_on(joint: Joint, bus: Bus) -> None:
         alarms = source[1](retry(partial(bus.read, joint.servo_id, source[0]))) if source else ()
         if not alarms:
             raise
-        raise ServoRefused(joint.servo_id, f"refuses torque ({', '.join(alarms)} alarm): {REBOOT}") from error
+        raise ServoRefused(joint.servo_id, f"refuses to enable torque ({', '.join(alarms)} alarm): {REBOOT}") from error
 
 
 def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """Return messages for servos whose voltage is outside the rated range in every reading, by servo ID."""
+    """Return messages for servos whose voltage is outside the rated range in every reading, keyed by servo ID."""
     models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
     for _ in range(ATTEMPTS):
         states = {i: reading for i, reading in readings.items() if isinstance(reading, ServoState)}
@@ -269,5 +269,5 @@ def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Re
 
 
 def _with_cause(reading: Reading, cause: str | None) -> Reading:
-    """Replace the description of a fault by its likely cause, if it is known."""
+    """Replace the description of a fault with its likely cause, if the cause is known."""
     return reading._replace(text=cause) if cause and isinstance(reading, ServoFault) else reading

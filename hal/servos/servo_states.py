@@ -21,11 +21,11 @@ class ServoStates:
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.measured: dict[str, int] = {}
-        """Counts of the servos that answered in the last exchange, by joint name."""
+        """Counts of the servos that answered in the last exchange, keyed by joint name."""
         self.loads: dict[str, float] = {}
-        """Drive of the servos that answered in the last exchange, as a share of full drive, by joint name."""
+        """Drive of the servos that answered in the last exchange, as a fraction of full drive, keyed by joint name."""
         self.stalls: Mapping[str, Stall] = {}
-        """Servos that press without motion, by joint name."""
+        """Servos that press without moving, keyed by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
@@ -47,7 +47,7 @@ class ServoStates:
         """Return the joint states after one exchange on the bus.
 
         Args:
-            readings: Reading of each joint, by joint name.
+            readings: Reading of each joint, keyed by joint name.
             buses: Buses of the joints, with their counters.
             ask_until_s: Clock time until which servos may be asked whether their torque is enabled. None if the
                 component is not active.
@@ -87,7 +87,7 @@ class ServoStates:
         return self._last
 
     def _measure(self, joint: Joint, reading: ServoState, account: ServoCounters, buses: JointBuses) -> ServoHealth:
-        """Note the counts and the drive of a servo that answered, and return its health."""
+        """Record the counts and the drive of a servo that answered, and return its health."""
         name, load, current_a = joint.name, reading.load, reading.current_a
         self.measured[name], self.loads[name] = reading.position_counts, load
         return ServoHealth(

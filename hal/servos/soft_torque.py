@@ -12,8 +12,8 @@ from hal.servos.servo_setup import ServoSetup
 
 LOG = logging.getLogger("servoloop.hal")
 SOFT_SHARE: Final = 0.7
-"""Share of each joint's torque limit while the arm is soft: at most half for the weight, the rest for holding. Even if
-a servo does not answer and does not yield, the user can move the joint by hand.
+"""Fraction of each joint's torque limit that is available while the arm is soft. At most half is needed for the weight,
+and the rest is for holding. Even if a servo does not answer and does not yield, the user can move the joint by hand.
 """
 
 
@@ -47,7 +47,7 @@ class SoftTorque:
         """Restore the torque limits that are reduced. Joints whose servos fail are logged and stay in ``reduced``.
 
         Args:
-            silent: Joints that do not answer now. They are left out and stay in ``reduced``.
+            silent: Joints that do not answer now. These joints are skipped and stay in ``reduced``.
 
         Raises:
             DriverError: The port is lost.

@@ -1,8 +1,9 @@
 """Detect servos that press with full drive without moving, which would overheat the motor of a gripper.
 
 Every stalled joint is reported. The drive is reduced only for joints with a ``torque_limit`` below 1, because this
-limit prevents the servo's own overload protection from acting. A joint with full torque has that protection. If it
-carries a load, it would fall with less torque, and the drive alone does not distinguish a load from an obstacle.
+limit prevents the servo's own overload protection from acting. A joint with full torque still has that protection.
+The drive of such a joint is not reduced, because it may carry a load and would fall. The drive alone does not
+distinguish a load from an obstacle.
 
 The drive is reduced by moving the goal closer to the joint. This works with servos of every make, without writing a
 register, and the next motion has the full torque limit again.
@@ -18,12 +19,12 @@ from hal.servos.fault_log import FaultLog
 from hal.types import Stall
 
 STALL_S: Final = 1.0
-"""Time for which a joint may press without motion before its drive is reduced. The protection of an STS takes 2 s."""
+"""Maximum time a joint may press without moving before its drive is reduced. The protection of an STS takes 2 s."""
 PRESSING: Final = 0.8
-"""Drive at which a servo counts as pressing, as a share of the torque limit."""
+"""Minimum drive at which a servo counts as pressing, as a fraction of the torque limit."""
 HOLDING: Final = 0.36
-"""Reduced drive, as a share of the torque limit. With a limit of 50 %, the reduced drive is 18 %, less than the 20 % of
-an STS's protective torque.
+"""Reduced drive, as a fraction of the torque limit. With a limit of 50 %, the reduced drive is 18 %, less than the 20 %
+of an STS's protective torque.
 """
 SETTLE_S: Final = 0.8
 """Time that a servo needs to react to the closer goal, before its measured drive is used."""
@@ -32,16 +33,15 @@ WEAKEN_S: Final = 0.5
 STRENGTHEN_PER_S: Final = 0.05
 """Speed at which the goal moves away while the drive is too low. The unit is the distance at full drive, per second."""
 STILL_TURNS: Final = 0.005
-"""Motion within which a joint counts as not moving, in turns of the shaft. This covers backlash and soft fingers."""
+"""Maximum motion of a joint that counts as not moving, in turns of the shaft. It covers backlash and soft fingers."""
 FREE_TURNS: Final = 0.02
-"""Motion toward the goal after which a joint counts as free again, in turns of the shaft."""
+"""Minimum motion toward the goal at which a joint counts as free again, in turns of the shaft."""
 NEW_COMMAND_TURNS: Final = 0.005
 """Minimum change of a command that counts as a motion, in turns of the shaft."""
 NEW_MOTION_S: Final = 1.0
-"""Time for which a command must be at rest before the next change counts as a new motion."""
+"""Minimum time a command must be at rest before the next change counts as a new motion."""
 WARN_S: Final = 10.0
-"""Time for which a gripper that has closed on an object causes a warning. After this time, holding the object is
-normal.
+"""Duration of the warning about a gripper that has closed on an object. After this time, holding the object is normal.
 """
 
 
@@ -56,10 +56,10 @@ class _Press:
     anchor: int
     """Position when the joint last moved."""
     resting_s: float = 0.0
-    """Time for which the command has been at rest."""
+    """Time since the command came to rest, in seconds."""
     pressed_s: float = 0.0
     held_s: float = 0.0
-    """Time for which the drive has been reduced."""
+    """Time since the drive was first reduced, in seconds."""
     ahead: float | None = None
     """Distance from the joint to its goal while the drive is reduced; None if it is not reduced."""
     direction: int = 1
@@ -75,10 +75,10 @@ class StallWatch:
         """Create the detection.
 
         Args:
-            full_ahead: Distance from a joint to its goal at full drive, in counts, by joint name.
+            full_ahead: Distance from a joint to its goal at full drive, in counts, keyed by joint name.
         """
         self.stalls: dict[str, Stall] = {}
-        """Joints that press without motion, by name."""
+        """Joints that press without moving, keyed by name."""
         self.log = FaultLog()
         """Log of the events of a cycle, which the caller of ``goal`` flushes."""
         self._full_ahead = full_ahead
@@ -97,7 +97,7 @@ class StallWatch:
             joint: The joint.
             command: Commanded position, in counts.
             here: Measured position, in counts; None if the joint was not measured.
-            load: Measured drive as a share of full drive; NaN if unknown.
+            load: Measured drive as a fraction of full drive; NaN if unknown.
             period_s: Period of the control loop, in seconds.
 
         Returns:

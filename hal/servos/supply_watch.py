@@ -10,9 +10,9 @@ from hal.joint import Joint
 from hal.servos.fault_log import FaultLog
 
 BEGINS_S: Final = 0.3
-"""Minimum time of a wrong voltage before it is reported. Braking and starting motors change the voltage briefly."""
+"""Minimum duration of a wrong voltage before it is reported. Braking and starting motors change the voltage briefly."""
 ENDS_S: Final = 1.0
-"""Minimum time of a correct voltage before the report ends. A supply that sags in each motion causes one report."""
+"""Minimum duration of a correct voltage before the report ends. A supply that sags in each motion causes one report."""
 
 
 class SupplyWatch:
@@ -24,8 +24,8 @@ class SupplyWatch:
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
-        """New kind of fault (empty: the fault has ended) and the time at which it began, by joint name, until it is
-        reported.
+        """Changes that are not reported yet, keyed by joint name: the new kind of fault (empty if the fault has ended)
+        and the time at which it began.
         """
 
     def forget(self) -> None:

@@ -1,4 +1,4 @@
-"""Receive the compressed pictures of the camera node as they are encoded, for recordings and for the browser view."""
+"""Receive the compressed images of the camera node without decoding them, for recordings and for the browser view."""
 
 import struct
 from collections.abc import Callable
@@ -12,9 +12,9 @@ from drivers.clock import Clock
 from nodes.clients.client_node import WatchingNode
 
 PICTURES: Final = "apple_camera/image_raw/compressed"
-"""Topic of the compressed pictures."""
+"""Topic of the compressed images."""
 GONE_S: Final = 3.0
-"""Age from which a picture is not shown any more, in seconds."""
+"""Maximum age of an image that is shown, in seconds."""
 STAMP: Final = struct.Struct("<iI")
 """Layout of the stamp, seconds and nanoseconds, which is the first field of the message."""
 STAMP_AT: Final = 4
@@ -22,7 +22,7 @@ STAMP_AT: Final = 4
 
 
 def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
-    """Pass the stamp (in ns of ROS time) and the encoded message of every picture to ``store``."""
+    """Pass the stamp (in ns of ROS time) and the encoded message of every image to ``store``."""
 
     def on_message(data: bytes) -> None:
         seconds, nanoseconds = STAMP.unpack_from(data, STAMP_AT)
@@ -32,7 +32,7 @@ def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
 
 
 class PictureWatch:
-    """Newest picture of the camera node, received in a thread and a ROS context of its own."""
+    """Latest image of the camera node, received in a thread and a ROS context of its own."""
 
     def __init__(self, clock: Clock, namespace: str = "") -> None:
         """Start to watch the camera node in a namespace; empty for the root namespace."""
@@ -45,7 +45,7 @@ class PictureWatch:
 
     @property
     def newest(self) -> CompressedImage | None:
-        """Newest picture; None if the last one is older than ``GONE_S``."""
+        """Latest image; None if it is older than ``GONE_S``."""
         newest = self._newest
         return newest if self._clock.now() - self._received_s < GONE_S else None
 

@@ -22,7 +22,7 @@ Client = tuple[Node, SingleThreadedExecutor]
 def client_node(name: str, namespace: str = "") -> Iterator[Client]:
     """Provide a node in a namespace and its executor, which the caller spins.
 
-    Signal handling remains with the caller.
+    The caller remains responsible for signal handling.
 
     Raises:
         RosError: ROS 2 does not start.

@@ -1,4 +1,4 @@
-"""Monitor the jobs that are started by camera pictures, through the topics of the sorting cell."""
+"""Monitor the jobs that are started by camera images, through the topics of the sorting cell."""
 
 import json
 from collections import deque
@@ -24,7 +24,7 @@ ENDS: Final = (JobPhase.DONE, JobPhase.ERROR)
 
 @dataclass(frozen=True, slots=True)
 class SeenApple:
-    """The first apple with a grade in a message. The stamp of the apple is the time of the picture, in ROS time."""
+    """The first apple with a grade in a message. The stamp of the apple is the time of the image, in ROS time."""
 
     stamp_s: float
     grade: str
@@ -44,7 +44,7 @@ class SortingJob:
     apple: SeenApple | None = None
     """Apple that started the job: the first apple with this grade after the previous job. The message with this apple
     can arrive later than the first state of the job. A monitor that was connected too late for this message has the
-    values from the next picture of the same apple."""
+    values from the next image of the same apple."""
     phase: str = ""
     message: str = ""
 
@@ -60,7 +60,7 @@ class SortingJob:
 
     @property
     def picture_to_goal_s(self) -> float | None:
-        """Time from the picture to the start of the job, in seconds; None if the picture is unknown."""
+        """Time from the image to the start of the job, in seconds; None if the image is unknown."""
         if self.apple is None or self.apple.stamp_s > self.started_s:
             return None
         return self.started_s - self.apple.stamp_s
@@ -74,7 +74,7 @@ class SortingMonitor:
     jobs: list[SortingJob] = field(default_factory=list)
     """All jobs since the start, oldest first."""
     newest: SeenApple | None = None
-    """Apple of the newest message; None if that message has no apple with a grade."""
+    """Apple of the latest message; None if that message has no apple with a grade."""
     _node: Node | None = None
     _seen: deque[SeenApple] = field(default_factory=lambda: deque(maxlen=KEPT))
 
@@ -85,7 +85,7 @@ class SortingMonitor:
         node.create_subscription(String, "sorting/arm/state", self._on_state, 10)
 
     def receive_pictures(self, store: Callable[[int, bytes], None]) -> None:
-        """Pass the stamp (in ns of ROS time) and the encoded message of every compressed picture to ``store``."""
+        """Pass the stamp (in ns of ROS time) and the encoded message of every compressed image to ``store``."""
         if self._node is not None:
             subscribe_pictures(self._node, store)
 

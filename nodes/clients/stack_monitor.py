@@ -30,7 +30,7 @@ class Sample:
 
 @dataclass(slots=True)
 class NewestMessages:
-    """The newest message of each topic."""
+    """The latest message of each topic."""
 
     position: dict[str, float] = field(default_factory=dict)
     velocity: dict[str, float] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class NewestMessages:
 
     @property
     def loop(self) -> dict[str, str]:
-        """Figures of the control loop from /diagnostics."""
+        """Statistics of the control loop from /diagnostics."""
         return self.diagnostics.get(LOOP_STATUS, {})
 
     def servo(self, joint: str) -> dict[str, str]:
@@ -68,7 +68,7 @@ class StackMonitor:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def spin(self, seconds: float) -> None:
-        """Receive messages, and wait at most ``seconds`` for one."""
+        """Receive messages, and wait at most ``seconds`` for a message."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:

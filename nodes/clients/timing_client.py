@@ -44,7 +44,7 @@ class TimedController:
     """Names of the controller's joints."""
     name: str = "arm_controller"
     moved: float = 1e-6
-    """Distance beyond which a joint counts as moved, in rad or m."""
+    """Minimum distance at which a joint counts as moved, in rad or m."""
 
 
 class TimingClient:

@@ -14,7 +14,7 @@ from nodes.publishing import EVERY_CALL
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
-"""Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
+"""Time a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
 every status message would list all goals of the last 15 minutes, and responses would become late after several hundred
 goals."""
 
@@ -78,7 +78,7 @@ class ActionGoals(Generic[Handle]):
         self._handles: dict[bytes, Handle] = {}
         self._undecided: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
         self.wake: Callable[[], None] = lambda: None
-        """The call wakes the executor, which then sends results."""
+        """Function that wakes the executor, which then sends results."""
 
     @property
     def waiting(self) -> bool:

@@ -31,7 +31,7 @@ from nodes.ros_time import RosTime
 LOG = logging.getLogger("servoloop.nodes")
 
 LAST_CYCLES = 2
-"""Number of extra cycles that a node still exists after its controller is unloaded, so that clients receive results."""
+"""Number of extra cycles a node exists after its controller is unloaded, so that clients receive results."""
 
 _INCOMPLETE = "controller %s is running, but its ROS node is incomplete because of this error"
 
@@ -47,7 +47,7 @@ class ControllerNode:
         )
         self._specs = [spec]
         """The original specification and all specifications created by parameter changes. The control loop may not use
-        the newest specification yet."""
+        the latest specification yet."""
         self.controller: Controller | None = None
         """Controller to which the interface node belongs."""
         self._set_interface(None)
@@ -75,7 +75,7 @@ class ControllerNode:
         return entry is not None and bool(self._specs)
 
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]]) -> None:
-        """Publish cycles with their stamps. ``stamp`` is the stamp of the newest cycle."""
+        """Publish cycles with their stamps. ``stamp`` is the stamp of the latest cycle."""
         try:
             if self._every_cycle is not None:
                 for cycle in cycles:
@@ -158,7 +158,7 @@ class ControllerNodes:
         return self._manager.registry.loaded is self._synchronized_with and self._complete
 
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
-        """Publish all cycles since the last call, each with its stamp. ``stamp`` is the stamp of the newest cycle."""
+        """Publish all cycles since the last call, each with its stamp. ``stamp`` is the stamp of the latest cycle."""
         for node in (*self._nodes.values(), *self._unloaded.values()):
             node.publish(stamp, cycles)
 

@@ -25,15 +25,15 @@ from nodes.controllers.gripper import ParallelGripperNode, PositionGripperNode
 from nodes.controllers.trajectory import TrajectoryNode
 
 ENTRY_POINTS: Final = "servoloop.controller_nodes"
-"""Entry point group in which a package registers interface nodes for its controllers, by controller ``type``."""
+"""Entry point group in which a package registers interface nodes for its controllers, keyed by controller ``type``."""
 
 
 @runtime_checkable
 class NewestCycleNode(Protocol):
-    """An interface node that publishes only the newest state of its controller."""
+    """An interface node that publishes only the latest state of its controller."""
 
     def publish(self, stamp: Time) -> None:
-        """Publish the state after one or more cycles. ``stamp`` is the ROS time of the newest measurement."""
+        """Publish the state after one or more cycles. ``stamp`` is the ROS time of the latest measurement."""
         ...
 
 
@@ -47,8 +47,8 @@ class EveryCycleNode(Protocol):
 
 
 ControllerInterfaceNode = NewestCycleNode | EveryCycleNode
-"""An interface node with one or both of these methods. ``publish`` is called after ``publish_cycle`` was called for all
-cycles.
+"""An interface node that has ``publish``, ``publish_cycle`` or both. ``publish`` is called after ``publish_cycle`` was
+called for all cycles.
 
 The methods never run at the same time as a callback of a node. The interface node exists from the configuration of its
 controller to the cleanup. The interface node is created as ``Class(node, controller)``. The manager creates ``node``

@@ -39,7 +39,7 @@ class TrajectoryGoals:
         self._clock = node.get_clock()
         self._controller = controller
         self.newest: tuple[Tracking, float] | None = None
-        """Newest cycle and its ROS time in seconds, or None while the controller is inactive."""
+        """Latest cycle and its ROS time in seconds, or None while the controller is inactive."""
         self._checked_goal: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
         self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
         self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
@@ -89,7 +89,7 @@ class TrajectoryGoals:
         return self._timed(request.trajectory, tolerances)
 
     def _timed(self, message: JointTrajectory, tolerances: Tolerances, from_topic: bool = False) -> TrajectoryGoal:
-        """Convert a trajectory and add the time of the next cycle, estimated from the newest cycle."""
+        """Convert a trajectory and add the time of the next cycle, estimated from the latest cycle."""
         now_s = self._clock.now().nanoseconds * 1e-9
         goal = _trajectory(message, now_s, tolerances, from_topic)
         if self.newest is None:

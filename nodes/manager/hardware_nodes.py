@@ -35,7 +35,7 @@ class HardwareNodes:
                 node.add_on_set_parameters_callback(_switching(switch))
 
     def update(self, state: JointState) -> None:
-        """Store the newest state for the next report."""
+        """Store the latest state for the next report."""
         self._state = state
 
     def _publish(self) -> None:
@@ -51,7 +51,7 @@ class HardwareNodes:
 def diagnostic_message(status: Status, namespace: str) -> DiagnosticStatus:
     """Convert a status to its message.
 
-    Its name begins with the namespace of the stack, because all namespaces share /diagnostics.
+    The name in the message begins with the namespace of the stack, because all namespaces share /diagnostics.
     """
     return DiagnosticStatus(
         level=bytes([status.level]),

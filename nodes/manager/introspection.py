@@ -1,6 +1,6 @@
 """Publish the interfaces of the hardware and the times of the loop, as ros2_control does with pal_statistics.
 
-PlotJuggler draws these topics. A cycle is published only if a program subscribes.
+PlotJuggler draws these topics. A cycle is published only if a program has subscribed.
 """
 
 import math
@@ -23,7 +23,7 @@ from nodes.stack import Stack
 INTERFACES: Final = "~/introspection_data"
 TIMES: Final = "~/statistics"
 EVERY_CYCLE: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""Profile of pal_statistics for values."""
+"""QoS profile that pal_statistics uses for values."""
 NAMES: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS profile for the names topic, so that late subscribers also receive the names."""
 VERSION: Final = 1
@@ -45,7 +45,7 @@ class _Topics:
         self._names.publish(message)
 
     def publish(self, values: Callable[[], Sequence[float]], stamp: Time) -> None:
-        """Publish values in the order of the names. They are computed only if there is a subscriber."""
+        """Publish values in the order of the names. The values are computed only if there is a subscriber."""
         full, alone = self._full.get_subscription_count(), self._values.get_subscription_count()
         if not full and not alone:
             return
@@ -116,7 +116,7 @@ class LoopTimes:
 
 
 class Introspection:
-    """Both lists of variables of one stack. One thread uses it."""
+    """The two lists of variables of one stack. Only one thread may use this object."""
 
     def __init__(self, node: Node, stack: Stack) -> None:
         self._stack = stack

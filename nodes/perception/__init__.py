@@ -1,1 +1,1 @@
-"""The camera node: publishes the pictures of a camera and the apples that it grades in them."""
+"""The camera node, which publishes the images of a camera and grades the apples in them."""

@@ -1,4 +1,4 @@
-"""Publish the pictures of a camera and the apples in them.
+"""Publish the images of a camera and the apples in them.
 
 A thread reads the camera, grades the apples and publishes the results. The executor serves the parameters and publishes
 ``/diagnostics``.
@@ -89,7 +89,7 @@ class CameraNode:
                 self._set(loop.status)
                 if seen is not None and rclpy.ok():
                     self._publish(seen, intrinsics)
-        except Exception as error:  # The node must report that it grades no pictures.
+        except Exception as error:  # The node must report that it grades no images.
             self._set(GradingStatus(False, f"internal error: {type(error).__name__}: {error}"))
             self._node.get_logger().error(printable_line(f"the camera has ended: {error!r}"))
         finally:
@@ -120,7 +120,7 @@ class CameraNode:
         if problem:  # rclpy allows only one severity per line of code.
             self._node.get_logger().error(printable_line(f"nothing is graded: {problem}"))
         else:
-            self._node.get_logger().info("the camera works, and its pictures are graded")
+            self._node.get_logger().info("the camera works, and its images are graded")
 
     def _report(self) -> None:
         now = self._node.get_clock().now().to_msg()
@@ -128,6 +128,6 @@ class CameraNode:
 
 
 def _if_wanted(publisher: Publisher, message: Callable[[], Any]) -> None:
-    """Publish a message only if the topic has a subscriber, because pictures are large."""
+    """Publish a message only if the topic has a subscriber, because images are large."""
     if publisher.get_subscription_count() > 0:
         publisher.publish(message())

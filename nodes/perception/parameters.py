@@ -21,16 +21,16 @@ from perception.intrinsics import Intrinsics, read_intrinsics
 from perception.sources.choice import source_of
 
 FRAMES: Final = {
-    "camera_frame": ("camera_optical_frame", "frame of the pictures"),
+    "camera_frame": ("camera_optical_frame", "frame of the images"),
     "base_frame": ("base_link", "frame of the poses"),
 }
 """Parameters of each camera, with their defaults and descriptions."""
 OWN: Final[dict[str, tuple[Any, str]]] = {
-    "source": ("", "path in /dev/v4l/by-id, index, video file, or folder of pictures"),
+    "source": ("", "path in /dev/v4l/by-id, index, video file, or folder of images"),
     "rate_hz": (30.0, "rate to request from the camera, in Hz"),
     "camera_file": ("camera.yaml", "intrinsics, as camera_calibration or 'servoloop camera calibrate' writes them"),
     "pose_file": ("camera_pose.yaml", "pose above the plane, as 'servoloop camera plane' writes it"),
-    "grades_file": ("", "thresholds of the grades; empty for the built-in ones"),
+    "grades_file": ("", "thresholds of the grades; empty for the built-in thresholds"),
     "detector": ("color", "color finds apples by their color, onnx with your own model"),
     "model_file": ("", "ONNX file of the detector, in the layout of YOLOv8"),
     "classes_file": ("", "classes of the detector, and their grades"),
@@ -57,8 +57,8 @@ camera cannot be opened."""
 def declare(node: Node, name: str, default: Any, description: str) -> Any:
     """Declare a read-only parameter, and return its value, which has the type of the default.
 
-    A command line has only whole numbers for ``source:=0`` and ``rate_hz:=30``, so both numbers and texts are accepted
-    for either parameter. Raises PerceptionError if the value cannot be converted.
+    On a command line, ``source:=0`` and ``rate_hz:=30`` are whole numbers, so both parameters accept numbers and
+    strings. Raises PerceptionError if the value cannot be converted.
     """
     descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True, description=description)
     value = node.declare_parameter(name, default, descriptor).value
@@ -94,7 +94,7 @@ def camera_of_parameters(clock: Clock) -> Setup:
 
 
 def _grading(values: Mapping[str, Any], grader: Grader) -> Grading:
-    """Return the function that grades pictures with the detector that the parameters select."""
+    """Return the function that grades images with the detector that the parameters select."""
     if values["detector"] == "color":
         return grader.grade
     if values["detector"] != "onnx":

@@ -45,7 +45,7 @@ def run_source(source: CameraSource, view: CameraView, settings: GradingSettings
 
 
 def _run(args: Sequence[str], setup: Setup) -> int:
-    network = "let programs on other machines receive the pictures"
+    network = "let programs on other machines receive the images"
     read_network_option(args, NODE_NAME, "Grade apples with a camera.", network)
     silence_native_log()
     cv2.setNumThreads(1)  # The other processors are left to the control loop.

@@ -30,7 +30,7 @@ class ArmMotions:
     arm: ServedArm
     of_job: Callable[[], JobMotions]
     missing: str
-    """Message for the case that the action server of the arm is not available."""
+    """Message to show if the action server of the arm is not available."""
 
 
 def motions_of(node: Node, settings: JobSettings | PoseSettings) -> ArmMotions:

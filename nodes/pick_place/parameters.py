@@ -45,7 +45,7 @@ def declare(node: Node) -> JobSettings | PoseSettings:
     """Declare all parameters for the configured kind of motion, and read the settings.
 
     Raises:
-        ValueError: A parameter is invalid. The message lists all mistakes.
+        ValueError: A parameter is invalid. The message lists all errors.
     """
     # This parameter is read at every vision message, so it can be changed at run time.
     node.declare_parameter(AUTO_GOAL, True)

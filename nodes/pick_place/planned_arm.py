@@ -22,7 +22,7 @@ from pick_place.pose_settings import PoseSettings, ToolPose
 MOVE_ACTION: Final = "move_action"
 EXECUTE_ACTION: Final = "execute_trajectory"
 COMPLETE: Final = 1.0 - 1e-6
-"""Smallest fraction of a straight line that counts as the whole line."""
+"""Minimum fraction of a straight line that counts as the whole line."""
 
 
 class PlannedArm:
@@ -88,7 +88,7 @@ class PlannedArm:
         return await self._change(messages.attached(self._settings))
 
     async def remove_object(self) -> JobOutcome:
-        """Remove the object from the tool and from the planning scene. It need not be there."""
+        """Remove the object from the tool and from the planning scene. The object need not exist."""
         return await self._remove(only_attached=False)
 
     async def drop_object(self) -> JobOutcome:

@@ -9,14 +9,13 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 GONE_S: Final = 2.0
-"""Time for which a server must be missing from the graph before the wait for a motion of this server ends, in
-seconds."""
+"""Minimum time a server must be missing from the graph before the wait for its motion ends, in seconds."""
 _CHECK_S: Final = 0.5
 _POLL_S: Final = 0.05
 
 
 class Waiter:
-    """Waits for futures with a timeout.
+    """Helper that waits for futures with a timeout.
 
     Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
 

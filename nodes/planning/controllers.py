@@ -22,17 +22,17 @@ ANSWER_S: Final = 3.0
 CANCEL_S: Final = 10.0
 """Maximum time for a controller to stop after a cancel, in seconds."""
 SLACK: Final = 2.0
-"""If a controller takes longer than the duration of a trajectory times this factor, it counts as stuck."""
+"""Factor on the duration of a trajectory. A controller that takes longer, plus ``SLACK_S``, counts as stuck."""
 SLACK_S: Final = 10.0
 """Time added to the duration times ``SLACK``, in seconds."""
 REST_S: Final = 0.4
 """Time without motion after which the joints of a forward controller are at rest, in seconds."""
 CLOSE: Final = 2e-3
-"""Distance from the command within which a joint counts as arrived, in rad or m."""
+"""Maximum distance from the command at which a joint counts as arrived, in rad or m."""
 STILL: Final = 5e-4
-"""Motion between two checks below which a joint counts as at rest, in rad or m."""
+"""Maximum motion between two checks of a joint that counts as at rest, in rad or m."""
 POLL_S: Final = 0.05
-"""Period of these checks, in seconds."""
+"""Period of the checks for arrival and rest, in seconds."""
 
 
 class StopRequest:

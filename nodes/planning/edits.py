@@ -208,7 +208,7 @@ class WorldEdit:
         if name and link not in ("", attached[name].link):
             raise RequestError(
                 "INVALID_LINK_NAME",
-                f'"{name}" is attached to {attached[name].link}, not to {message.link_name}: leave out the link',
+                f'"{name}" is attached to {attached[name].link}, not to {message.link_name}: omit the link',
             )
         for one in own:
             self._put(self.world.items[one], self._frames().in_scene(one))
@@ -220,7 +220,7 @@ class WorldEdit:
 
     def _check_name(self, name: str) -> None:
         if not name:
-            raise RequestError("INVALID_OBJECT_NAME", "an object has no id: give it one")
+            raise RequestError("INVALID_OBJECT_NAME", "an object has no id: give the object an id")
         if name in self._robot.links or name in self._robot.description.links:
             raise RequestError("INVALID_OBJECT_NAME", f'"{name}" is a link of the robot: give the object another id')
 

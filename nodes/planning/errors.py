@@ -14,7 +14,7 @@ SOURCE: Final = "servoloop"
 
 
 class RequestError(Exception):
-    """Error for a request that cannot be carried out. The message names the cause and what the client can do."""
+    """Error for a request that cannot be carried out. The message explains the cause and what the client can do."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -46,5 +46,5 @@ def crash(log: Any, error: Exception) -> MoveItErrorCodes:
 
 
 def coded(code: str, message: str) -> MoveItErrorCodes:
-    """Return the error code with a given name, with a message."""
+    """Return the error code with the given name and a message."""
     return MoveItErrorCodes(val=getattr(MoveItErrorCodes, code), message=printable_line(message), source=SOURCE)

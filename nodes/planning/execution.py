@@ -51,7 +51,7 @@ class Running:
 
 
 class Execution:
-    """Carries out trajectories. Motions of different controllers may run at the same time."""
+    """Executor of trajectories. Motions of different controllers may run at the same time."""
 
     def __init__(self, node: Node, robot: PlanningRobot, store: WorldStore, workers: Workers) -> None:
         self._node = node
@@ -85,7 +85,7 @@ class Execution:
         Args:
             trajectory: The trajectory.
             names: Controllers to use; if empty, the controllers of the joints.
-            stop: Stops the motion.
+            stop: Request that stops the motion.
             must_be_free: Whether a trajectory that touches an object in the current scene is refused. If False, the
                 trajectory is executed, as in MoveIt, and changes of the scene do not stop it.
 

@@ -14,7 +14,7 @@ from nodes.publishing import ANY_CLIENT
 from planning.robot import PlanningRobot
 
 STALE_S: Final = 2.0
-"""Age from which on a measured position is no longer used, in seconds."""
+"""Maximum age at which a measured position is still used, in seconds."""
 
 POLL_S: Final = 0.05
 """Period of the checks for the first positions, in seconds."""
@@ -44,7 +44,7 @@ class JointMonitor:
             if now_s - self._seen_s.get(joint, float("-inf")) > STALE_S:
                 raise RequestError(
                     "ROBOT_STATE_STALE",
-                    f"{self._topic} has no position of {joint} since {STALE_S:g} s: start the stack",
+                    f"{self._topic} has had no position of {joint} for {STALE_S:g} s: start the stack",
                 )
         return {joint: self._positions[joint] for joint in self._robot.limits}
 

@@ -30,9 +30,9 @@ from nodes.publishing import EVERY_CALL, LATCHED
 from planning.motion import Motion, State
 
 REPLANS: Final = 5
-"""Default number of new plans after changes of the scene."""
+"""Default number of replanning attempts after changes of the scene."""
 MOST_REPLANS: Final = 100
-"""Maximum number of new plans."""
+"""Maximum number of replanning attempts."""
 LONGEST_DELAY_S: Final = 10.0
 """Maximum delay before a new plan, in seconds."""
 CANCELED: Final = "the goal was canceled"
@@ -43,12 +43,12 @@ Run = Callable[[Any, Any, StopRequest], Awaitable[None]]
 
 
 class Planning:
-    """Plans motions in the search thread, and publishes the plans for display. All methods must be called from the
+    """Planner that uses the search thread and publishes its plans for display. All methods must be called from the
     executor thread."""
 
     def __init__(self, node: Node, requests: Requests, store: WorldStore, workers: Workers) -> None:
         self.requests = requests
-        """Computes the answers."""
+        """Object that computes the answers."""
         self._store = store
         self._workers = workers
         self._plans = node.create_publisher(DisplayTrajectory, "display_planned_path", LATCHED)
@@ -207,7 +207,7 @@ def _replans(options: Any) -> int:
 
 
 def _has_changes(diff: PlanningScene) -> bool:
-    """Return whether a scene has changes. Clients leave the default message, which contains no scene."""
+    """Return whether a scene has changes. Clients without changes send the default message, which has no scene."""
     return bool(
         diff.is_diff
         or diff.robot_model_name

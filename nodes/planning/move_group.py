@@ -27,9 +27,9 @@ NAME: Final = "move_group"
 STOP_TOPIC: Final = "trajectory_execution_event"
 """Topic on which RViz stops all motions."""
 POLL_S: Final = 0.05
-"""Period at which the end waits for the motions, in seconds."""
+"""Period of the checks at the end for motions that are still running, in seconds."""
 END_S: Final = 12.0
-"""Maximum time until all motions have stopped when the program ends, in seconds."""
+"""Maximum time until all motions have stopped when the program exits, in seconds."""
 
 
 class MoveGroupNode:

@@ -18,8 +18,8 @@ from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
 
 OTHER: Final = (
-    "another node is named {}: a MoveIt or another servoloop plan-server is running; "
-    "end it first, because both would move the arm"
+    "another node is named {}: MoveIt or another servoloop plan-server is running; "
+    "end that program first, because both would move the arm"
 )
 """Message if another server with the name in the braces is in the ROS graph."""
 

@@ -36,9 +36,9 @@ DEFAULT_TIME_S: Final = 5.0
 LONGEST_TIME_S: Final = 60.0
 """Maximum time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
-"""Maximum number of searches of a request, regardless of the number of attempts that it requests."""
+"""Maximum number of searches for a request, regardless of the number of attempts that it asks for."""
 SLOWEST: Final = 1e-3
-"""Smallest scaling factor."""
+"""Minimum scaling factor."""
 IK_POSITION_M: Final = 1e-4
 """Tolerance of the position of an inverse kinematics request, in m."""
 IK_TURN_RAD: Final = 1e-3
@@ -65,7 +65,7 @@ class Planned:
 
 
 class Requests:
-    """Computes the answers to requests. Its state never changes; only one thread at a time may call ``motion``."""
+    """Object that computes answers and never changes its own state. Only one thread at a time may call ``motion``."""
 
     def __init__(self, robot: PlanningRobot) -> None:
         self.robot = robot
@@ -86,9 +86,7 @@ class Requests:
         start, world = self._placed(request.start_state, now)
         reader = self._reader(group, start, world)
         if not request.goal_constraints:
-            raise RequestError(
-                "INVALID_GOAL_CONSTRAINTS", "the request has no goal: give positions of joints or a pose"
-            )
+            raise RequestError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: send joint positions or a pose")
         goals = [goal for constraints in request.goal_constraints for goal in reader.goals(constraints)]
         scaling = _scaling(request.max_velocity_scaling_factor, request.max_acceleration_scaling_factor)
         motion = group.plan(

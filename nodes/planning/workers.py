@@ -15,7 +15,10 @@ Answer = TypeVar("Answer")
 
 
 class Workers:
-    """Searches share one thread, because OMPL's random generator is global. Other computations use several threads."""
+    """Worker threads. Searches share one thread, because OMPL's random generator is global.
+
+    Other computations use several threads.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node

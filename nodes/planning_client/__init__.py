@@ -1,1 +1,1 @@
-"""Clients of a move_group node: that of ``servoloop plan-server`` or of a real MoveIt."""
+"""Clients of a move_group node, which belongs to ``servoloop plan-server`` or to MoveIt itself."""

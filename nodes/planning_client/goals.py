@@ -32,7 +32,7 @@ def error_text(code: MoveItErrorCodes) -> str:
 
 
 def joint_constraints(positions: Mapping[str, float]) -> Constraints:
-    """Return constraints of joint positions (rad or m) by name."""
+    """Return constraints of joint positions in rad or m, keyed by joint name."""
     return Constraints(
         joint_constraints=[
             JointConstraint(
@@ -88,7 +88,7 @@ def motion_goal(group: str, constraints: Constraints, speed: float, planning_tim
     Args:
         group: Planning group.
         constraints: Constraints of the goal.
-        speed: Share of the limits of velocity and acceleration.
+        speed: Fraction of the limits of velocity and acceleration.
         planning_time_s: Maximum time to plan, in seconds.
     """
     goal = MoveGroup.Goal()

@@ -27,11 +27,11 @@ CANCEL_S: Final = 5.0
 EXECUTION_S: Final = 120.0
 """Maximum time of an execution, in seconds."""
 GONE_S: Final = 2.0
-"""Time for which the server must be missing before a wait for its result is given up, in seconds."""
+"""Minimum time the server must be missing before the client stops waiting for its result, in seconds."""
 MOVE_ACTION: Final = "move_action"
 _SPIN_S: Final = 0.05
 _KINDS: Final = {getattr(SolidPrimitive, name): name.lower() for name in ("BOX", "SPHERE", "CYLINDER", "CONE")}
-START: Final = "start `servoloop up --plan`, or `servoloop plan-server` beside a running stack"
+START: Final = "start `servoloop up --plan`, or `servoloop plan-server` alongside a running stack"
 
 
 class PlannerError(DriverError):

@@ -46,7 +46,7 @@ class ShownPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WatchedScene:
-    """The newest scene and the newest plan. A changed scene or plan is a new object."""
+    """The latest scene and the latest plan. A changed scene or plan is a new object."""
 
     items: tuple[SceneItem, ...] = ()
     plan: ShownPlan | None = None
@@ -54,7 +54,7 @@ class WatchedScene:
 
 @dataclass(slots=True)
 class SceneWatch:
-    """Watches move_group if it is running. ``newest`` may be read from any thread."""
+    """Watcher of move_group, if it is running. Any thread may read ``newest``."""
 
     newest: WatchedScene = field(default_factory=WatchedScene)
     namespace: str = ""

@@ -42,11 +42,11 @@ class ClientLimits:
         self.goals = FairRate(GOALS_PER_S, BURST)
         self.refusals = FairRate(REFUSALS_PER_S, REFUSALS_AT_ONCE)
         self.statuses = FairRate(STATUSES_PER_S, STATUSES_AT_ONCE)
-        """Rate of status messages, by action."""
+        """Rate of status messages, keyed by action."""
         self.on_refused: dict[str, Callable[[str], None]] = {}
-        """Function that receives the reason for a rejection, by topic or action name."""
+        """Function that receives the reason for a rejection, keyed by topic or action name."""
         self.actions: dict[int, str] = {}
-        """Resolved names of actions, by the pointers of their servers. rcl itself knows only the unresolved names."""
+        """Resolved names of actions, keyed by the pointers of their servers. rcl knows only the unresolved names."""
         self._reported_s: dict[str, float] = {}
 
     def add_action(self, server: ActionServer, name: str) -> None:

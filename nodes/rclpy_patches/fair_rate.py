@@ -21,7 +21,7 @@ class FairRate:
         self._per_second = per_second
         self._burst = burst
         self._clients: dict[Hashable, tuple[float, float]] = {}
-        """Tokens and time of the last request, by client."""
+        """Tokens and time of the last request, keyed by client."""
 
     def allows(self, client: Hashable, now_s: float) -> bool:
         """Return whether a request of a client may be served now."""

@@ -130,7 +130,7 @@ class _Kind:
 
 
 _DELAYED: Final[dict[int, Any]] = {}
-"""Action servers whose status publication is delayed, by their pointers."""
+"""Action servers whose status publication is delayed, keyed by their pointers."""
 _KINDS: Final[dict[Any, _Kind]] = {}
 
 
@@ -285,7 +285,7 @@ them."""
 
 
 def send_refusals() -> None:
-    """Send the pending rejections that the rate limit allows. Must be called often."""
+    """Send the pending rejections that the rate limit allows. This function must be called often."""
     while _REFUSALS and CLIENT_LIMITS.refusals.allows("all", monotonic()):
         with suppress(InvalidHandle):  # The controller has been unloaded.
             _REFUSALS.popleft().send()
@@ -313,7 +313,7 @@ def server_publish_feedback(server: Any, message: Any) -> None:
 
 
 def server_publish_status(server: Any) -> None:
-    """Publish the goal status now if the rate limit allows it. Otherwise the newest status is published later."""
+    """Publish the goal status now if the rate limit allows it. Otherwise, the latest status is published later."""
     if CLIENT_LIMITS.statuses.allows(server.pointer, monotonic()):
         _DELAYED.pop(server.pointer, None)
         _publish_status_now(server)
@@ -322,7 +322,7 @@ def server_publish_status(server: Any) -> None:
 
 
 def publish_waiting_statuses() -> None:
-    """Publish the delayed statuses that the rate limit allows. This method must be called in every cycle."""
+    """Publish the delayed statuses that the rate limit allows. This function must be called in every cycle."""
     for pointer, server in list(_DELAYED.items()):
         try:
             server_publish_status(server)

@@ -40,7 +40,7 @@ class TopicHostInterface:
         self._publisher.post(state)
 
     def wake(self) -> None:
-        """Wake the ROS thread. Does not block."""
+        """Wake the ROS thread. This method does not block."""
         self._executor.post()
 
     def wait_until_published(self, longest_s: float) -> bool:

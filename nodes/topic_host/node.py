@@ -56,7 +56,7 @@ class HostNode:
         """Number of publishers of commands."""
         self._state: JointState | None = None
         self._unpublished = ""
-        """Reason why the newest state was not published; empty if it was published."""
+        """Reason why the latest state was not published; empty if it was published."""
         self._refusals = 0
         self._refused, self._refused_s = "", -REPEAT_S
         """Reason and time (in seconds) of the last report about a refused message."""

@@ -77,8 +77,9 @@ def _without_idle(corners: Any, count: int, weights: Any) -> int:
 def core_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[float, float], normal: Any) -> float:
     """Return a lower bound of the distance between two cores, in m; 0 if they overlap.
 
-    ``goal`` is (beyond, share). The bound is below the distance by at most ``share``. The search ends early with a
-    bound above ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates the cores.
+    ``goal`` is (beyond, share). The bound is below the distance by at most the fraction ``share``. The search ends
+    early with a bound above ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates the
+    cores.
     """
     corners = np.empty((4, 3))
     weights = np.empty(4)

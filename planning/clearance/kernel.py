@@ -21,12 +21,12 @@ OPEN: Final = 128
 """Maximum number of unchecked parts of an edge. This number is never reached, because each step at least halves a part.
 """
 MOST: Final = 2_000
-"""Maximum number of poses for one edge. An edge that needs more poses, because it slides along something, is rejected.
+"""Maximum number of poses for one edge. An edge that slides along something may need more poses and is then rejected.
 """
 SHARE: Final = 1e-3
-"""Share by which a distance may be underestimated in the check of an edge."""
+"""Maximum relative underestimation of a distance in the check of an edge."""
 EXACT: Final = 1e-9
-"""Share by which a distance that is returned may be underestimated."""
+"""Maximum relative underestimation of a returned distance."""
 
 
 @compiled
@@ -73,7 +73,7 @@ def pair_distances(chains: ChainTables, pairs: PairTables, now: Placement, posit
 
 @compiled
 def _free_part(rate: float, bend: float, reserve_m: float) -> float:
-    """Return the length of the part of an edge in which a pair comes nearer by at most ``reserve_m``."""
+    """Return the length of the part of an edge on which a pair comes closer by at most ``reserve_m``."""
     if rate <= 0.0 and bend <= 0.0:
         return 1e300
     return float(2.0 * reserve_m / (rate + sqrt(rate * rate + 2.0 * bend * reserve_m)))
@@ -111,7 +111,7 @@ def _free_pair(
 def free_around(
     chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, lengths_m: tuple[float, float], part: float
 ) -> tuple[float, int]:
-    """Return the part of an edge that is free before and after a pose, at most ``part``, and the pair that limits it.
+    """Return the length of the free part of an edge before and after a pose (at most ``part``), and the limiting pair.
 
     ``lengths_m`` are the padding and the tolerance. The result is -1 if the pose has less clearance than the padding.
     """
@@ -148,7 +148,7 @@ def free_around(
 def edge_contact(
     chains: ChainTables, pairs: PairTables, now: Placement, ends: Any, padding: float, tolerance: float
 ) -> tuple[float, int, int]:
-    """Return where an edge comes too near to something (0 to 1), the pair, and the number of poses checked.
+    """Return where on an edge (0 to 1) a pair comes too close, the pair, and the number of poses checked.
 
     ``ends`` (2, n) are the positions at both ends. The first two results are -1 if the edge is free.
     """

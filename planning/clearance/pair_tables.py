@@ -50,13 +50,13 @@ class PairTables(NamedTuple):
     common: Any
     """Number of joints that both chains of a pair have in common, from the world on (p,)."""
     extra: FloatArray
-    """Work space: distance by which the padding of each pair exceeds that of pairs of links (p,)."""
+    """Work space: amount by which the padding of each pair exceeds the padding of pairs of links (p,)."""
 
 
 def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairTables, tuple[str, ...]]:
     """Return the tables of an arm in a scene, and the name of each unit.
 
-    A pair is left out if no planned joint changes its distance, or if its two units may touch.
+    A pair is omitted if no planned joint changes its distance, or if its two units may touch.
 
     Raises PlanningError if an object has the name of a link.
     """

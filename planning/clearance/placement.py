@@ -151,7 +151,7 @@ def _place_geoms(pairs: PairTables, now: Placement, unit: int) -> None:
         geoms[geom, POSITION + 1] = position[link, 1] + y
         geoms[geom, POSITION + 2] = position[link, 2] + z
         if geoms[geom, KIND] == POINT:
-            continue  # a sphere looks the same from everywhere
+            continue  # a rotation does not change a sphere
         for i in range(3):
             a, b, c = matrix[link, i, 0], matrix[link, i, 1], matrix[link, i, 2]
             for k in range(3):

@@ -23,7 +23,7 @@ CONE: Final = 4
 ELLIPSOID: Final = 5
 """Ellipsoid: ``size`` has the half axes."""
 HULL: Final = 6
-"""Convex hull of vertices; ``size`` has the half sides of a box around it, with the same center."""
+"""Convex hull of vertices: ``size`` has the half sides of a box around the hull, with the same center."""
 PLANE: Final = 7
 """Half-space below z = 0."""
 

@@ -3,10 +3,10 @@
 An edge takes one unit of time. The largest speed of a unit has two terms. The first term is a sum over the joints of
 its chain. Each joint adds its speed times the largest distance of the unit from the joint's axis in this pose. For a
 sphere, only the center counts. The second term bounds the growth of these distances, because other joints of the chain
-move the unit away from the axis. Near pairs have a second bound, and the lower bound is used. A plane separates the two
-convex geoms. The geoms approach each other only with the speed perpendicular to the plane, plus a term for the
-acceleration. A link that slides along an obstacle is therefore checked in few poses. Mimic joints that follow a curve
-have no such bound.
+move the unit away from the axis. For pairs that are close together, a second bound is computed, and the lower of the
+two is used. A plane separates the two convex geoms, so they approach each other only with their speed perpendicular to
+the plane, plus a term for the acceleration. A link that slides along an obstacle is therefore checked in few poses.
+Mimic joints that follow a curve have no such bound.
 """
 
 from math import sqrt

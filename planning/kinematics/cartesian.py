@@ -21,13 +21,12 @@ MOST_STEPS: Final = 20_000
 EFFORT: Final = DescentEffort(steps=40, enough=1)
 """Effort limits of the search for the next point from the previous point."""
 AT_LIMIT: Final = 1e-6
-"""Distance from a limit within which a joint is at the limit, in rad or m."""
+"""Maximum distance from a limit at which a joint counts as being at the limit, in rad or m."""
 
 Problem = Callable[[FloatArray], str]
-"""Describes why joint positions (n,) are not valid, such as "link3 touches box". Returns "" for valid positions.
-"""
+"""Function that describes why joint positions (n,) are not valid, such as "link3 touches box", or returns ""."""
 EdgeProblem = Callable[[FloatArray, FloatArray], str]
-"""Describes why the straight motion between two joint positions (n,) is not valid. Returns "" for a valid motion."""
+"""Function that describes why the straight motion between two joint positions (n,) is not valid, or returns ""."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +44,8 @@ class Steps:
     deviation_m: float = 5e-4
     """Largest distance of a point from the line, in m."""
     deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, the rotation
-    is free.
+    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. At pi or more, the
+    rotation is not limited.
     """
 
     def __post_init__(self) -> None:
@@ -73,7 +72,7 @@ class ToolPath:
     positions: FloatArray
     """Joint positions (m, n), in rad or m, starting with the start."""
     fraction: float
-    """Share of the path that was reached, from 0 to 1."""
+    """Fraction of the path that was reached, from 0 to 1."""
     reason: str = ""
     """Reason why the path ends early; empty if it is complete."""
 
@@ -117,7 +116,7 @@ def tool_path(
 
 
 def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Iterator[tuple[ToolPose, float]]:
-    """Yield the points of the path, and the share of the path up to each point. Raise GoalError."""
+    """Yield the points of the path, each with the fraction of the path up to this point. Raise GoalError."""
     if not waypoints:
         raise invalid("the path has no waypoints: send at least one pose")
     poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]

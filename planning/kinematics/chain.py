@@ -49,7 +49,7 @@ class Chain:
             tool: Name of a body or a site of the model.
             base: Name of the body in whose frame poses are given; by default, the body on which the arm is mounted.
             This is the world if the first body of the arm moves.
-            others: Positions of joints that are not planned, by name; by default, those of the model.
+            others: Positions of joints that are not planned, keyed by name; by default, those of the model.
 
         Raises:
             PlanningError: A name is not in the model, or a joint does not move the tool relative to the base.
@@ -155,7 +155,7 @@ class Chain:
 
 
 def moved_by(model: Any, joints: Sequence[str], tool: str) -> tuple[str, ...]:
-    """Return the joints in ``names`` that move a body or a site of the model. Raise PlanningError."""
+    """Return the joints in ``joints`` that move a body or a site of the model. Raise PlanningError."""
     path = _ancestors(model, _tool_body(model, tool))
     return tuple(name for name, joint in _joints(model, joints).items() if int(model.jnt_bodyid[joint]) in path)
 
@@ -248,7 +248,7 @@ def _check_on_path(model: Any, bodies: Mapping[str, int], ends: Sequence[int], t
     if base not in path:
         raise PlanningError(
             "INVALID_LINK_NAME",
-            f"{tool} is not part of the arm that stands on {model.body(base).name}: choose one of its links",
+            f"{tool} is not part of the arm that is mounted on {model.body(base).name}: choose one of its links",
         )
     path = path[: path.index(base)]
     for name, body in bodies.items():

@@ -33,7 +33,7 @@ class DescentEffort:
     steps: int
     """Maximum number of steps."""
     enough: int
-    """Number of successful starts at which the other starts stop, as soon as the first start has ended."""
+    """Number of successful starts after which the search stops, as soon as the first start has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class _State:
     curvature: FloatArray
 
     def of(self, starts: NDArray[np.intp]) -> "_State":
-        """Return the part of the state that belongs to some of the starts."""
+        """Return the state of the given starts."""
         return _State(self.positions[starts], self.cost[starts], self.gradient[starts], self.curvature[starts])
 
     def update(self, starts: NDArray[np.intp], new: "_State", better: NDArray[np.bool_]) -> None:
@@ -73,8 +73,8 @@ def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limi
         chain: Kinematics of the arm.
         goal: Region of poses.
         starts: Joint positions (k, n), in rad or m.
-        share: Share of the tolerances at which the excess begins.
-        limits: When to stop.
+        share: Fraction of the tolerances at which the excess begins.
+        limits: Limits of the number of steps and of successful starts.
     """
     state = _evaluate(chain, goal, np.clip(starts, chain.lower, chain.upper), share)
     damping = np.full(len(starts), DAMPING)

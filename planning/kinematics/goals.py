@@ -20,7 +20,7 @@ NORMALIZED_WITHIN: Final = 1e-3
 FARTHEST_M: Final = 1e3
 """Largest coordinate of a goal, in m. A larger value probably has a wrong unit."""
 INSIDE: Final = 0.9
-"""Share of the tolerances that the search for a pose inside the region uses."""
+"""Fraction of the tolerances that the search for a pose inside the region uses."""
 
 
 Angles = Literal["rotation_vector", "xyz_euler"]
@@ -113,7 +113,7 @@ class PositionSphere:
 
         Args:
             offsets: Offsets from the center (k, 3), in m.
-            share: Share of the region's size.
+            share: Fraction of the region's size.
 
         Returns:
             The shortest vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
@@ -164,7 +164,8 @@ class PoseGoal:
     region: PositionSphere | PositionBox
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
-    """Tolerances about the x, y and z axes of the goal, in rad. From pi on, the orientation about an axis is free."""
+    """Tolerances about the x, y and z axes of the goal, in rad. At pi or more, the orientation about that axis is free.
+    """
     angles: Angles = "rotation_vector"
     """Meaning of the angles."""
     _target: FloatArray = field(init=False, repr=False)
@@ -187,7 +188,7 @@ class PoseGoal:
 
         Args:
             tools: Poses of the tool (k, 4, 4).
-            share: Share of the tolerances. At 0, the region is the pose itself, except for free axes.
+            share: Fraction of the tolerances. At 0, the region is the pose itself, except for free axes.
 
         Returns:
             The excess (k, 6) in m. Its last three columns are rotations times ``ROTATION_M``.

@@ -23,16 +23,16 @@ REGION: Final = DescentEffort(steps=15, enough=8)
 WIDE: Final = DescentEffort(steps=40, enough=max(BATCHES))
 """Effort limits of the search for many places in the region."""
 DISTINCT: Final = 0.2
-"""Smallest difference of a joint between two solutions, in rad or m."""
+"""Minimum difference of a joint between two solutions, in rad or m."""
 SAME: Final = 1e-3
-"""If all joints differ by less than this, a solution is not checked again, in rad or m."""
+"""Difference of all joints below which a solution is not checked again, in rad or m."""
 COUNT: Final = 8
 """Default maximum number of solutions."""
 
 Remaining = Callable[[], float]
-"""Function that returns the time that is left, in seconds."""
+"""Function that returns the remaining time, in seconds."""
 Valid = Callable[[FloatArray], bool]
-"""Returns whether joint positions (n,) are valid, for example free of collisions."""
+"""Function that returns whether joint positions (n,) are valid, for example free of collisions."""
 
 
 class InverseKinematics:
@@ -64,9 +64,9 @@ class InverseKinematics:
         Args:
             goal: Region of poses of the tool.
             start: Current joint positions (n,), in rad or m. These positions are tried first.
-            valid: Returns whether joint positions are valid; by default, all are.
+            valid: Function that returns whether joint positions are valid; by default, all are.
             count: Maximum number of solutions.
-            remaining_s: Returns the time that is left, in seconds; by default, the time is not limited.
+            remaining_s: Function that returns the remaining time, in seconds; by default, the time is not limited.
 
         Returns:
             Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The solution closest to ``start`` comes
@@ -83,7 +83,7 @@ class InverseKinematics:
         for starts in self._batches(goal, first):
             if nearest and remaining_s is not None and remaining_s() <= 0.0:
                 raise PlanningError(
-                    "TIMED_OUT", f"no joint positions for {self._chain.tool} found in time: allow more time"
+                    "TIMED_OUT", f"no joint positions for {self._chain.tool} were found in time: allow more time"
                 )
             found = self._widely(goal, starts) if colliding else self._search(goal, starts)
             reached = self._from_start(self._reached(goal, found), start)

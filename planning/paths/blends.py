@@ -14,15 +14,15 @@ from planning.collision import Collisions
 from planning.paths.margins import PathMargins
 
 SHARE: Final = 0.45
-"""Largest share of a line that a blend at one of its ends replaces."""
+"""Largest fraction of a line that a blend at one of its ends replaces."""
 HALVINGS: Final = 4
 """Number of times that a blend with contact is halved before the path keeps its corner."""
 CHORDS: Final = 16
 """Number of straight edges that represent a blend in the check."""
 TURN: Final = 1.5
-"""Largest slope of the turn 3x² - 2x³."""
+"""Largest slope of the curve 3x² - 2x³ by which the direction turns."""
 SAG: Final = 0.15
-"""Largest distance of a spline from its chord, as a share of its curvature and the squared length of the chord."""
+"""Largest distance of a spline from its chord, as a multiple of its curvature times the squared length of the chord."""
 SAME_RAD: Final = 1e-9
 """Distance below which two points count as the same, in rad or m."""
 

@@ -21,7 +21,7 @@ SEARCHES: Final = 2
 POSES: Final = 500
 """Number of checked poses after which no further search begins, so that a hard problem is searched only once."""
 LEAST_M: Final = 2e-4
-"""Padding of the path of a single joint below which it is not reduced further, in m."""
+"""Minimum padding of the path of a single joint, in m. The padding is not reduced below this value."""
 
 
 class Plan(NamedTuple):
@@ -44,8 +44,8 @@ def plan_path(
         arm: The arm.
         collisions: Checks of the arm in the scene.
         request: Start, goals, margins, planner and seed.
-        remaining_s: Returns the time that is left, in seconds.
-        searches: Number of searches from which the shortest path is taken. A path without corners ends the searches.
+        remaining_s: Function that returns the remaining time, in seconds.
+        searches: Maximum number of searches. The shortest path is used. A path without corners ends the searches.
 
     Returns:
         The path and its margins.
@@ -72,7 +72,7 @@ def plan_path(
 def _single(collisions: Collisions, request: PathRequest) -> Plan:
     """Return the only path of a single joint, with margins as large as possible.
 
-    Jaws often pass a link of their own hand more closely than the padding.
+    Jaws often pass a link of their own hand at less than the padding.
     """
     margins = request.margins
     while True:

@@ -12,7 +12,7 @@ from planning.collision import Collisions, Margins
 from planning.paths.margins import Near
 
 RADII: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Distances at which a pose with the full padding is searched, in rad."""
+"""Distances at which a pose with the full padding is searched for, in rad."""
 TRIES: Final = 40
 """Number of random poses at each distance."""
 BEYOND: Final = 1.5

@@ -35,13 +35,13 @@ class PathRequest:
 def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
     """Return a request with only its valid goals, which are inside the limits and without contact.
 
-    If some goals have the full padding, the others are left out.
+    If some goals have the full padding, the others are omitted.
 
     Raises:
         PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.
     """
     if not request.goals:
-        raise PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: give at least one pose of the joints")
+        raise PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: specify at least one pose")
     for name, position, limit in zip(arm.joints, request.start, arm.limits, strict=True):
         if not np.isfinite(position) or (wrong := far_outside(float(position), limit)):
             text = f"start: {name} {wrong}" if np.isfinite(position) else f"start: {name} is at {position}"
@@ -59,7 +59,7 @@ def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> Path
 
 
 def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with margins that its start and at least one goal have, and with only such goals."""
+    """Return a request with margins that its start and at least one goal satisfy. Only such goals are kept."""
     padding_m = request.margins.padding_m
     rooms_m = [collisions.room_m(goal, padding_m) for goal in request.goals]
     margins = request.margins.within(min(collisions.room_m(request.start, padding_m), max(rooms_m)))
@@ -76,7 +76,7 @@ def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]
 
 
 def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]:
-    """Return the goals inside the limits, and a description of the mistake in one of the other goals."""
+    """Return the goals inside the limits, and a description of the error in one of the other goals."""
     within, wrong = list[FloatArray](), ""
     for goal in request.goals:
         if outside := arm.outside(goal):

@@ -92,7 +92,7 @@ def roadmap_path(
         request: Start, goals and margins.
         ends: Lower and upper ends of the random poses, each (n,).
         seed: Seed of the random poses.
-        remaining_s: Returns the time that is left, in seconds.
+        remaining_s: Function that returns the remaining time, in seconds.
 
     Returns:
         Points of the path (m, n), or None.

@@ -2,10 +2,10 @@
 
 OMPL's random generator is global in a process. Every attempt seeds the generator again with a seed from the request, so
 consecutive requests do not influence each other. Simultaneous requests in one process would influence each other, so a
-caller with several threads must run one search at a time. At exit, OMPL's Python module prints its objects that are
-still alive. The callbacks in this module keep no reference to OMPL's objects, so no object of a search stays alive.
-After gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent this
-with gc.unfreeze() at exit.
+caller with several threads must run one search at a time. At exit, OMPL's Python module prints those of its objects
+that are still alive. The callbacks in this module keep no reference to OMPL's objects, so no object of a search stays
+alive. After gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent
+this with gc.unfreeze() at exit.
 """
 
 import atexit
@@ -44,8 +44,9 @@ RANGES_RAD: Final = (1.0, 0.5, 2.0)
 EDGES: Final = 150
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
 NARROW_FACTOR: Final = 6
-"""Factor of the number of edges for ``NARROW``. It checks an edge only once its tree has reached the goal, so its edges
-are cheaper, and it needs more of them: 650 at the median for a goal in a cage."""
+"""Factor of the number of edges for ``NARROW``. This planner checks an edge only after its tree has reached the goal.
+Its edges are therefore cheaper, but it needs more of them: a median of 650 for a goal in a cage.
+"""
 IMPROVING_EDGES: Final = 5_000
 """Number of edges that RRTstar checks, even if it has a path already."""
 GROWTH: Final = 1.5
@@ -78,13 +79,13 @@ def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remai
     """Search for a path from the start to one of the goals.
 
     The same request with the same scene gives the same path if there is enough time. RRTstar improves its path until it
-    has checked ``IMPROVING_EDGES`` edges, or until the time ends.
+    has checked ``IMPROVING_EDGES`` edges, or until no time is left.
 
     Args:
         arm: The arm.
         collisions: Checks of the arm in the scene.
         request: Start, goals, margins, planner and seed.
-        remaining_s: Returns the time that is left, in seconds.
+        remaining_s: Function that returns the remaining time, in seconds.
 
     Returns:
         Points of the path (m, n), in rad or m. Every edge between them is free.

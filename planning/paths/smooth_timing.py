@@ -1,7 +1,7 @@
 """Compute the times along a smooth path with many points, such as a straight motion of the tool.
 
 A cubic spline goes through the points, and ruckig moves along the spline within limits that hold at each of its points.
-Where the path has a corner, the arm stops.
+The arm stops at each corner of the path.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from planning.paths.timing import PERIOD_S, Caps, TimedPath, ramp_of
 CORNER_RAD: Final = 0.3
 """Smallest angle between two edges in joint space at which a point counts as a corner."""
 SHARES: Final = (0.5, 1.0 / 3.0)
-"""Share of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
+"""Fraction of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
 TINY: Final = 1e-9
 """Lower bound of a derivative, so that a joint at rest does not limit the motion."""
 
@@ -110,7 +110,7 @@ def _along(spline: Spline, limits: Sequence[JointLimits]) -> tuple[TimedPath, Fl
 
 
 def _caps(spline: Spline, limits: Sequence[JointLimits]) -> Caps:
-    """Return limits of the motion along a spline with which every joint keeps its own limits.
+    """Return limits for the motion along a spline that keep every joint within its own limits.
 
     The acceleration of a joint is q' s'' + q'' s'², and its jerk is q' s''' + 3 q'' s' s'' + q''' s'³.
     """

@@ -13,7 +13,7 @@ TRIES: Final = 400
 PATIENCE: Final = 30
 """Number of consecutive shortcuts that must fail before the path counts as short."""
 GAIN: Final = 1e-3
-"""Smallest share of the length that a shortcut must save to be tried."""
+"""Minimum fraction of the length that a shortcut must save to be tried."""
 
 
 def path_length(path: FloatArray) -> float:
@@ -33,7 +33,8 @@ def shortened(
         collisions: Checks of the arm in the scene.
         margins: Padding and tolerance of the edges.
         seed: Seed of the random shortcuts.
-        remaining_s: Returns the remaining time. When no time is left, the current path is returned.
+        remaining_s: Function that returns the remaining time, in seconds. When no time is left, the current path is
+            returned.
     """
     random = np.random.default_rng(seed)
     path, failed = _without_detours(path, collisions, margins), 0

@@ -20,11 +20,11 @@ from planning.paths.blends import TURN, Corner, blended, distinct
 from planning.paths.margins import PathMargins
 
 PERIOD_S: Final = 0.02
-"""Time between two points of a trajectory, in s."""
+"""Time between two points of a trajectory, in seconds."""
 BISECTIONS: Final = 40
 """Number of steps of the search for the highest speed at the end of a line."""
 TURN_CHANGE: Final = 6.0
-"""Largest change of that slope."""
+"""Largest change of the slope of the curve 3x² - 2x³."""
 SAFE: Final = 1.0 - 1e-9
 """Factor that keeps rounding errors within the limits."""
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from servoloop.api.planning.pose import ArmPose
 
 STREAM_AGE_S = 0.2
-"""Default maximum time between two streamed targets, in seconds. It is six periods of a policy at 30 Hz."""
+"""Default maximum time between two streamed targets, in seconds: six periods of a policy that runs at 30 Hz."""
 BACKLASH_DEG = 1.0
 """Default backlash of virtual servos, in degrees."""
 
@@ -30,9 +30,9 @@ BACKLASH_DEG = 1.0
 class Arm:
     """An arm whose control loop runs in its own thread of this program.
 
-    The arm is active when the constructor returns: its torque is on and it holds its position. Use ``Arm`` as a context
-    manager, or call ``close``. The arm then stops within its limits, and holds or parks as its robot file requires.
-    Signals that end the program shut the arm down in the same way. All methods may be called from any thread.
+    The arm is active when the constructor returns: its torque is enabled and it holds its position. Use ``Arm`` as a
+    context manager, or call ``close``. The arm then stops within its limits, and holds or parks as its robot file
+    requires. Signals that end the program shut the arm down in the same way. All methods may be called from any thread.
     """
 
     def __init__(
@@ -48,9 +48,9 @@ class Arm:
 
         Args:
             name_or_folder: Name of an arm that ``servoloop arms`` lists, or the path of an arm folder.
-            port: Serial port of the servos, such as ``/dev/ttyACM0``; ``NAME=PATH`` for each of several buses. None:
-                virtual servos in a separate process.
-            rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
+            port: Serial port of the servos, such as ``/dev/ttyACM0``; ``NAME=PATH`` for each of several buses. If
+                None, virtual servos run in a separate process.
+            rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
 
@@ -77,16 +77,16 @@ class Arm:
         record: str | Path | None = None,
         backlash_deg: float = BACKLASH_DEG,
     ) -> Self:
-        """Start a virtual arm on simulated time.
+        """Start a virtual arm in simulated time.
 
         Time passes only while the program waits: in ``move_to``, ``ArmMotion.wait``, ``sleep`` and ``step``. The cycles
         then run as fast as possible, in the calling thread. The same program gives the same result in every run.
 
         Args:
             name_or_folder: Name or folder of the arm.
-            seed: Seed for random variations of up to 10 % in friction, motors, masses and supply voltage. None: the
-                nominal arm.
-            rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
+            seed: Seed for random variations of up to 10 % in friction, motors, masses and supply voltage. If
+                None, the nominal arm is used.
+            rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
             backlash_deg: Backlash of each servo, in degrees.
@@ -107,13 +107,13 @@ class Arm:
     def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
-        The arm keeps running after ``close``; motions of this program then end within their limits. Only one program at
-        a time moves the arm. This program moves the arm from its first motion until ``close``. All durations are in
-        real time.
+        The arm keeps running after ``close``, and motions of this program end within their limits. Only one program at
+        a time can move the arm. From its first motion until ``close``, this program has control of the arm. All
+        durations are in real time.
 
         Args:
-            arm: Name, folder or process ID of the running arm. None: any arm.
-            namespace: ROS namespace of the running stack, such as ``left``. None: any namespace.
+            arm: Name, folder or process ID of the running arm. If None, any arm is accepted.
+            namespace: ROS namespace of the running stack, such as ``left``. If None, any namespace is accepted.
 
         Raises:
             ArmSetupError: No such arm is running, several are running, or the namespace is invalid.
@@ -149,7 +149,7 @@ class Arm:
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:
-        """Limits of each joint by joint name, in rad or m and seconds."""
+        """Limits of each joint, in rad or m and seconds, keyed by joint name."""
         return self._arm.limits
 
     @property
@@ -159,7 +159,7 @@ class Arm:
 
     @property
     def state(self) -> ArmState:
-        """Newest state: position, velocity, effort, temperature, command and faults by joint, and its age."""
+        """Latest state: position, velocity, effort, temperature, command and faults of each joint, and its age."""
         return self._backend.state()
 
     @property
@@ -190,15 +190,15 @@ class Arm:
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
-                of a saved pose. Joints without a position do not move. The motion ignores obstacles.
+                of a saved pose. Joints without a position do not move. A motion to positions ignores obstacles.
             pose: Pose of the tool to use instead of a target. The motion is planned around the obstacles of ``scene``.
             duration: Duration of the motion, in seconds. Limits may make it longer.
-            speed: Share of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
+            speed: Fraction of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
 
         Returns:
-            Handle with which to wait for, await or cancel the motion.
+            Handle to wait for, await or cancel the motion.
 
         Raises:
             ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
@@ -211,7 +211,7 @@ class Arm:
         """
         asked_s, share = duration_of(duration, speed)
         if (target is None) == (pose is None) or (pose is not None and duration is not None):
-            raise ArmInputError("give either a target or a pose, and no duration for a pose")
+            raise ArmInputError("pass either a target or a pose; a duration cannot be combined with a pose")
         if pose is not None:
             return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
         assert target is not None
@@ -229,7 +229,7 @@ class Arm:
 
         Args:
             goal: Positions of the joints of the arm except its gripper, as for ``move_to``, or a pose of the tool.
-            speed: Share of the velocity and acceleration limits, above 0 and at most 1.
+            speed: Fraction of the velocity and acceleration limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
         Returns:
@@ -254,8 +254,9 @@ class Arm:
 
         Args:
             name: Name of the object.
-            link: Link that carries the object. None: the last link of the arm, which carries the gripper.
-            touch_links: Links that may touch the object. None: the carrying link and all links that follow it.
+            link: Link that carries the object. If None, the object is attached to the last link of the arm, which
+                carries the gripper.
+            touch_links: Links that may touch the object. If None, the carrying link and all links after it may.
 
         Raises:
             PlanFailedError: The object or a link does not exist.
@@ -274,7 +275,7 @@ class Arm:
         Args:
             trajectory: Trajectory of some or all joints. A trajectory from ``plan`` is refused if the arm is no longer
                 at its start, or if an obstacle now blocks it.
-            approach: Share of the velocity limits on the way to the first point, above 0 and at most 1.
+            approach: Fraction of the velocity limits on the way to the first point, above 0 and at most 1.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
 
@@ -312,16 +313,16 @@ class Arm:
     ) -> TargetStream | None:
         """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
 
-        The arm moves toward the newest target within its velocity and acceleration limits, and holds the last target.
+        The arm moves toward the latest target within its velocity and acceleration limits, and holds the last target.
         If no target arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and
         hold.
 
         Args:
-            targets: Targets to send, one after the other. None: return an open stream, with which the program sends
+            targets: Targets to send, one after the other. If None, return an open stream, with which the program sends
                 targets.
             max_age: Maximum time between two targets, in seconds.
-            rate_hz: Rate at which ``targets`` are sent, in Hz. None: as fast as the iterator yields them, for an
-                iterator that keeps its own rate.
+            rate_hz: Rate at which ``targets`` are sent, in Hz. If None, they are sent as fast as the iterator yields
+                them, for an iterator that keeps its own rate.
 
         Returns:
             The open stream, which is a context manager, or None after all ``targets`` were sent.
@@ -350,15 +351,15 @@ class Arm:
         self._backend.stop()
 
     def torque(self, on: bool, *, park: bool = True) -> None:
-        """Release or enable the torque of all servos.
+        """Enable or disable the torque of all servos.
 
         Args:
             on: Whether to enable the torque. Each servo then holds its current position.
-            park: Whether to move to the park pose of the robot file before the torque is released, so that the arm does
+            park: Whether to move to the park pose of the robot file before the torque is disabled, so that the arm does
                 not drop. If False, hold the arm by hand.
 
         Raises:
-            MotionFailedError: The park pose was not reached. The torque stays on.
+            MotionFailedError: The park pose was not reached. The torque stays enabled.
             ArmError: A servo does not answer, or cannot be activated safely.
         """
         self._backend.set_torque(on, park)
@@ -367,13 +368,13 @@ class Arm:
     def freedrive(self) -> Iterator[None]:
         """Let a person move the joints by hand for the duration of the context.
 
-        The servos then carry most of the weight of the arm, and hold each joint like a slipping brake. When the context
-        ends, each joint holds the position at which it was left. ``stop`` from another thread ends the freedrive, too.
+        The servos carry most of the arm's weight, and hold each joint like a slipping brake. When the context ends,
+        each joint holds the position at which it was left. ``stop`` from another thread ends the freedrive, too.
 
         Raises:
             ArmBusyError: A motion is running, a stream is open, the torque is off, or another program moves the arm.
-            ArmError: The stiffness or the weight of the arm is unknown, or a servo does not answer. If the context has
-                ended, the message names the servos with a reduced torque limit.
+            ArmError: The stiffness or the weight of the arm is unknown, or a servo does not answer. At the end of the
+                context, the message names the servos whose torque limit is still reduced.
         """
         self._backend.begin_freedrive()
         try:
@@ -401,7 +402,7 @@ class Arm:
         start = getattr(self._backend, "controller", None)
         if start is None:
             raise ArmInputError(
-                "your own controller must run beside the control loop: use Arm(...) instead of Arm.connect(...)"
+                "your own controller must run in the control loop's process: use Arm(...) instead of Arm.connect(...)"
             )
         started: AbstractContextManager[Controller] = start(name, kind, parameters)
         return started
@@ -414,10 +415,10 @@ class Arm:
         return self._backend.record(Path(path))
 
     def on_state(self, callback: Observer) -> Callable[[], None]:
-        """Call a function with the newest state after each cycle.
+        """Call a function with the latest state after each cycle.
 
-        One thread of the arm makes all calls. On simulated time, the waiting thread makes the calls. A function that is
-        slower than a cycle misses states.
+        One thread of the arm makes all calls. In simulated time, the waiting thread makes the calls. A function that
+        takes longer than a cycle misses states.
 
         Args:
             callback: Function that receives the state.
@@ -428,7 +429,7 @@ class Arm:
         return self._backend.observe(callback)
 
     async def states(self) -> AsyncIterator[ArmState]:
-        """Yield the newest state after each cycle, in a coroutine. Raises ArmEndedError."""
+        """Yield the latest state after each cycle, in a coroutine. Raises ArmEndedError."""
         last_s = -math.inf
         while True:
             await self._backend.wait_async(self._measured_after(last_s), math.inf)
@@ -437,7 +438,7 @@ class Arm:
             yield state
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time on the clock of the arm. On simulated time, this call runs the cycles of the arm.
+        """Wait for a number of seconds on the arm's clock. In simulated time, this call runs the arm's cycles.
 
         Raises ArmEndedError if the control loop ends.
         """
@@ -445,7 +446,7 @@ class Arm:
             self._backend.wait(lambda: False, seconds)
 
     def step(self, cycles: int = 1) -> ArmState:
-        """Wait for a number of cycles. On simulated time, exactly this number of cycles runs.
+        """Wait for a number of cycles. In simulated time, exactly this number of cycles runs.
 
         Returns:
             The state of the last cycle.

@@ -5,7 +5,7 @@
 - ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. This class has no
   thread: a script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend``
   for the clients of its socket. A server translates each message into one call of this class.
-- A client of the socket sends each call as a message and keeps the newest state that it has received.
+- A client of the socket sends each call as a message and keeps the latest state that it has received.
 
 All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
 ``servoloop.api.errors``. A server sends the class name, the text and the joint of an error, and its client raises the
@@ -36,19 +36,19 @@ class ArmState:
     age_s: float
     """Time from the measurement until this object was created, in seconds."""
     position: Mapping[str, float]
-    """Measured positions by joint, in rad or m; NaN before the first answer of a servo."""
+    """Measured position of each joint, in rad or m; NaN before the first answer of its servo."""
     velocity: Mapping[str, float]
-    """Measured velocities by joint, in rad/s or m/s."""
+    """Measured velocity of each joint, in rad/s or m/s."""
     effort: Mapping[str, float]
-    """Torques or forces by joint, in N m or N; NaN if unknown."""
+    """Torque or force of each joint, in N m or N; NaN if unknown."""
     temperature: Mapping[str, float]
-    """Servo temperatures by joint, in °C; NaN if unknown."""
+    """Temperature of each joint's servo, in °C; NaN if unknown."""
     command: Mapping[str, float]
-    """Positions that the control loop sent last, in rad or m; NaN before the first command."""
+    """Latest commanded position of each joint, in rad or m; NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
     """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
     unmeasured: tuple[str, ...] = ()
-    """Joints with a fault because of which their position may be old. A joint with an alarm is measured."""
+    """Joints whose position may be outdated because of a fault. A joint with only an alarm is measured."""
 
 
 Observer = Callable[[ArmState], None]
@@ -64,7 +64,7 @@ class ArmDescription:
     joints: tuple[str, ...]
     """Joints that can be moved, in the order of the robot description. Arrays use the same order."""
     limits: Mapping[str, JointLimits]
-    """Limits by joint name."""
+    """Limits of the joints, keyed by joint name."""
     hand: str
     """Joint of the gripper; empty if the arm has none."""
     hand_open: float
@@ -91,7 +91,7 @@ class MotionGoal:
     positions: tuple[tuple[float, ...], ...]
     """k points with n positions each, in rad or m."""
     velocities: tuple[tuple[float, ...], ...] = ()
-    """k points with n velocities each, in rad/s or m/s. Empty: the controller chooses the velocities."""
+    """k points with n velocities each, in rad/s or m/s. If empty, the controller chooses the velocities."""
 
 
 class MotionProgress(Protocol):
@@ -115,8 +115,7 @@ class ArmBackend(Protocol):
     """Interface through which ``Arm`` uses the program that runs the control loop. Any thread may call each method.
 
     Only ``begin_stream``, ``set_torque``, ``begin_freedrive``, ``end_freedrive``, ``wait``, ``wait_async`` and
-    ``close`` wait for cycles. A call that raises an
-    error does not move the arm.
+    ``close`` wait for cycles. A call that raises an error does not move the arm.
     """
 
     @property
@@ -125,7 +124,7 @@ class ArmBackend(Protocol):
         ...
 
     def state(self) -> ArmState:
-        """Return the newest state. Raises ArmEndedError if there is no measurement because the loop has ended."""
+        """Return the latest state. Raises ArmEndedError if there is no measurement because the loop has ended."""
         ...
 
     def observe(self, observer: Observer) -> Callable[[], None]:
@@ -180,16 +179,16 @@ class ArmBackend(Protocol):
     def end_stream(self) -> None:
         """End the stream. The joints slow down within their limits and hold.
 
-        Without an open stream, nothing happens.
+        This call has no effect if no stream is open.
         """
         ...
 
     def set_torque(self, on: bool, park: bool = True) -> None:
-        """Release or enable the torque of all servos, and return when this is done.
+        """Enable or disable the torque of all servos, and return when this is done.
 
         Args:
             on: Whether to enable the torque, with each goal at the measured position.
-            park: Whether to move to the park pose of the robot file, if there is one, before the torque is released.
+            park: Whether to move to the park pose of the robot file, if there is one, before the torque is disabled.
 
         Raises:
             MotionFailedError: The park pose was not reached. The torque stays enabled.
@@ -207,9 +206,9 @@ class ArmBackend(Protocol):
         ...
 
     def end_freedrive(self) -> None:
-        """Let the joints hold their positions with their full torque, and return once they do.
+        """Make the joints hold their positions with full torque, and return once they do.
 
-        Without freedrive, nothing happens.
+        This call has no effect if the arm is not in freedrive.
 
         Raises:
             ArmError: A servo does not answer, and still has a reduced torque limit.
@@ -223,8 +222,8 @@ class ArmBackend(Protocol):
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until a condition holds, for at most ``timeout_s`` seconds of the loop's clock.
 
-        On simulated time this runs the cycles. In real time, the calling thread sleeps and the condition is checked
-        after each cycle.
+        In simulated time, this call runs the cycles. In real time, the calling thread sleeps and the condition is
+        checked after each cycle.
 
         Returns:
             Whether the condition holds.

@@ -14,13 +14,13 @@ from servoloop.api.errors import ArmInputError
 def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
     """Check the names, sizes, times and positions of a goal, and return it within the limits. Raises ArmInputError.
 
-    A joint that sags or is held at its limit is measured slightly beyond the limit. Such a position is moved to the
-    limit.
+    A joint that sags or is held at its limit is measured slightly beyond the limit. A position that is only slightly
+    beyond a limit is therefore moved to the limit.
     """
     check_joints(goal.joints, arm)
     rows = len(goal.times_s)
     if not rows:
-        raise ArmInputError("the motion has no points: name at least one target")
+        raise ArmInputError("the motion has no points: specify at least one target")
     for kind, table in (("positions", goal.positions), ("velocities", goal.velocities)):
         if (table or kind == "positions") and len(table) != rows:
             raise ArmInputError(f"the motion has {rows} times, but {len(table)} rows of {kind}: send one row per time")
@@ -46,21 +46,21 @@ def checked_targets(targets: Mapping[str, float], arm: ArmDescription) -> dict[s
 
 
 def check_joints(joints: Iterable[str], arm: ArmDescription) -> None:
-    """Check that the arm has these joints and that no joint is named twice. Raises ArmInputError."""
+    """Check that the arm has these joints and that no joint is listed twice. Raises ArmInputError."""
     named = tuple(joints)
     if not named:
-        raise ArmInputError(f"no joint is named: name at least one of {', '.join(arm.joints)}")
+        raise ArmInputError(f"no joint is specified: specify at least one of {', '.join(arm.joints)}")
     for joint in named:
         if joint not in arm.joints:
             raise ArmInputError(
                 f"{arm.name} has no joint {joint!r}: its joints are {', '.join(arm.joints)}", str(joint)
             )
         if named.count(joint) > 1:
-            raise ArmInputError(f"{joint} is named twice: name each joint once", joint)
+            raise ArmInputError(f"{joint} is listed twice: list each joint once", joint)
 
 
 def checked_number(name: str, value: object) -> float:
-    """Return a number. Raises ArmInputError if the value is a text, a truth value or anything else."""
+    """Return a value as a number. Raises ArmInputError if it is a string, a Boolean or not a number."""
     found = number_of(value)
     if found is None:
         raise ArmInputError(f"{name} must be a number, not {value!r}")
@@ -76,7 +76,7 @@ def checked_timeout(value: object) -> float:
 
 
 def number_of(value: Any) -> float | None:
-    """Return a value as a number; None for a text, a truth value (also of numpy), and anything that is not a number."""
+    """Return a value as a number; None for a string, a Boolean (also of NumPy) and anything else."""
     if isinstance(value, str | bytes) or type(value).__name__.startswith("bool"):
         return None
     try:
@@ -100,7 +100,7 @@ def _within(joint: str, position: float, limit: JointLimits, at: str = "") -> fl
 
 def _check_times(times_s: tuple[float, ...]) -> None:
     if not all(math.isfinite(time_s) and time_s >= 0.0 for time_s in times_s):
-        raise ArmInputError("all times must be finite and not negative: count them from the start of the motion")
+        raise ArmInputError("all times must be finite and not negative: measure the times from the start of the motion")
     for index, (before_s, time_s) in enumerate(pairwise(times_s)):
         if time_s <= before_s:
             raise ArmInputError(

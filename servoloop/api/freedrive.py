@@ -17,9 +17,10 @@ from servoloop.stack.robot_files import Files
 
 LOG = logging.getLogger("servoloop")
 FREEDRIVE: Final = "freedrive_controller"
-"""Name of the controller that lets a hand move the joints."""
+"""Name of the controller that lets a person move the joints."""
 HELD_CYCLES: Final = 4
-"""Number of cycles with constant commands before the former controllers begin. Otherwise they continue the motion."""
+"""Number of cycles with constant commands before the previous controllers start. Without these cycles, the
+controllers would continue the motion."""
 RETRY_S: Final = 1.0
 """Time between two attempts to restore torque limits, in seconds."""
 
@@ -27,7 +28,7 @@ RETRY_S: Final = 1.0
 class Freedrive:
     """Freedrive of one stack. Any thread may call ``begin`` and ``end``; the loop calls ``update`` after each cycle.
 
-    At the end, each joint first holds its measured position. The torque limits are then restored, and the former
+    At the end, each joint first holds its measured position. The torque limits are then restored, and the previous
     controllers become active again. The torque limit of a servo that does not answer is restored once it answers.
     """
 
@@ -38,16 +39,16 @@ class Freedrive:
         self._controller: FreedriveController | None = None
         self._ending = False
         self._held_cycles = 0
-        """Number of cycles since the joints hold their positions."""
+        """Number of cycles for which the joints have held their positions."""
         self._softened = False
         """Whether torque limits may be reduced."""
         self._retry_s = 0.0
         self.open = False
-        """Whether the joints yield to a hand, or will do so soon."""
+        """Whether the joints yield to a person's hand, or will do so soon."""
 
     @property
     def free(self) -> bool:
-        """Whether the joints yield to a hand now."""
+        """Whether the joints yield to a person's hand now."""
         return self.open and self._controller is not None and self._controller.free
 
     @property
@@ -67,7 +68,7 @@ class Freedrive:
             self._controller.holds = self.open
 
     def update(self, silent: Sequence[str], now_s: float) -> None:
-        """End the freedrive if this was requested or its controller was deactivated.
+        """End the freedrive if its end was requested or its controller was deactivated.
 
         Args:
             silent: Joints that were not measured in this cycle.
@@ -82,14 +83,14 @@ class Freedrive:
         self._held_cycles = self._held_cycles + 1 if held else 0
         if ended or self._held_cycles >= HELD_CYCLES:
             if ended:
-                LOG.warning("freedrive has ended, because its controller was deactivated")
+                LOG.warning("freedrive has ended because its controller was deactivated")
             self._stiffen(silent, now_s)
             self._takeover.give_back()
             self.open = self._ending = False  # last, because other threads wait for it
 
     def _begin(self) -> None:
         if self.open:
-            raise ArmBusyError("the arm is in freedrive already")
+            raise ArmBusyError("the arm is already in freedrive")
         if self._controller is None:
             self._controller = self._load()
         self._controller.holds, self._ending = False, False
@@ -134,7 +135,7 @@ class Freedrive:
 
 
 def _guidable(files: Files, names: Sequence[str], with_servos: set[str]) -> list[Joint]:
-    """Return the joints that a hand can move without an arm that sinks. Raises ArmError."""
+    """Return the joints that a person can move without the arm sinking. Raises ArmError."""
     joints, hands = [joint for joint in files.robot.joints if joint.name in names], files.hand_joints
     without = [name for name in names if name not in with_servos]
     unknown = [joint.name for joint in joints if joint.compliance is None and joint.name not in hands]
@@ -145,7 +146,7 @@ def _guidable(files: Files, names: Sequence[str], with_servos: set[str]) -> list
         else:
             why = f"the stiffness of {', '.join(unknown)} is unknown" if unknown else "its gravity is not compensated"
         raise ArmError(
-            f"the arm cannot be made soft, because {why}: release its torque instead (`teach record --limp`), and hold "
-            "the arm"
+            f"the arm cannot be made compliant because {why}: disable its torque instead (`teach record --limp`), and "
+            "hold the arm"
         )
     return joints

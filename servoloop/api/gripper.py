@@ -61,7 +61,7 @@ class ArmGripper:
         Args:
             position: Target in rad or m.
             duration: Duration of the motion, in seconds. Limits may make it longer.
-            speed: Share of the velocity limit to use instead of a duration, above 0 and at most 1. Default: 0.25.
+            speed: Fraction of the velocity limit to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
 

@@ -31,7 +31,7 @@ class ControllerAccess:
     active: Callable[[], bool]
     """Function that returns whether the controller is active."""
     brake: Callable[[], None]
-    """Function that requests the joints of the controller to slow down within their limits."""
+    """Function that makes the joints of the controller slow down within their limits."""
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from servoloop.api.errors import ArmTimeoutError
 from servoloop.api.targets import Positions
 
 Convert = Callable[[Positions], Mapping[str, float]]
-"""Function that returns targets by joint."""
+"""Function that returns targets keyed by joint name."""
 
 
 class ArmMotion:
@@ -63,7 +63,9 @@ class ArmMotion:
 
     def _finish(self, ended: bool, timeout_s: float) -> None:
         if not ended:
-            raise ArmTimeoutError(f"the motion takes longer than {timeout_s:g} s. It continues: wait or cancel it")
+            raise ArmTimeoutError(
+                f"the motion takes longer than {timeout_s:g} s and continues: wait for the motion or cancel it"
+            )
         if (failure := self.failure) is not None:
             raise failure
 

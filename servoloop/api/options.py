@@ -27,7 +27,7 @@ class ArmOptions:
     arm: str
     """Name or folder of the arm."""
     rate_hz: int | None = None
-    """Rate of the control loop, in Hz. None: the rate in the controllers file."""
+    """Rate of the control loop, in Hz. If None, the rate in the controllers file is used."""
     controllers: Path | None = None
     """Controllers file to use instead of the arm's own."""
     record: Path | None = None

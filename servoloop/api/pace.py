@@ -1,4 +1,4 @@
-"""Let a program wait for cycles of a control loop that runs in another thread or on simulated time."""
+"""Let a program wait for cycles of a control loop that runs in another thread or in simulated time."""
 
 import asyncio
 import logging
@@ -144,7 +144,7 @@ class ThreadPace:
 
 
 class SimulatedPace:
-    """Pace of a loop on simulated time. A wait runs the cycles in the calling thread, as fast as possible."""
+    """Pace of a loop in simulated time. A wait runs the cycles in the calling thread, as fast as possible."""
 
     def __init__(self, loop: ControlLoop, ended: Ended, failed: Callable[[Exception], None]) -> None:
         """``failed`` is called with the error that ends the loop. Afterwards, ``ended`` returns an error."""
@@ -155,7 +155,7 @@ class SimulatedPace:
         self._due_s = loop.clock.now()
         """Time at which the next cycle is due, in seconds.
 
-        With this time, the rate of the loop stays constant across waits of any length.
+        This time keeps the rate of the loop constant across waits of any length.
         """
 
     def cycle_done(self) -> None:
@@ -191,7 +191,7 @@ class SimulatedPace:
             if error := self._ended():
                 raise error
             if self._runs:
-                raise ArmError("a callback of on_state cannot wait on simulated time: set a flag and wait elsewhere")
+                raise ArmError("a callback of on_state cannot wait in simulated time: set a flag and wait elsewhere")
             self._runs = True
             cycles = iter((False, True))
             try:

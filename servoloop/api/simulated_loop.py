@@ -1,4 +1,4 @@
-"""Control loop of a script on simulated time, with virtual servos in the same process."""
+"""Control loop of a script in simulated time, with virtual servos in the same process."""
 
 import logging
 from pathlib import Path
@@ -17,7 +17,7 @@ LOG = logging.getLogger("servoloop")
 
 
 class SimulatedLoop(OwnLoop):
-    """Loop on simulated time, with virtual servos in this process. The cycles run while the program waits."""
+    """Loop in simulated time, with virtual servos in this process. The cycles run while the program waits."""
 
     def __init__(self, files: Files, record: Path | None, seed: int | None, backlash_deg: float) -> None:
         """Start the loop. Raises ArmSetupError.
@@ -25,7 +25,7 @@ class SimulatedLoop(OwnLoop):
         Args:
             files: Files of the arm.
             record: Path of a new recording, if any.
-            seed: Seed for random variations of the virtual arm. None: the nominal arm.
+            seed: Seed for random variations of the virtual arm. If None, the nominal arm is used.
             backlash_deg: Backlash of each servo, in degrees.
         """
         super().__init__(files)

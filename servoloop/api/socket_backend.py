@@ -27,7 +27,7 @@ FIRST_S: Final = 5.0
 EVENTS_S: Final = 0.2
 """Maximum time of one wait for states, in seconds. The thread that waits ends within this time."""
 TORQUE_S: Final = 90.0
-"""Maximum time to move to the park pose and to release the torque, in seconds."""
+"""Maximum time to move to the park pose and to disable the torque, in seconds."""
 FASTEST_HZ: Final = 1000.0
 
 
@@ -67,10 +67,10 @@ class SocketBackend:
             raise ArmSetupError(f"the arm of {stack.label} cannot be used: {error}") from error
         self._why_ended = ""
         self._newest: tuple[ArmState, float] | None = None
-        """Newest state and the time of its arrival, in seconds."""
+        """Latest state and the time of its arrival, in seconds."""
         self._first = threading.Event()
         self._results: dict[int, ArmError | None] = {}
-        """Results of the motions that have ended, by number."""
+        """Results of the motions that have ended, keyed by motion number."""
         self._pace = ThreadPace(MonotonicClock(), self._ended)
         self._thread = threading.Thread(target=self._watch, name="states of the arm", daemon=True)
         self._thread.start()
@@ -84,7 +84,7 @@ class SocketBackend:
             raise ArmSetupError(str(error)) from error
 
     def state(self) -> ArmState:
-        """Return the newest state."""
+        """Return the latest state."""
         self._first.wait(FIRST_S)
         if self._newest is None:
             raise self._ended() or ArmError("the arm has sent no measurement: check its power and its cables")
@@ -94,7 +94,7 @@ class SocketBackend:
         return _aged(state, monotonic() - arrived_s)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the newest state after each cycle, and return a function that ends the calls."""
+        """Call a function with the latest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -147,7 +147,7 @@ class SocketBackend:
         self._ask("stream_end")
 
     def set_torque(self, on: bool, park: bool = True) -> None:
-        """Release or enable the torque, as ``ArmBackend.set_torque`` describes."""
+        """Enable or disable the torque, as ``ArmBackend.set_torque`` describes."""
         self._ask("take")
         self._ask("torque", TORQUE_S, on=on, park=park)
 

@@ -44,7 +44,7 @@ PARK_S: Final = 60.0
 
 
 class StackBackend:
-    """Backend on a control stack whose loop runs in another thread or on simulated time.
+    """Backend on a control stack whose loop runs in another thread or in simulated time.
 
     Create the backend before the loop runs. In each cycle, the backend first calls the previous ``on_cycle`` function
     of the loop.
@@ -83,7 +83,7 @@ class StackBackend:
         stack.loop.on_cycle = on_cycle
 
     def state(self) -> ArmState:
-        """Return the newest state."""
+        """Return the latest state."""
         if self._latest is None:
             self._pace.wait(lambda: self._latest is not None, ANSWER_S)
         if self._latest is None:
@@ -92,7 +92,7 @@ class StackBackend:
         return self._converted(state, command)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the newest state after each cycle, and return a function that ends the calls."""
+        """Call a function with the latest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -148,7 +148,7 @@ class StackBackend:
         self._stream.end()
 
     def set_torque(self, on: bool, park: bool = True) -> None:
-        """Release or enable the torque, as ``ArmBackend.set_torque`` describes."""
+        """Enable or disable the torque, as ``ArmBackend.set_torque`` describes."""
         if error := self._ended():
             raise error
         if on:
@@ -177,9 +177,9 @@ class StackBackend:
         freedrive = self._freedrive
         freedrive.end()
         if not self._pace.wait(lambda: not freedrive.open, FREEDRIVE_S):
-            raise ArmTimeoutError(f"the arm did not end its freedrive within {FREEDRIVE_S:g} s, and is still soft")
+            raise ArmTimeoutError(f"freedrive did not end within {FREEDRIVE_S:g} s, so the arm is still compliant")
         if soft := freedrive.soft:
-            text = f"the torque of {', '.join(soft)} is still reduced, until its servo answers: check its cable"
+            text = f"the torque of {', '.join(soft)} stays reduced until its servo answers: check its cable"
             raise ArmError(text, soft[0])
 
     @contextmanager
@@ -281,7 +281,7 @@ class StackBackend:
         return movers
 
     def _require_free(self, joints: Sequence[str]) -> None:
-        """Raise ArmBusyError if a stream is open, or if these joints are moved by hand or have no torque."""
+        """Raise ArmBusyError if a stream is open, or if these joints are moved by hand or their torque is off."""
         self._require_torque(joints)
         if self._stream.open:
             raise ArmBusyError("a stream is open: close it before you start a motion")
@@ -289,7 +289,7 @@ class StackBackend:
             raise ArmBusyError("the arm is in freedrive: end freedrive before you start a motion")
 
     def _require_rest(self, to: str) -> None:
-        """Raise ArmBusyError unless all joints have torque, and neither a motion nor a stream nor a hand moves them."""
+        """Raise ArmBusyError unless the torque of all joints is on and no motion, stream or person moves them."""
         self._require_free(self.description.joints)
         if any(part.moves for part in self._parts):
             raise ArmBusyError(f"a motion is running: wait for it or call stop() before you {to}")
@@ -314,7 +314,7 @@ class StackBackend:
         progress = self.start(MotionGoal(tuple(pose), (duration_s,), (tuple(pose.values()),)))
         if not self.wait(lambda: progress.done, PARK_S) or progress.failure is not None:
             raise MotionFailedError(
-                f"the park pose was not reached, so the torque stays on: {progress.failure}. Use torque(False, "
+                f"the park pose was not reached, so the torque stays enabled: {progress.failure}. Use torque(False, "
                 "park=False) and hold the arm"
             ) from progress.failure
 

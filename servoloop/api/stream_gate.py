@@ -44,9 +44,9 @@ class Takeover:
         self._former = tuple(former)
 
     def give_back(self) -> None:
-        """Activate the former controllers again.
+        """Activate the previous controllers again.
 
-        These controllers start after the joints have slowed down within their limits.
+        The previous controllers start after the joints have slowed down within their limits.
         """
         loop = self._stack.loop
         inactive = tuple(name for name in self._former if not loop.manager.registry.loaded[name].active)
@@ -91,7 +91,7 @@ class StreamGate:
         controller.submit([self._targets[joint] for joint in controller.joints])
 
     def end(self) -> None:
-        """Switch back to the former controllers."""
+        """Switch back to the previous controllers."""
         if self.open:
             self._in_loop(lambda: self._end(NOT_OPEN))
 

@@ -47,7 +47,7 @@ def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
 
 
 def duration_of(duration: float | None, speed: float | None) -> tuple[float | None, float]:
-    """Return the checked duration in seconds, and the share of the velocity limits to use without a duration.
+    """Return the checked duration in seconds, and the fraction of the velocity limits to use without a duration.
 
     Raises ArmInputError.
     """
@@ -59,7 +59,7 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
             raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
     share = SPEED if speed is None else checked_number("speed", speed)
     if not 0.0 < share <= 1.0:
-        raise ArmInputError(f"speed must be a share of the velocity limits above 0 and at most 1, not {speed}")
+        raise ArmInputError(f"speed must be a fraction of the velocity limits above 0 and at most 1, not {speed}")
     return duration, share
 
 
@@ -74,7 +74,9 @@ def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tu
     if not columns:
         return ()
     if missing := [joint for joint in joints if joint not in columns]:
-        raise ArmInputError(f"{missing[0]} has positions but no velocities: add them or leave out all", missing[0])
+        raise ArmInputError(
+            f"{missing[0]} has positions but no velocities: give velocities for all joints or for none", missing[0]
+        )
     lengths = {len(columns[joint]) for joint in joints}
     if len(lengths) > 1:
         raise ArmInputError(f"the joints have different numbers of points ({sorted(lengths)}): use one per time")
@@ -89,7 +91,7 @@ def _number(joint: str, value: Any) -> float:
 
 
 SPEED = 0.25
-"""Share of the velocity limits that a motion uses if neither a duration nor a speed is given."""
+"""Fraction of the velocity limits that a motion uses if neither a duration nor a speed is given."""
 SHORTEST_S: Final = 1e-3
 """Duration of a motion whose joints are already at their targets, in seconds."""
 
@@ -100,10 +102,10 @@ def approach_s(
     """Return the duration of a jerk-limited motion between two poses at rest, in seconds.
 
     Args:
-        target: Target positions by joint, in rad or m.
-        start: Start positions by joint, in rad or m. Joints with an unknown start are ignored.
-        limits: Limits by joint.
-        speed: Share of the velocity limits, above 0 and at most 1.
+        target: Target positions in rad or m, keyed by joint name.
+        start: Start positions in rad or m, keyed by joint name. Joints with an unknown start are ignored.
+        limits: Limits keyed by joint name.
+        speed: Fraction of the velocity limits, above 0 and at most 1.
 
     Raises:
         ArmInputError: No motion within the limits connects the poses.

@@ -115,8 +115,8 @@ class ThreadLoop(OwnLoop):
 def exit_on_signals() -> Iterator[None]:
     """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
 
-    The handling of signals that the program handles or ignores does not change. Outside the main thread, no handling
-    changes.
+    Signals that the program already handles or ignores are not affected. Outside the main thread, this context has no
+    effect.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -29,7 +29,7 @@ class ArmTrajectory:
 
         Args:
             states: States of a motion, in the order of their times.
-            limits: Limits of the joints to use, by joint name, such as ``arm.limits``.
+            limits: Limits of the joints to use, keyed by joint name, such as ``arm.limits``.
 
         Raises:
             ArmInputError: No joint moved, or there are fewer than two states.

@@ -23,7 +23,7 @@ def load_controller(
         stack: Running stack.
         name: Name of the controller.
         kind: Class of the controller.
-        parameters: Parameters of the controller by name.
+        parameters: Parameters of the controller, keyed by name.
         in_loop: Function that runs an action between two cycles.
 
     Raises:

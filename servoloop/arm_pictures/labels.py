@@ -1,6 +1,6 @@
 """Draw lines and text on a picture.
 
-All lines and text are drawn at three times the size and scaled down, to be smooth.
+All lines and text are drawn at three times their size and scaled down, so that they are smooth.
 """
 
 from collections.abc import Sequence

@@ -20,7 +20,8 @@ TURN_RAD: Final = np.radians(250.0)
 """Angle covered by an arrow around an axis, in rad."""
 STEPS: Final = 48
 ARROW: Final = 0.085
-"""Radius of an arrow around an axis, and half the length of an arrow along an axis, as a share of the arm's reach."""
+"""Radius of an arrow around an axis, and half the length of an arrow along an axis, as a fraction of the arm's
+reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class JointArrow:
 
 
 class PosedArm:
-    """Arm with its joints at ``position``, in rad or m by name. Other joints are at zero."""
+    """Arm with its joints at ``position``, in rad or m, keyed by joint name. Other joints are at zero."""
 
     def __init__(self, files: ServoFiles, position: Mapping[str, float]) -> None:
         self._files = files

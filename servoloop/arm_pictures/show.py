@@ -17,14 +17,14 @@ SIZE: Final = (1200, 760)
 TOWARD: Final = np.array([0.55, -1.0, 0.5])
 """View direction, from above and from the right side of the arm. The arm points to the right of the picture."""
 FILLED: Final = (0.6, 0.8)
-"""Maximum shares of the picture's width and height for the arm. The rest is for labels."""
+"""Maximum fractions of the picture's width and height for the arm. The remaining space is for labels."""
 
 
 def draw_arm(arm: ArmFolder) -> Image.Image:
     """Draw an arm at the zero pose with the names and directions of its joints.
 
     Raises:
-        ArmFileError, DescriptionError, RobotFileError: A file of the arm has mistakes.
+        ArmFileError, DescriptionError, RobotFileError: A file of the arm has errors.
     """
     files = read_arm_servos(arm)
     posed = PosedArm(files, {})

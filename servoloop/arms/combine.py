@@ -21,7 +21,7 @@ from servoloop.stack.robot_files import make_folder, write_file
 TRAJECTORY: Final = JointTrajectoryController.kind
 NAME: Final = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 APART_M: Final = 0.6
-"""Distance between the bases of two arms without ``--base``, in m."""
+"""Distance between the bases of two arms if ``--base`` is not given, in m."""
 SHOWN: Final = 3
 """Maximum number of pairs in a message."""
 
@@ -39,16 +39,16 @@ def parse_arms(words: Sequence[str]) -> dict[str, str]:
             raise ArmFileError(f"the prefix {name} is given twice: choose a different prefix for each arm")
         arms[name] = arm
     if len(arms) < 2:
-        raise ArmFileError("name at least two arms, such as left=so101 right=so101")
+        raise ArmFileError("specify at least two arms, such as left=so101 right=so101")
     if "world" in arms:
-        raise ArmFileError("the prefix world is the name of the feed of the simulated world: choose another prefix")
+        raise ArmFileError("the prefix world is reserved for the feed of the simulated world: choose another prefix")
     return arms
 
 
 def parse_bases(words: Sequence[str], names: Sequence[str]) -> dict[str, BasePose]:
     """Return the base pose of each arm from words such as ``left=0,0.3,0,0``. Raises ArmFileError.
 
-    Without a word for it, an arm stands beside the other arms.
+    An arm without such a word is placed next to the other arms.
     """
     middle = 0.5 * (len(names) - 1)
     bases = {name: BasePose(0.0, (middle - place) * APART_M, 0.0, 0.0) for place, name in enumerate(names)}
@@ -69,9 +69,9 @@ def _base(word: str, text: str) -> BasePose:
         numbers = [float(number) for number in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != 4 or not all(abs(number) <= 100.0 for number in numbers):  # NaN is not, either
+    if len(numbers) != 4 or not all(abs(number) <= 100.0 for number in numbers):  # This also rejects NaN.
         raise ArmFileError(
-            f"--base {word}: write PREFIX=X,Y,Z,YAW in m and rad, such as left=0,0.3,0,0, each number at most 100"
+            f"--base {word}: write PREFIX=X,Y,Z,YAW in m and rad, such as left=0,0.3,0,0, with each number at most 100"
         )
     return BasePose(*numbers)
 
@@ -90,8 +90,8 @@ def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]
         Paths of the written files.
 
     Raises:
-        ArmFileError: The folder cannot be used, or the arms do not fit together.
-        HalError, ControllersFileError: The files of an arm have mistakes.
+        ArmFileError: The folder cannot be used, or the arms cannot be combined.
+        HalError, ControllersFileError: The files of an arm have errors.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArmFileError(f"{folder} already exists: choose another folder, or remove it first")
@@ -104,7 +104,7 @@ def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]
 
 
 def combined(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]) -> dict[str, str]:
-    """Return the texts of the files for a folder by their names. Raises the same errors as ``combine``."""
+    """Return the text of each file for a folder, keyed by file name. Raises the same errors as ``combine``."""
     parts = [_part(name, arm, bases[name]) for name, arm in arms.items()]
     name = folder.resolve().name
     in_scene = not missing_extras("the scene", "sim") and all(part.arm.scene.exists() for part in parts)
@@ -128,7 +128,7 @@ def _part(name: str, arm: str, base: BasePose) -> Part:
     found = find_arm(arm)
     files = read_arm_files(found)
     if sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1:
-        raise ArmFileError(f"{found.name} has several arms already: combine these arms themselves instead")
+        raise ArmFileError(f"{found.name} already has several arms: combine its individual arms instead")
     return Part(name, found, files, base)
 
 
@@ -154,13 +154,13 @@ def _table_m(part: Part) -> float:
 
 
 def _heights_m(parts: Sequence[Part]) -> dict[str, float]:
-    """Return the height of the base of each arm, so that all arms have one table: that of the first arm."""
+    """Return the base height of each arm at which all arms stand on the table of the first arm."""
     table_m = _table_m(parts[0])
     return {part.name: part.base.z_m + round(table_m - _table_m(part), 6) for part in parts}
 
 
 def _require_apart(scene: str, parts: Sequence[Part]) -> None:
-    """Raise ArmFileError if parts of two arms overlap at zero, at the start or in the park pose."""
+    """Raise ArmFileError if parts of two arms overlap in the zero, start or park pose."""
     from sim_backend.scene.combined_scene import contacts_between, keyframes
 
     park = {

@@ -25,7 +25,7 @@ BROADCASTER: Final = "joint_state_broadcaster/JointStateBroadcaster"
 
 
 def robot_text(parts: Sequence[Part]) -> str:
-    """Return the robot file, with one bus per arm. Calibrated values become part of it.
+    """Return the robot file, with one bus per arm and the calibrated values.
 
     Raises ArmFileError if the robot files contradict each other.
     """
@@ -84,7 +84,8 @@ def controllers_text(parts: Sequence[Part]) -> str:
         controllers = {spec.name: spec for spec in file.controllers if spec.kind != BROADCASTER}
         if other := sorted(file.manager.keys() - {"update_rate", *(spec.name for spec in file.controllers)}):
             raise ArmFileError(
-                f"{file.path}: {MANAGER} has {', '.join(other)}, which cannot be combined with other arms: remove it"
+                f"{file.path}: {MANAGER} has {', '.join(other)}, which cannot be combined with other arms: remove "
+                "these parameters"
             )
         for name in controllers:
             manager[f"{part.prefix}{name}"] = part.prefixed(file.manager[name], names)
@@ -125,7 +126,7 @@ def arm_text(parts: Sequence[Part]) -> str:
 
 
 def poses_text(parts: Sequence[Part]) -> str:
-    """Return the saved poses of each arm, and each pose that all arms have as a pose of the robot; empty without poses.
+    """Return the saved poses of each arm; empty without poses. A pose that all arms have is also a pose of the robot.
 
     Raises PoseError.
     """
@@ -142,7 +143,7 @@ def poses_text(parts: Sequence[Part]) -> str:
 
 
 def meshes_text(parts: Sequence[Part], folder: Path) -> str:
-    """Return the meshes of all links, which remain in the folders of the arms; empty without meshes."""
+    """Return the meshes of all links; empty without meshes. The mesh files remain in the folders of the arms."""
     links: dict[str, Any] = {}
     for part in parts:
         path = part.arm.scene.parent / PLACES
@@ -155,18 +156,18 @@ def meshes_text(parts: Sequence[Part], folder: Path) -> str:
 
 
 def servo_models_text(parts: Sequence[Part]) -> str:
-    """Return the servo models of the users; empty if there are none. Raises ArmFileError if two models differ."""
+    """Return the user-defined servo models; empty if there are none. Raises ArmFileError if two models differ."""
     models: dict[str, Any] = {}
     for part in parts:
         path = part.arm.robot.parent / FILE_NAME
         for name, model in (_content(path) if path.is_file() else {}).items():
             if models.setdefault(name, model) != model:
-                raise ArmFileError(f"{path}: the model {name} differs from that of another arm: rename one of them")
+                raise ArmFileError(f"{path}: the model {name} differs from that of another arm: rename one model")
     return yaml_text(models) if models else ""
 
 
 def licenses(parts: Sequence[Part]) -> Iterator[tuple[str, str]]:
-    """Yield name and text of the license files of the arms."""
+    """Yield the name and text of each license file of the arms."""
     texts = dict.fromkeys(path.read_text() for part in parts if (path := part.arm.scene.parent / "LICENSE").is_file())
     for number, text in enumerate(texts):
         yield f"LICENSE.{number}" if number else "LICENSE", text

@@ -16,7 +16,7 @@ NAMED: Final = ("link", "joint", "sensor", "gpio", "material", "transmission")
 
 @dataclass(frozen=True, slots=True)
 class BasePose:
-    """Place of the base of an arm on the table, in m, and its direction about the vertical axis, in rad."""
+    """Position of an arm's base on the table, in m, and its rotation about the vertical axis, in rad."""
 
     x_m: float
     y_m: float
@@ -47,9 +47,9 @@ class Part:
         return (elements | {spec.name for spec in self.files.controllers.controllers}) - {""}
 
     def prefixed(self, value: Any, names: Collection[str]) -> Any:
-        """Return a value of a YAML file with the prefix at each of the names, also in keys and lists.
+        """Return a value of a YAML file with the prefix added to each of the names, also in keys and lists.
 
-        Interfaces such as ``joint1/position`` get it too. Other values do not change.
+        Interfaces such as ``joint1/position`` also get the prefix. Other values do not change.
         """
         if isinstance(value, str):
             return f"{self.prefix}{value}" if value.partition("/")[0] in names else value

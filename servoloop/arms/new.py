@@ -30,7 +30,7 @@ def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
 
     Raises:
         ArmFileError: The name or the folder cannot be used, or no joint can be driven.
-        DescriptionError: The URDF has mistakes.
+        DescriptionError: The URDF has errors.
     """
     name = folder.name
     if not NAME.fullmatch(name):

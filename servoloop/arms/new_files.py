@@ -16,8 +16,8 @@ ROBOT: Final = """\
 # mounted mirrored). `servoloop calibrate` measures sign and zero_counts.
 """
 EXIT: Final = """\
-# What happens at the end of the program. hold keeps the torque on. relax moves to the pose under park and switches the
-# torque off; before you use it, add a pose in which the arm lies safely without torque.
+# What happens when the program exits. hold keeps the torque enabled. relax moves to the pose under park and disables
+# the torque. Before you use relax, add a pose in which the arm lies safely with its torque off.
 """
 CONTROLLERS: Final = """\
 # Parameter file in the format of ros2_control. Add or change controllers as you like.

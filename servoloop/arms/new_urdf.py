@@ -24,7 +24,7 @@ PROLOG: Final = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*", re.
 HAND: Final = re.compile(r"grip|jaw|finger|hand|claw|knuckle", re.IGNORECASE)
 """Pattern for the names of joints that open and close a hand."""
 REACH_SHARE: Final = 0.98
-"""Maximum share of the servo's range of counts that a joint may use."""
+"""Maximum fraction of the servo's range of counts that a joint may use."""
 HAND_TRAVEL_RAD: Final = 2.5
 """Angle by which a servo turns to open a hand with two sliding fingers, in rad."""
 
@@ -52,13 +52,13 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
 
     Args:
         urdf: URDF of the user.
-        folder: Folder of the new URDF. Paths of meshes become relative to it.
+        folder: Folder of the new URDF. Paths of meshes become relative to this folder.
         name: Name of the <ros2_control> block.
         model: Servo model of all joints. Its range of counts limits the commands.
 
     Raises:
         ArmFileError: No joint can be driven.
-        DescriptionError: The URDF has mistakes.
+        DescriptionError: The URDF has errors.
     """
     text = read_xml(urdf, DescriptionError, "the URDF")
     # The URDF is checked before it is changed, so that messages have the user's line numbers.

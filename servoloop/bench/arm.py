@@ -43,9 +43,9 @@ CYCLES: Final = 1000
 def measure_buses(
     files: Files, devices: Mapping[str, str], clock: Clock, open_port: OpenPort, cycles: int = CYCLES
 ) -> dict[str, BusRun]:
-    """Measure each bus and return the results by bus name.
+    """Measure each bus and return the results, keyed by bus name.
 
-    All servos are checked before the first one is sent a goal. Raises DriverError if a servo is missing, is of another
+    All servos are checked before the first servo is sent a goal. Raises DriverError if a servo is missing, has another
     model or has its torque enabled.
     """
     file = files.robot.file
@@ -64,8 +64,8 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         bus.identify(joint.servo_id, joint.model)
     if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{torque_warning(held)}. At the end, this command switches the torque off with the arm in its present "
-            "pose. Lay the arm down and switch its torque off first"
+            f"{torque_warning(held)}. At the end, this command disables the torque with the arm in its current "
+            "pose. Lay the arm down and disable its torque first"
         )
 
 
@@ -82,7 +82,7 @@ def _run(bus: Bus, joints: Sequence[Joint], clock: Clock, cycles: int) -> BusRun
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Figures of an arm, with the measurements for the plots."""
+    """Results of an arm, with the measurements for the plots."""
 
     figures: ArmFigures
     buses: Mapping[str, BusRun]
@@ -101,9 +101,9 @@ def bench_arm(
 ) -> Measured:
     """Measure an arm whose torque is off.
 
-    The arm moves slowly to its ready pose, then joint by joint, then back. At the end the arm is in its initial pose
-    with its torque off, even after an error. All arms of a robot with several arms move, but only the first of them is
-    measured with ROS.
+    The arm moves slowly to its ready pose, moves one joint after another, and moves back. At the end, the arm is in its
+    initial pose with its torque off, even after an error. If a robot has several arms, all of them move, but only the
+    first arm is measured with ROS.
 
     Args:
         arm: The arm.
@@ -127,7 +127,7 @@ def bench_arm(
     if signals():
         raise Interrupted("interrupted; the arm was not moved")
     realtime = claim_realtime_priority() if virtual is None else False
-    say("measuring the control loop and the motions: to the ready pose, each joint a little, and back")
+    say("measuring the control loop and the motions: to the ready pose, each joint slightly, and back")
     trial = run_trial(files, poses, devices, clock, signals, virtual)
     ros, without_ros = None, _no_ros() if virtual is None else "the virtual servos run in this process"
     if not without_ros:

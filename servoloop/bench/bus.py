@@ -27,17 +27,17 @@ from servoloop.stack.processes import on_one_processor
 LOG = logging.getLogger("servoloop")
 
 BUDGET_S: Final = 0.04
-"""Time limit of a cycle per servo, in seconds, in addition to twice the time on the wire and including retries.
+"""Time limit of a cycle per servo, in seconds, including retries. Twice the time on the wire is added to this limit.
 
-It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one. A slow adapter is thus
-measured as slow instead of silent.
+The limit allows for an adapter with a latency timer of 16 ms, even if servos are read one by one. A slow adapter is
+thus measured as slow instead of silent.
 """
 LARGEST_ID: Final = 253
 
 
 @dataclass(frozen=True, slots=True)
 class BusSpeed:
-    """Figures of one measurement. A cycle lasts from one answer of at least one servo to the next."""
+    """Results of one measurement. A cycle lasts from one answer of at least one servo to the next."""
 
     hz: float
     p50_us: float
@@ -50,7 +50,7 @@ class BusSpeed:
     ratio: float
     """Ratio of ``p50_us`` to ``wire_us``."""
     faults: dict[str, int]
-    """Number of faults by kind. ``silent`` counts each cycle without an answer of a servo, even if it was not read."""
+    """Number of faults of each kind. ``silent`` counts each cycle without a servo's answer, even if it was not read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +68,11 @@ class BusRun:
     on_wire_s: float
     """Time that the bytes of a complete cycle need on the wire, in seconds."""
     faults: dict[str, int]
-    """Number of faults by kind."""
+    """Number of faults of each kind."""
 
     @property
     def figures(self) -> BusSpeed:
-        """Figures of this measurement."""
+        """Results of this measurement."""
         times_s = sorted(self.took_s) or [self.all_s]
         count = len(times_s)
         p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
@@ -117,11 +117,11 @@ def bench_bus(
         model: Name of the servo model.
         baud: Baud rate, in bits per second.
         cycles: Number of cycles to measure.
-        hold: Whether to enable the torque of all servos during the measurement. Otherwise servos whose torque is off
-            are only read.
+        hold: Whether to enable the torque of all servos during the measurement. If False, servos whose torque is
+            off are only read.
 
     Returns:
-        The figures of the measurement.
+        The results of the measurement.
 
     Raises:
         DriverError: No servo answers, or the control table of every servo differs from that of ``model``.
@@ -152,8 +152,8 @@ def standing_still(
     limp = sorted(found.limp)
     if limp and not hold:
         LOG.warning(
-            "%s: the torque of servos %s is off, and a goal would enable it. They are only read, so a cycle has fewer "
-            "bytes. With --hold they are held at their position, and their torque is switched off at the end",
+            "%s: the torque of servos %s is off, and a goal would enable it. These servos are only read, so a cycle "
+            "has fewer bytes. With --hold, they hold their positions, and their torque is disabled at the end",
             bus.name, ", ".join(map(str, limp)),
         )  # fmt: skip
     goals = found.held | (found.limp if hold else {})
@@ -173,7 +173,7 @@ def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -
 
 
 def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> BusSpeed:
-    """Measure a number of cycles and return the figures. Raises DriverError if no servo answers."""
+    """Measure a number of cycles and return the results. Raises DriverError if no servo answers."""
     return run_cycles(bus, clock, servo_ids, goals, cycles).figures
 
 
@@ -222,12 +222,12 @@ def _any_answer(readings: Mapping[int, Reading]) -> bool:
 
 
 def as_json(figures: BusSpeed) -> str:
-    """Return the figures as one line of JSON."""
+    """Return the results as one line of JSON."""
     return json.dumps(asdict(figures))
 
 
 def print_table(figures: BusSpeed, console: Console) -> None:
-    """Print the figures as a table."""
+    """Print the results as a table."""
     table = Table(title="servo bus", show_header=False)
     for name, value in asdict(figures).items():
         if name != "faults":

@@ -1,4 +1,4 @@
-"""Figures of ``servoloop bench arm``, for ``--json`` and the report page."""
+"""Results of ``servoloop bench arm``, for ``--json`` and the report page."""
 
 import os
 import platform
@@ -45,7 +45,7 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class JointMotion:
-    """Following errors of one joint (reference minus position) at the cycles, in rad or m."""
+    """Following error of one joint (reference minus position) over all cycles, in rad or m."""
 
     joint: str
     largest: float
@@ -56,7 +56,7 @@ class JointMotion:
 
 @dataclass(frozen=True, slots=True)
 class RosFigures:
-    """Figures of the ROS interface, as a client on this machine measures them."""
+    """Results of the ROS interface, measured by a client on this machine."""
 
     goals: int
     failed: int
@@ -76,7 +76,7 @@ class RosFigures:
 
 @dataclass(frozen=True, slots=True)
 class MachineFigures:
-    """Properties of the machine that affect the figures."""
+    """Properties of the machine that affect the results."""
 
     system: str
     processor: str
@@ -90,11 +90,11 @@ class MachineFigures:
 
 @dataclass(frozen=True, slots=True)
 class ArmFigures:
-    """All figures of an arm."""
+    """All results of an arm."""
 
     arm: str
     devices: dict[str, str]
-    """Serial device of each bus. If an arm has only one bus, its name is empty."""
+    """Serial device of each bus. If an arm has only one bus, the name of the bus is empty."""
     machine: MachineFigures
     buses: dict[str, BusSpeed]
     loop: Timing

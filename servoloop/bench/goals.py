@@ -22,7 +22,7 @@ LOG = logging.getLogger("servoloop")
 TRIES: Final = 3
 SEARCHED: Final = 8
 """Maximum number of servos to search for at other baud rates."""
-NO_GOAL: Final = "%s: %s; it is read but is sent no goal"
+NO_GOAL: Final = "%s: %s; the servo is read but is not sent a goal"
 
 
 def _swapped(number: int) -> int:
@@ -37,7 +37,7 @@ def _known() -> frozenset[int]:
 
 
 class OnlyGroupReadsError(ServoError):
-    """A servo answers group reads but no single reads."""
+    """A servo answers group reads but not single reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,8 @@ class PresentGoals:
 def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
     """Find the current goal of each servo without writing anything.
 
-    The goal register of one model may be a setting of another. Therefore a servo is sent no goal if its control table
-    or operating mode differs, its position is outside the goal range, or it answers too late.
+    The goal register of one model may be a setting of another model. Therefore, a servo is not sent a goal if its
+    control table or operating mode differs, its position is outside the goal range, or it answers too late.
 
     Raises:
         DriverError: No servo answers.
@@ -111,8 +111,8 @@ def _find_goal(
 ) -> None:
     """Add the goal of one servo to ``goals``, if the servo can be sent goals.
 
-    With ``patient``, a single read is retried. After one servo has answered only group reads, the others may do the
-    same, and retries would take too long.
+    If ``patient`` is True, a single read is retried. After one servo has answered only group reads, other servos may do
+    the same, and retries would take too long.
 
     Raises:
         ServoRefused: The control table of the servo differs from that of ``model``.
@@ -122,7 +122,7 @@ def _find_goal(
     try:
         number = retry(question) if patient else question()
     except ServoSilent as error:
-        raise OnlyGroupReadsError(servo_id, "answers group reads but no single reads") from error
+        raise OnlyGroupReadsError(servo_id, "answers group reads but not single reads") from error
     try:
         bus.identify(servo_id, model)
     except ServoRefused as error:
@@ -131,11 +131,11 @@ def _find_goal(
         if not _is_fit(bus, servo_id, model, number, error):
             return
     holds = bus.torque_is_on(servo_id)
-    # A loaded servo rests away from its goal. If its position became the goal, the load would sink with each
+    # A servo under load rests away from its goal. If its position became the goal, the load would sink with each
     # measurement.
     counts = bus.goal(servo_id) if holds else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
-        LOG.warning("%s: servo %d is sent no goal, because its position %d is outside the goal range",
+        LOG.warning("%s: servo %d is not sent a goal because its position %d is outside the goal range",
                     bus.name, servo_id, counts)  # fmt: skip
         return
     (goals.held if holds else goals.limp)[servo_id] = ServoGoal(counts)
@@ -155,7 +155,7 @@ def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: Se
 
 
 def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
-    """Return whether a servo with another model number is likely to have the same control table.
+    """Return whether a servo with a different model number is likely to have the same control table.
 
     A simulated servo may have the model number 0 or any other number. In this case --model is trusted, unless the
     content of the control table contradicts it.

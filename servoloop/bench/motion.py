@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 
 Pose = Mapping[str, float]
-"""Joint positions in rad or m, by joint name."""
+"""Joint positions in rad or m, keyed by joint name."""
 WAY: Final = 0.3
-"""Travel of each joint, in rad or m. It is limited to a quarter of the joint's range."""
+"""Travel of each joint, in rad or m, limited to a quarter of the joint's range."""
 
 
 def slow(files: Files, back_to: Pose | None = None) -> Files:
@@ -40,7 +40,7 @@ def slow(files: Files, back_to: Pose | None = None) -> Files:
 
     Args:
         files: Files of the arm.
-        back_to: Pose to which the arm moves when the stack ends, before its torque is switched off.
+        back_to: Pose to which the arm moves when the stack ends, before its torque is disabled.
     """
     limits = {name: replace(one, velocity=SPEED_SHARE * one.velocity) for name, one in files.limits.items()}
     if back_to is None:
@@ -76,7 +76,7 @@ def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> fl
 
 REST_S: Final = 1.5
 """Rest after each motion, in seconds, during which gravity compensation settles."""
-BACK: Final = "the arm returns to its initial pose, and its torque is switched off"
+BACK: Final = "the arm returns to its initial pose, and its torque is disabled"
 LOG = logging.getLogger("servoloop")
 
 

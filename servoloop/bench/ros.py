@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 START_S: Final = 60.0
 LISTEN_S: Final = 5.0
-"""Time for which /joint_states is recorded while the arm is at rest, in seconds."""
+"""Duration of the recording of /joint_states while the arm is at rest, in seconds."""
 GOALS: Final = 10
 """Number of goals to send."""
 REST_S: Final = 0.5
 """Rest before each goal, in seconds, so that settling is not measured as motion."""
 STEP: Final = 0.1
-"""Distance between two goals, in rad or m. It is limited to a tenth of the joint's range.
+"""Distance between two goals, in rad or m, limited to a tenth of the joint's range.
 
 A twentieth of this distance, which is three counts of an STS servo, counts as motion.
 """
@@ -37,7 +37,7 @@ A twentieth of this distance, which is three counts of an STS servo, counts as m
 
 @dataclass(frozen=True, slots=True)
 class RosRun:
-    """Figures and data of the measurement with ROS, in seconds."""
+    """Results and data of the measurement with ROS, in seconds."""
 
     figures: RosFigures
     ages_s: Sequence[float]
@@ -62,7 +62,7 @@ def run_ros(
         signals: Function that returns the number of signals received.
 
     Raises:
-        DriverError: The stack failed; the message has its last output.
+        DriverError: The stack failed. The message contains its last output.
         Interrupted: A signal was received.
     """
     from nodes.clients.timing_client import Promptness
@@ -117,7 +117,7 @@ def _controller_of(pose: Pose, files: Files) -> str:
     for spec in files.controllers.controllers:
         if tuple(getattr(spec.parameters, "joints", ())) == tuple(pose):
             return spec.name
-    raise DriverError(f"{files.controllers.path} has no controller for {', '.join(pose)}: add one")
+    raise DriverError(f"{files.controllers.path} has no controller for {', '.join(pose)}: add a controller")
 
 
 def _run(noted: "Promptness", recorded: RecordedRun, rate_hz: float) -> RosRun:

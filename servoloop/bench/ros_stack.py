@@ -23,7 +23,7 @@ class Work:
     devices: dict[str, str]
     """Serial device of each bus, by bus name."""
     lay: dict[str, float]
-    """Initial pose, to which the arm returns at the end before its torque is switched off."""
+    """Initial pose, to which the arm returns at the end before its torque is disabled."""
     folder: str
     """Folder for the output of the stack."""
 

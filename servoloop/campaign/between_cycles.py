@@ -7,9 +7,10 @@ from servoloop.api.pace import Observers
 
 
 class BetweenCycles:
-    """Pace and clock of a server on simulated time.
+    """Pace and clock of a server in simulated time.
 
-    Time stands still while the server works. Therefore a wait immediately carries out the requests to the loop.
+    Simulated time does not advance while the server works. Therefore, a wait immediately carries out the requests to
+    the loop.
     """
 
     def __init__(self, loop: ControlLoop) -> None:

@@ -32,7 +32,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
 
 KILLED_IN_A_ROW: Final = 3
-"""A campaign ends after this number of consecutive seeds whose processes were killed."""
+"""Number of consecutive seeds with killed processes after which a campaign ends."""
 
 
 def read_scenario(path: Path, arm: str | None = None) -> Scenario:
@@ -43,7 +43,7 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
         arm: Name or folder of an arm that replaces the arms of the scenario.
 
     Raises:
-        ScenarioError: The scenario has a mistake, or requires something that cannot happen in any of its runs.
+        ScenarioError: The scenario has an error, or requires something that cannot happen in any of its runs.
         ArmFileError: An arm is unknown.
     """
     scenario = load(path, Scenario, ScenarioError)
@@ -62,7 +62,7 @@ def require_possible_schedule(path: Path, schedule: Schedule) -> None:
     """Check that the arm of a schedule can do everything in the schedule.
 
     Args:
-        path: File that has the schedule.
+        path: File of the schedule.
         schedule: The schedule.
 
     Raises:
@@ -75,7 +75,7 @@ def require_possible_schedule(path: Path, schedule: Schedule) -> None:
 
 
 def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -> None:
-    """Raise an error with the file and line of each mistake, if there are any."""
+    """Raise an exception with the file and line of each error, if there are any."""
     if found := [*mistakes]:
         file = compose(path, error)
         raise error("\n".join(listed([f"{file.place(place)}: {text}" for place, text in found])))
@@ -164,7 +164,7 @@ def _draw_limits(seed: int, arm: str) -> dict[str, tuple[float, float]]:
 
 @cache
 def _positions_at_the_start(arm: str) -> dict[str, float]:
-    """Return the positions of an arm's joints when a run begins, in rad or m, by name."""
+    """Return the positions of an arm's joints when a run begins, in rad or m, keyed by joint name."""
     world = VirtualLines(files_of(arm), NOMINAL_BUILD).world
     return dict(zip(world.joints, world.position().tolist(), strict=True))
 
@@ -179,10 +179,10 @@ def campaign(
     Args:
         scenario: The scenario.
         seeds: The seeds.
-        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends this
-            process.
+        processes: Number of processes. If 0, the runs take place in this process, and a run that is killed ends
+            this process.
         stop: Function that returns whether to stop before the next report.
-        ray: Address of a Ray cluster, or ``local`` to start one on this machine. None runs without Ray.
+        ray: Address of a Ray cluster, or ``local`` to start one on this machine. If None, Ray is not used.
 
     Raises:
         FaultError: The scenario is wrong. The error is raised before the first run.

@@ -26,13 +26,13 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 
 Mistake = tuple[tuple[str | int, ...], str]
-"""Keys of a mistake in its file, and a sentence that describes the mistake."""
+"""Keys of an error in its file, and a sentence that describes the error."""
 SEEDS, SEEDS_S = 20, 30.0
-"""Number of clients of each kind that are drawn to find their possible acts, and their duration in seconds."""
+"""Number of clients of each kind that are drawn to find the possible acts, and each client's duration in seconds."""
 
 
 def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mistake]:
-    """Yield the parts of a scenario that its arms, clients and faults cannot do."""
+    """Yield the parts of a scenario that are impossible for its arms, clients and faults."""
     for n, (arm, files) in enumerate(arms.items()):
         yield from _in_jobs(scenario.job, arm, files, ("arm", n))
         there = inventory_of(files)
@@ -45,7 +45,7 @@ def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mista
 
 
 def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
-    """Yield the parts of a schedule that its arm cannot do, except for impossible faults."""
+    """Yield the parts of a schedule that are impossible for its arm, except for impossible faults."""
     yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
     joints, hand = joints_and_hand(files, schedule.seed)
     yield from _in_limits(schedule.limits, files)
@@ -73,7 +73,7 @@ def _in_limits(limits: Mapping[str, tuple[float, float]], files: Files) -> Itera
         elif name in park and not lower <= park[name] <= upper:
             yield (
                 ("limits", name),
-                f"{name} parks at {park[name]:g}, outside {lower:g} to {upper:g}: include it",
+                f"{name} parks at {park[name]:g}, outside {lower:g} to {upper:g}: widen the range",
             )
 
 
@@ -93,7 +93,7 @@ def joints_and_hand(files: Files, seed: int | None) -> tuple[dict[str, JointLimi
 
 
 def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:
-    """Yield a mistake for each job that the arm cannot do."""
+    """Yield an error for each job that the arm cannot do."""
     if not job:
         return
     try:

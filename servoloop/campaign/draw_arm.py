@@ -14,32 +14,32 @@ from sim_backend.faults.tables import any_value
 NARROWED: Final = 0.15
 """Fraction of the runs in which a joint has narrower limits."""
 FAR: Final = 0.2
-"""Fraction of these runs in which the joint is too far outside its limits to be activated."""
+"""Fraction of the runs with narrower limits in which the joint is too far outside its limits to be activated."""
 NARROWEST: Final = 0.3
-"""Minimum range that is left, as a fraction of the range of the joint."""
+"""Minimum remaining range, as a fraction of the joint's range."""
 
 OTHER_SETTING: Final = 0.1
-"""Fraction of the runs in which a setting of a servo differs from the robot file, which an activation corrects."""
+"""Fraction of the runs in which a servo setting differs from the robot file. An activation corrects the setting."""
 WRONG_SETTING: Final = "wrong_setting"
-"""Kind of fault for such a setting."""
+"""Kind of fault for a servo setting that differs from the robot file."""
 
 
 def draw_limits(
     seed: int, joints: Mapping[str, JointLimits], positions: Mapping[str, float], park: Mapping[str, float]
 ) -> dict[str, tuple[float, float]]:
-    """Return the narrower limits (lower, upper) of at most one joint, in rad or m, by name.
+    """Return the narrower limits (lower, upper) of at most one joint, in rad or m, keyed by joint name.
 
     Args:
         seed: Seed of the run.
-        joints: Limits of the joints, by name.
-        positions: Positions of the joints when the run begins, in rad or m, by name.
-        park: Park pose in rad or m, by joint name, which stays within the limits.
+        joints: Limits of the joints, keyed by joint name.
+        positions: Positions of the joints when the run begins, in rad or m, keyed by joint name.
+        park: Park pose in rad or m, keyed by joint name. The pose stays within the limits.
     """
     random = Random(f"{seed}/limits")
     if random.random() >= NARROWED:
         return {}
     outside = random.uniform(1.3, 4.0) if random.random() < FAR else random.uniform(0.1, 0.9)
-    outside *= OUTSIDE_TOLERANCE  # as a fraction of the range that is left
+    outside *= OUTSIDE_TOLERANCE  # as a fraction of the remaining range
     ranges = [
         (name, (round(least, 4), round(greatest, 4)))
         for name, limit in joints.items()

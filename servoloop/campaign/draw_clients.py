@@ -25,21 +25,21 @@ from servoloop.simulation.acts import (
 from sim_backend.faults.tails import log_uniform
 
 BEYOND: Final = 0.08
-"""Share of goals with a position beyond a limit. The controller must reject such a goal."""
+"""Fraction of goals with a position beyond a limit. The controller must reject such a goal."""
 ANYWHERE: Final = 0.3
-"""Share of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
+"""Fraction of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
 AT_LIMIT: Final = 0.3
-"""Share of positions exactly at a limit, in goals anywhere within the limits."""
+"""Fraction of positions exactly at a limit, in goals anywhere within the limits."""
 NEAR: Final = 0.3
-"""Largest position in goals near zero, as a share of the distance from zero to the limit."""
+"""Largest position in goals near zero, as a fraction of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
 """Longest time between two acts, in seconds. Goals without a result need this time to end."""
 DIES: Final = 0.5
-"""Share of motions over the command socket during which the program dies."""
+"""Fraction of motions over the command socket during which the program dies."""
 OWN_TOLERANCES: Final = 0.3
-"""Share of the goals that have their own tolerances."""
+"""Fraction of the goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
-"""Range of these tolerances, in rad or m."""
+"""Range of the goals' own tolerances, in rad or m."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
 
@@ -50,7 +50,7 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     Args:
         kind: Kind of the client.
         seed: Seed of the run.
-        joints: Limits of the joints of the arm's trajectory controller, by name.
+        joints: Limits of the joints of the arm's trajectory controller, keyed by joint name.
         hand: Whether the arm has a hand.
         seconds: Time within which the acts begin, in seconds.
     """

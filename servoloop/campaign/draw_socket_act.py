@@ -16,7 +16,7 @@ from servoloop.simulation.acts import (
 )
 
 FIRST: Final = 0.7
-"""Share of the actions of the first program. The second program mostly requests control of the arm without success."""
+"""Fraction of actions by the first program. The second program mostly requests control of the arm without success."""
 REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end")
 
 
@@ -25,8 +25,8 @@ def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) ->
 
     Args:
         random: Source of random numbers.
-        positions: Target of a motion or stream, in rad or m by joint.
-        at_s: Time of the action since the arm was up, in seconds.
+        positions: Target of a motion or stream, in rad or m, keyed by joint name.
+        at_s: Time of the action after the arm is up, in seconds.
     """
     (draw,) = random.choices([draw for draw, _ in DRAWS], [weight for _, weight in DRAWS])
     fields = {"at_s": at_s, "connection": 1 if random.random() < FIRST else 2}

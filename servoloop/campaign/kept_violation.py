@@ -1,4 +1,4 @@
-"""Save a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
+"""Save a violation: write the smallest schedule that reproduces it, and a trace of the two seconds before it."""
 
 import shlex
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from servoloop.simulation.trace_file import trace_text
 from servoloop.stack.robot_files import write_file
 
 BEFORE_S: Final = 2.0
-"""Length of a trace before the violation, in seconds."""
+"""Duration of a trace before the violation, in seconds."""
 CYCLES_BEHIND: Final = 4
-"""Length of a trace after the violation, in cycles."""
+"""Duration of a trace after the violation, in cycles."""
 NOTHING: Final = CycleRecording((), (), (), {})
 """Empty recording, for a run that was not recorded."""
 AS_DRAWN: Final = {
-    NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",
-    NOT_KILLED: "The schedule is not minimized: every further run of it would end its process.",
+    NO_HANG: "The schedule is not minimized: every further run would last until its time limit.",
+    NOT_KILLED: "The schedule is not minimized: every further run would end its process.",
 }
 """Invariants whose schedules are kept as they were drawn, with the reason."""
 UNSEEN: Final = "The schedule is not minimized: the violation did not recur in a second run."
@@ -70,7 +70,7 @@ def violates(schedule: Schedule, invariant: str) -> bool:
 def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> KeptViolation:
     """Minimize the schedule of a run, run it again, and write the schedule and its trace.
 
-    A run that hangs or is killed is not repeated: its schedule is kept as it was drawn.
+    A run that hangs or is killed is not repeated. Its schedule is kept as it was drawn.
 
     Args:
         report: Report of a run that violates the invariant.
@@ -120,7 +120,7 @@ def traced(
         violation: The violation.
         schedule: The schedule of the run.
         recording: Recording of the whole run.
-        path: File that has the schedule.
+        path: File of the schedule.
         trace: File to write the trace to.
     """
     part = recording.around(violation.time_s, BEFORE_S, CYCLES_BEHIND)

@@ -10,7 +10,7 @@ from servoloop.command_socket.messages import MAX_LINE_BYTES, VERSION
 from servoloop.simulation.acts import SocketNonsense
 
 BEYOND: Final = 0.1
-"""Distance beyond a limit, as a share of the joint's range."""
+"""Distance beyond a limit, as a fraction of the joint's range."""
 LONG_AGO_S: Final = 1.0
 """Age of a command that is too old, in seconds."""
 AHEAD_S: Final = 10.0
@@ -36,7 +36,7 @@ def nonsense(fault: str, number: str, joints: Mapping[str, JointLimits], now_s: 
     Args:
         fault: Fault of the message, as in ``SocketNonsense``.
         number: ID of the message, if it has one.
-        joints: Limits of the joints of the arm, by name.
+        joints: Limits of the arm's joints, keyed by joint name.
         now_s: Time of the stack, in seconds.
     """
     if fault in WITHOUT_ID:

@@ -21,7 +21,7 @@ CLIENTS = (JOB, *(act.model_fields["kind"].default for act in get_args(get_args(
 
 
 class PromisedVisit(BaseModel):
-    """Visit that must occur. A key that is left out matches every value."""
+    """Visit that must occur. An omitted key matches every value."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -75,7 +75,7 @@ class Promises(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     examined: tuple[str, ...] = tuple(kind.name for kind in ALL if kind.promised)
-    """Names of invariants; by default all except those on kinds of clients that few scenarios have."""
+    """Names of invariants. The default is all invariants except those on kinds of clients that few scenarios have."""
     visits: tuple[PromisedVisit, ...] = ()
 
     @field_validator("examined")
@@ -90,7 +90,7 @@ class Promises(BaseModel):
 
         Args:
             runs: Number of runs of the campaign.
-            examined: How often each invariant examined its condition, by name.
+            examined: Number of times that each invariant examined its condition, keyed by invariant name.
             visits: Visits of all runs.
         """
         for name in self.examined:

@@ -1,4 +1,4 @@
-"""Do the runs of a campaign on a Ray cluster, or on a local Ray instance that is started for the campaign."""
+"""Execute the runs of a campaign on a Ray cluster, or on a local Ray instance that is started for the campaign."""
 
 import os
 import socket
@@ -14,7 +14,7 @@ from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_
 from servoloop.extras import require_extras
 
 LOCAL: Final = "local"
-"""Address that stands for a Ray instance that is started on this machine."""
+"""Address that selects a new Ray instance on this machine."""
 STORE_BYTES: Final = 100_000_000
 """Size of the object store, close to the minimum that Ray accepts: a report has a few kilobytes."""
 REACH_S: Final = 5.0
@@ -32,8 +32,8 @@ def on_ray(
 ) -> Generator[T, None, None]:
     """Run the seeds on Ray and yield their results in the order of the seeds.
 
-    Each Ray worker supervises a process for its runs. If a run hangs or is killed, only that process ends. The task of
-    a Ray worker that is killed is repeated.
+    Each Ray worker supervises a process for its runs. If a run hangs or is killed, only that process ends. If a Ray
+    worker is killed, its task is repeated.
 
     Args:
         run: Function that runs a seed.
@@ -66,7 +66,7 @@ def _ray() -> Any:
 
 @contextmanager
 def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
-    """Connect to Ray and yield the number of runs that it can do at the same time."""
+    """Connect to Ray and yield the number of runs that it can execute at the same time."""
     try:
         if address == LOCAL:
             _start(ray, processes)
@@ -110,7 +110,7 @@ def _start(ray: Any, processes: int) -> None:
 
 
 def _run_task(run: Any, lost: Any, seeds: range) -> Any:
-    """Do one task in a Ray worker."""
+    """Execute one task in a Ray worker."""
     return run_all(_supervisor(), run, lost, seeds)
 
 

@@ -1,4 +1,4 @@
-"""Write the report of a campaign: one HTML page with plots, without scripts, identical for identical runs."""
+"""Write the report of a campaign: one HTML page with plots and no scripts. Identical runs give identical pages."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -131,7 +131,7 @@ def _by_outcome(tally: Tally, value: Callable[[RunRow], float | None]) -> dict[s
 
 
 def _section(kept: KeptViolation) -> dict[str, Any]:
-    """Return the values with which the template shows one kept violation."""
+    """Return the values that the template shows for one kept violation."""
     joints = files_of(kept.schedule.arm).robot.joints
     return {
         "violation": kept.violation,

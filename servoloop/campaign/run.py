@@ -51,7 +51,7 @@ class RunReport:
     largest_following_rad: float | None
     """Largest following error of any joint of all arms; None if the arm was never commanded to move."""
     examined: Mapping[str, int] = field(default_factory=dict)
-    """Number of times that each invariant examined its condition, by name."""
+    """Number of times that each invariant examined its condition, keyed by invariant name."""
     visits: Counter[Visit] = field(default_factory=Counter)
     """Number of cycles in which each fault was active, by phase, make and client."""
 
@@ -83,7 +83,7 @@ def run_schedule(
 
     Args:
         files: Files of the arm.
-        settings: Settings of the pick-and-place node of each arm, by the name of the arm.
+        settings: Settings of the pick-and-place node of each arm, keyed by arm name.
         schedule: Faults, jobs and clients of the run.
         kinds: Invariants that watch the run.
         prepare: Function called with the stack before the stack starts. Tests use it to plant a bug.

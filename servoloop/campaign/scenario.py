@@ -13,7 +13,7 @@ from sim_backend.faults.events import KINDS
 
 
 class ScenarioError(DriverError):
-    """A scenario is invalid. The message lists every mistake with its line."""
+    """A scenario is invalid. The message lists every error with its line number."""
 
 
 Item = TypeVar("Item")
@@ -43,7 +43,7 @@ class Scenario(BaseModel):
     clients: OneOrMore[ClientKind] = ("job",)
     """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the others move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
-    """Policies for the end of a run. Each run draws one of them. None uses the policy of the robot file."""
+    """Policies for the end of a run. Each run draws one of them. If None, the policy of the robot file applies."""
     job: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
     """Grades of the cubes. Each grade is one pick-and-place job."""
     seconds: Time = 0.0
@@ -55,9 +55,9 @@ class Scenario(BaseModel):
     within_s: Duration = 10.0
     """Latest start of a fault after the arm is up, in seconds. Without jobs it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Kinds of faults. None: all kinds that are possible on the arm."""
+    """Kinds of faults. If None, all kinds that are possible on the arm."""
     promises: Promises = Promises()
-    """Conditions that the campaign must examine and visit. Otherwise the campaign fails."""
+    """Conditions that the campaign must examine and visit in order to pass."""
 
     @field_validator("job")
     @classmethod

@@ -21,7 +21,7 @@ Violated = Callable[[Schedule], set[str]]
 ROUND_S = (1.0, 0.1, 0.01)
 """Steps to which the times of faults are rounded, coarsest first, in seconds."""
 SECONDS = (1.0, 3.0, 5.0)
-"""Shorter times for which the arm may stay up, in seconds."""
+"""Candidates for a shorter time that the arm stays up, in seconds."""
 LAST: Final = {NO_HANG, NOT_KILLED}
 """Violations that end the search, because further runs would probably hang or be killed too."""
 
@@ -51,7 +51,7 @@ def violated(schedule: Schedule) -> set[str]:
 
 @contextmanager
 def violated_apart() -> Iterator[Violated]:
-    """Yield ``violated`` for a separate process, so that a run that is killed ends only that process."""
+    """Yield a ``violated`` that runs in a separate process, so that a run that is killed ends only that process."""
     supervisor = Supervisor()
 
     def names(schedule: Schedule) -> set[str]:
@@ -122,7 +122,7 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
 
 
 def _simpler(event: Event) -> Iterator[Event]:
-    """Yield simpler versions of an event: while the arm is up, with half its duration, and at a rounder time."""
+    """Yield simpler versions of an event: one while the arm is up, one of half length, and one at a rounder time."""
     if event.since != "up":
         yield event.model_copy(update={"since": "up"})
     if event.for_s is not None and event.for_s > 0.1:

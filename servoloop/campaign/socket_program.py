@@ -28,7 +28,7 @@ from servoloop.simulation.acts import (
 from servoloop.simulation.faulty_stack import FaultyStack
 
 SET_POINT_S: Final = 0.3
-"""Time until the arm rests at a set point, in seconds."""
+"""Time until the arm is at rest at a set point, in seconds."""
 INVALID: Final = "invalid"
 """Prefix of the ID of a message that the stack must refuse."""
 
@@ -40,7 +40,7 @@ class ServedPrograms:
     stack: FaultyStack
     requests: StackRequests
     last_target_s: float = -math.inf
-    """Time of the newest target that the stack has accepted, or of the opening of the stream, in seconds."""
+    """Time of the latest target that the stack has accepted, or of the opening of the stream, in seconds."""
     defects: list[str] = field(default_factory=list)
     """IDs of the messages to which the stack has replied with an internal error."""
 
@@ -59,7 +59,7 @@ class SocketProgram:
         self._goals: list[GoalHandle] = []
         """Goals that the program has sent to controllers."""
         self._running: dict[str, Any] = {}
-        """Fields of the message that cancels the newest motion."""
+        """Fields of the message that cancels the latest motion."""
         self._stream: Iterator[None] = iter(())
         self._rest: tuple[float, bytes] | None = None
         """Second half of a message, and the time at which the program sends it."""
@@ -73,7 +73,7 @@ class SocketProgram:
         }
 
     def send(self, data: bytes | bytearray) -> int:
-        """Receive bytes of the stack, as the transport of the session."""
+        """Receive bytes from the stack, as the transport of the session."""
         self._unread += data
         return len(data)
 
@@ -221,7 +221,7 @@ class SocketProgram:
             self._running = {"op": "cancel", "goal": reply["goal"]}
 
     def _whole(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Return positions of all joints of the arm. A joint without a position stays at its command."""
+        """Return positions of all joints of the arm. A joint without a position keeps its command."""
         loop = self._stack.loop
         held = dict(zip(joints_of(loop.hardware.command_interfaces), loop.within_limits.tolist(), strict=True))
         return {joint: positions.get(joint, held[joint]) for joint in self._stack.arm.joints}

@@ -11,10 +11,10 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 
 class ConnectedPrograms:
-    """Programs that are connected to the command server of one stack, by the numbers of their connections."""
+    """Programs that are connected to the command server of one stack, keyed by connection number."""
 
     def __init__(self, stack: FaultyStack) -> None:
-        """Serve an active stack. The loop of the stack must not run yet."""
+        """Serve an active stack, whose loop must not be running yet."""
         time, control, recording = BetweenCycles(stack.loop), stack.control_stack, StackRecording(None)
         arm = StackBackend(control, describe(control), time, lambda: None, recording)
         self.served = ServedPrograms(stack, StackRequests(control, arm, recording, time))
@@ -55,4 +55,4 @@ class ConnectedPrograms:
     def require_no_defect(self) -> None:
         """Raise RuntimeError if the stack has replied to a message with an internal error."""
         if self.served.defects:
-            raise RuntimeError(f"the command server has an internal error in the messages {self.served.defects}")
+            raise RuntimeError(f"the command server had an internal error in the messages {self.served.defects}")

@@ -27,19 +27,19 @@ Item = TypeVar("Item")
 MARGIN_S: Final = 120.0
 """Simulated time for activation, recovery and shutdown, in addition to twice the time of the schedule, in seconds."""
 STANDS_S: Final = 120.0
-"""Real time for which the simulated time of a run may stand still, in seconds."""
+"""Maximum real time without progress of a run's simulated time, in seconds."""
 BEGINS_S: Final = 600.0
-"""Real time for which the simulated time may stand still before the first cycle, in seconds.
+"""Maximum real time without progress of the simulated time before the first cycle, in seconds.
 
 Code may have to be compiled in this time.
 """
 POLL_S: Final = 5.0
 """Interval at which the simulated time is polled, in seconds.
 
-The limits above are counted in polls: a run does not hang because its process or the machine was paused.
+The limits above are counted in polls, so that a pause of the process or the machine does not count as a hang.
 """
 GRACE_S: Final = 30.0
-"""Time that a supervised process has to end a run whose simulated time stands still, before it is killed."""
+"""Time that a supervised process has to end a run whose simulated time does not advance, before it is killed."""
 ENDS_S: Final = 5.0
 """Maximum time an idle process may take to end, in seconds."""
 RUNS_OF_A_PROCESS: Final = 100
@@ -49,7 +49,7 @@ ON_TIME: Final[ContextVar[Callable[[float], None] | None]] = ContextVar("ON_TIME
 """Function that is called with the simulated time of the runs of this process, so that a supervisor can watch them."""
 CONTEXT: Final = get_context("spawn")
 CHILDREN: Final = threading.Lock()
-"""Lock for starting and joining processes: multiprocessing also joins processes that another thread started."""
+"""Lock for starting and joining processes, because multiprocessing also joins processes that another thread started."""
 
 
 class WorkerError(DriverError):
@@ -69,7 +69,7 @@ def limit(clock: SimulatedClock, schedule: Schedule) -> None:
 
 
 class ClockStandstill:
-    """Detector of a simulated time that stands still for too many polls."""
+    """Detector of a simulated time that does not advance for too many polls."""
 
     def __init__(self, more_s: float = 0.0) -> None:
         """Add ``more_s`` seconds to the limits."""
@@ -83,7 +83,7 @@ class ClockStandstill:
 
 
 def stands(time_s: float) -> str:
-    """Describe a run whose simulated time stands still."""
+    """Describe a run whose simulated time does not advance."""
     return f"its simulated time did not advance for {_limit_s(time_s):g} s of real time"
 
 
@@ -93,7 +93,7 @@ def _limit_s(time_s: float) -> float:
 
 @contextmanager
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
-    """Raise Hang within the context when the simulated time stands still.
+    """Raise Hang within the context when the simulated time does not advance.
 
     The context works only in the main thread, which receives the signals. An endless loop in C can be ended only by
     another process.
@@ -119,7 +119,7 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
 
 def _watch(now: Callable[[], float], over: threading.Event) -> None:
-    """Send the signal at every poll while the time stands still, because the context may catch the exception."""
+    """Send the signal at every poll while the time does not advance, because the context may catch the exception."""
     standstill = ClockStandstill()
     while not over.wait(POLL_S):
         if standstill.poll(now()):
@@ -137,7 +137,7 @@ class Loss:
 
 
 class Supervisor:
-    """Supervisor that does runs in a separate process and replaces that process when it ends or hangs.
+    """Supervisor that executes runs in a separate process and replaces that process when it ends or hangs.
 
     ``close`` ends the process.
     """
@@ -150,7 +150,7 @@ class Supervisor:
         self._done = 0
 
     def run(self, run: Callable[[Item], T], item: Item) -> T | Loss:
-        """Do one run. Raises the run's own exception, and WorkerError if a process cannot be started."""
+        """Execute one run. Raises the run's own exception, and WorkerError if a process cannot be started."""
         if self._process is None or self._done >= RUNS_OF_A_PROCESS:
             self._renew()
         self._done += 1
@@ -236,7 +236,7 @@ def blocked_signals() -> Iterator[None]:
 
 
 def _work(connection: Connection, shared_time: Any) -> None:
-    """Do runs until the supervisor closes the connection. The process also ends when its parent ends."""
+    """Execute runs until the supervisor closes the connection. The process also ends when its parent ends."""
     end_with_parent()
     logging.disable(logging.CRITICAL)
 

@@ -38,16 +38,16 @@ class RunRow:
 
 @dataclass(slots=True)
 class Tally:
-    """Results of the runs of a campaign. 20,000 runs take a few megabytes."""
+    """Results of the runs of a campaign. The results of 20,000 runs take a few megabytes."""
 
     scenario: Scenario
     planned: int
-    """Number of runs that the campaign should do."""
+    """Planned number of runs of the campaign."""
     rows: list[RunRow] = field(default_factory=list)
     violations: list[tuple[int, Violation]] = field(default_factory=list)
     """Violations, each with the seed of its run."""
     first: dict[str, RunReport] = field(default_factory=dict)
-    """First run that violates each invariant, by invariant."""
+    """First run that violates each invariant, keyed by invariant name."""
     jobs: int = 0
     """Number of jobs in all runs."""
     succeeded: int = 0
@@ -59,7 +59,7 @@ class Tally:
     begun: Counter[tuple[int, RunOutcome]] = field(default_factory=Counter)
     """Number of faults, by start time (whole seconds since the arm was up) and outcome of their run."""
     examined: Counter[str] = field(default_factory=Counter)
-    """Number of times that each invariant examined its condition, by name."""
+    """Number of times that each invariant examined its condition, keyed by invariant name."""
     visits: Counter[Visit] = field(default_factory=Counter)
     """Number of cycles in which each fault was active, by phase, make and client."""
 

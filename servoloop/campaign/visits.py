@@ -22,7 +22,7 @@ JOB: Final = "job"
 
 
 class Visit(NamedTuple):
-    """Cell of the table of visits."""
+    """Cell in the table of visits."""
 
     phase: str
     fault: str

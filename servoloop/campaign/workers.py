@@ -1,4 +1,4 @@
-"""Do the runs of a campaign in this process or in several, and return the results in the order of the seeds."""
+"""Execute the runs of a campaign in one or several processes, and return the results in the order of the seeds."""
 
 import logging
 from collections import deque
@@ -25,7 +25,7 @@ Submit = Callable[[range], Future[list[T]]]
 CHUNK: Final = 5
 """Number of seeds in one task."""
 TASKS_AHEAD: Final = 4
-"""Number of tasks per worker that may be submitted before the oldest task is done. It bounds the waiting results."""
+"""Number of tasks per worker that may be submitted before the oldest task is done, to bound the waiting results."""
 POLL_S: Final = 0.1
 """Interval at which ``stop`` is polled while a task is under way, in seconds."""
 
@@ -42,7 +42,7 @@ def quiet() -> Iterator[None]:
 
 
 def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[int]) -> list[T]:
-    """Do one task: run its seeds in the process of this supervisor."""
+    """Execute one task: run its seeds in the process of this supervisor."""
     return [_run_one(supervisor, run, lost, seed) for seed in seeds]
 
 

@@ -42,7 +42,7 @@ class ArmRequests:
         }
 
     def state(self) -> Reply:
-        """Return the newest state of the arm by joint. Raises ArmError if there is no state."""
+        """Return the latest state of the arm by joint. Raises ArmError if there is no state."""
         return asdict(self._arm.state())
 
     def stop(self) -> None:
@@ -56,7 +56,7 @@ class ArmRequests:
         self._streaming = client
 
     def set_torque(self, message: messages.Torque) -> None:
-        """Release or enable the torque, and wait until this is done. Raises ArmError."""
+        """Enable or disable the torque, and wait until this is done. Raises ArmError."""
         self._arm.set_torque(message.on, message.park)
 
     def set_freedrive(self, client: Owner, on: bool) -> None:

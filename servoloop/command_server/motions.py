@@ -48,9 +48,9 @@ class _ClientMotions:
     """Motions of one client."""
 
     goals: dict[int, _RunningGoal] = field(default_factory=dict)
-    """Goals by number."""
+    """Goals, keyed by goal number."""
     set_points: dict[str, _RunningGoal | None] = field(default_factory=dict)
-    """Newest set point of each controller, by name. None for a forward controller."""
+    """Latest set point of each controller, keyed by controller name; None for a forward controller."""
 
 
 class Motions:
@@ -186,7 +186,7 @@ class Motions:
         return _RunningGoal(controller, controller.submit(goal))
 
     def _timed(self, controller: JointTrajectoryController, goal: TrajectoryGoal) -> TrajectoryGoal:
-        """Return the goal with the time of the next cycle, estimated from the newest cycle."""
+        """Return the goal with the time of the next cycle, estimated from the latest cycle."""
         tracking, now_s = controller.tracking, self._loop.clock.now()
         if tracking is None:
             return goal
@@ -205,7 +205,7 @@ class Motions:
         if len(found) == 1:
             return found[0]
         known = ", ".join(loaded) or "none"
-        text = f"there is no controller {name}" if name else "name the controller"
+        text = f"there is no controller {name}" if name else "no controller is specified"
         raise CommandError("unknown", f"{text}; the controllers for this message are: {known}")
 
     def _moving(self, joints: Sequence[str]) -> Loaded:

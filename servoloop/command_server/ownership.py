@@ -50,7 +50,7 @@ class Ownership:
         with self._lock:
             if self._owner not in (None, client):
                 if not force:
-                    text = f"{self.owner} has control of the arm: end it, or take control by force"
+                    text = f"{self.owner} has control of the arm: end that program, or take control by force"
                     raise CommandError("owned", text)
                 self.end(f"{client.name} has taken control of the arm by force")
             self._owner = client

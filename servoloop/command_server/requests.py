@@ -70,7 +70,7 @@ class StackRequests:
             stack: The stack.
             arm: Handlers of the messages that move the arm as a whole.
             recordings: Recordings of the stack.
-            time: Time of the server. None: real time.
+            time: Time of the server. If None, real time.
         """
         self.time = time or RealTime()
         self.ownership = Ownership(self._halt)
@@ -119,7 +119,7 @@ class StackRequests:
         yield from self._arm.ended(client)
 
     def state(self) -> Reply:
-        """Return the newest state of the arm. Raises ArmError if there is no state."""
+        """Return the latest state of the arm. Raises ArmError if there is no state."""
         return {**self._arm.state(), "owner": self.ownership.owner}
 
     def disconnect(self, client: Client) -> None:

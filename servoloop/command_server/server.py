@@ -141,7 +141,7 @@ def command_socket(stack: ControlStack, recording: StackRecording, ended: Callab
     The previous ``on_cycle`` of the loop is called first. If the socket cannot be created, the stack runs without it.
 
     Args:
-        stack: The stack. Its loop does not run yet.
+        stack: The stack, whose loop is not running yet.
         recording: Recordings of the stack.
         ended: Function that returns whether the loop has ended.
     """

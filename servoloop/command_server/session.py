@@ -32,7 +32,7 @@ COSTS: Final[Mapping[type, float]] = {
 }
 """Messages that count as more than one message, because each requires planning a trajectory.
 
-This allows 100 goals a second, as over ROS.
+These weights allow 100 goals per second, as over ROS.
 """
 
 
@@ -78,7 +78,7 @@ class Session:
         self._next: _Received | None = None
         self._rate = _Rate(requests.time.now)
         self._watch_s: float | None = None
-        """Minimum time between two states, in seconds. None: the client receives no states."""
+        """Minimum time between two states, in seconds; None if the client receives no states."""
         self._shown_s = -float("inf")
 
     @property
@@ -189,7 +189,7 @@ class Session:
 
 
 class _Rate:
-    """Rate limit for the messages of one client. Messages above the rate wait; none is refused."""
+    """Rate limit for the messages of one client. Messages above the rate wait and are not refused."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now

@@ -14,7 +14,7 @@ from servoloop.command_socket.messages import encode
 from servoloop.recording.stream import RunningStack, find_stack
 
 TIMEOUT_S: Final = 5.0
-"""Default time to wait for a reply, in seconds."""
+"""Default maximum time to wait for a reply, in seconds."""
 CONNECT_S: Final = 2.0
 """Maximum time to wait for a connection, in seconds."""
 KEPT_EVENTS: Final = 1000
@@ -58,7 +58,7 @@ class CommandClient:
 
     @classmethod
     def find(cls, arm: str | None = None, name: str = "", namespace: str | None = None) -> Self:
-        """Connect to the only running stack, or to that of an arm (name, folder or process ID) or a namespace.
+        """Connect to the only running stack, or to the stack of an arm (name, folder or process ID) or a namespace.
 
         Raises:
             LiveError: No stack of this arm is running, or several are running.
@@ -104,7 +104,7 @@ class CommandClient:
 
     def _send(self, line: bytes, timeout_s: float) -> None:
         try:
-            self._socket.settimeout(timeout_s)  # a closed socket refuses this, too
+            self._socket.settimeout(timeout_s)  # This also fails on a closed socket.
             self._socket.sendall(line)
         except TimeoutError:
             self.close()  # part of the message may have been sent already
@@ -155,7 +155,7 @@ class CommandClient:
         return found if isinstance(found, dict) else {}
 
     def _ended(self) -> CommandError:
-        return CommandError("ended", f"the connection to the stack of {self.stack.name} has ended: start it again")
+        return CommandError("ended", f"the connection to the stack of {self.stack.name} has ended: restart the stack")
 
 
 def _is_refusal(message: dict[str, Any]) -> bool:

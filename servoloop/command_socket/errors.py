@@ -28,7 +28,7 @@ ErrorKind = Literal[
 ]
 KINDS: Final[Mapping[ErrorKind, str]] = {
     "malformed": "The message is not a JSON object, or a field is missing, unknown or invalid.",
-    "version": "The message has another version of this protocol.",
+    "version": "The message uses a different version of this protocol.",
     "too_large": "The message is too large. The stack closes the connection.",
     "too_many": "Too many clients are connected. The stack closes the connection.",
     "foreign_user": "The client belongs to another user. The stack closes the connection.",

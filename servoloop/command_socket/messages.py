@@ -15,7 +15,7 @@ from servoloop.command_socket.errors import CommandError
 VERSION: Final = 1
 """Version of the protocol. It changes whenever an older client would misunderstand a message."""
 MAX_LINE_BYTES: Final = 500_000
-"""Maximum size of a message, in bytes. It holds a goal with 5000 points of six joints."""
+"""Maximum size of a message, in bytes. This size allows a goal with 5000 points of six joints."""
 LONGEST_TEXT: Final = 500
 """Maximum length of a name in a message, in characters."""
 
@@ -43,13 +43,13 @@ class Hello(Message):
 
 
 class GetState(Message):
-    """Request for the newest state."""
+    """Request for the latest state."""
 
     op: Literal["state"]
 
 
 class WatchStates(Message):
-    """Request for a state event after each cycle, at most ``rate_hz`` times a second. 0 ends the events."""
+    """Request for a state event after each cycle, at most ``rate_hz`` times a second. A rate of 0 ends the events."""
 
     op: Literal["watch"]
     rate_hz: Rate
@@ -97,7 +97,7 @@ class SendGoal(MotionMessage):
 
     op: Literal["goal"]
     controller: Text = ""
-    """Name of the controller. Empty: the active trajectory controller that moves these joints."""
+    """Name of the controller. If empty, the active trajectory controller that moves these joints."""
     joints: list[Text]
     points: list[Point]
 
@@ -107,10 +107,10 @@ class SendGrip(MotionMessage):
 
     op: Literal["grip"]
     controller: Text = ""
-    """Name of the controller. Empty: the only active gripper controller."""
+    """Name of the controller. If empty, the only active gripper controller."""
     position: Position
     velocity: Speed = 0.0
-    """Maximum velocity, in rad/s or m/s. 0: the default velocity of the controller."""
+    """Maximum velocity, in rad/s or m/s. If 0, the default velocity of the controller."""
 
 
 class SendSetPoint(MotionMessage):
@@ -134,7 +134,7 @@ class CancelGoal(Message):
 class Stop(Message):
     """Request to cancel all goals and hold all streams of all clients, including ROS clients.
 
-    Every client may send it.
+    Every client may send this request.
     """
 
     op: Literal["stop"]
@@ -182,7 +182,7 @@ class OpenStream(Message):
 
 
 class SendTargets(MotionMessage):
-    """Next targets of the stream, by joint. Joints without a target hold their last target."""
+    """Next targets of the stream, keyed by joint name. Joints without a target hold their last target."""
 
     op: Literal["targets"]
     positions: dict[str, Position]
@@ -195,7 +195,7 @@ class CloseStream(Message):
 
 
 class Torque(Message):
-    """Request to enable the torque of all servos, or to move to the park pose of the robot file and release it."""
+    """Request to enable the torque of all servos, or to move to the robot file's park pose and disable the torque."""
 
     op: Literal["torque"]
     on: bool

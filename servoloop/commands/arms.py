@@ -23,7 +23,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 @app.callback(invoke_without_command=True)
 def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
-    """List the arms that come with servoloop; use their names with `--arm`.
+    """List the arms that come with servoloop. Pass their names with `--arm`.
 
     Example: `servoloop arms`
     """
@@ -81,7 +81,7 @@ def combine(
         list[str] | None,
         typer.Option(
             metavar="PREFIX=X,Y,Z,YAW",
-            help="Place of the base of an arm on the table, in m, and its direction, in rad (default: side by side).",
+            help="Position of an arm's base on the table, in m, and its yaw angle, in rad (default: side by side).",
         ),
     ] = None,
 ) -> None:
@@ -101,7 +101,7 @@ def combine(
     if sentence := missing_extras("the scene for virtual servos", "sim"):
         typer.echo(f"No scene.xml was written: {sentence}")
     elif not (out / "scene.xml").exists():
-        typer.echo("No scene.xml was written, because one of the arms has none")
+        typer.echo("No scene.xml was written because one of the arms has no scene")
     else:
         typer.echo(f"Next, run: servoloop up --arm {place}")
     typer.echo(f"With real arms: servoloop up --arm {place} {ports}")
@@ -137,8 +137,8 @@ def show(
 ) -> None:
     """Draw an arm with the name, servo and positive direction of each joint.
 
-    All joints are at zero. Each arrow points to larger positions. The text next to an arrow describes the direction in
-    the same words as `servoloop calibrate`. Example: `servoloop arms show so101`
+    All joints are at zero. Each arrow points in the direction of increasing positions. The text next to an arrow
+    describes the direction in the same words as `servoloop calibrate`. Example: `servoloop arms show so101`
     """
     require_extras("the picture of an arm", "sim", "view")
     from servoloop.arm_pictures.show import draw_arm, write_picture

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Measure the performance of a bus or an arm.")
 
 MOVES = (
-    "The arm will move with torque enabled: to its ready pose, then each joint by up to 0.3 rad, then back to where it "
-    "started. It moves at no more than a quarter of its speed, and its torque is off at the end. Make sure that it has "
-    "room. Continue?"
+    "The arm will move with torque enabled. It moves to its ready pose, moves each joint by up to 0.3 rad, and returns "
+    "to where it started, at no more than a quarter of its speed. Its torque is off at the end. Make sure that the arm "
+    "has room. Continue?"
 )
 
 
@@ -53,7 +53,7 @@ def bus(
 
     The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
     it already holds. A goal would enable the torque of a servo whose torque is off, so such servos are only read. With
-    --hold, such servos are held at their position during the measurement, and their torque is off again at the end. For
+    --hold, these servos hold their positions during the measurement, and their torque is disabled at the end. For
     servos that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted
     and do not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo
     differs from that of --model, or if the port is lost.
@@ -82,9 +82,9 @@ def arm(
 ) -> None:
     """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    The command writes a report page. The command asks for confirmation, because the arm moves: slowly to its ready
-    pose, then joint by joint, then back. At the end the torque of the arm is switched off, even after Ctrl-C or an
-    error. A second Ctrl-C skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
+    The command writes a report page. It asks for confirmation, because the arm moves slowly to its ready pose, moves
+    one joint after another, and returns. At the end, the torque of the arm is disabled, even after Ctrl-C or an error.
+    A second Ctrl-C skips the return, and the torque may stay enabled. Without ROS, the ROS results are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from drivers.clock import MonotonicClock
@@ -112,7 +112,7 @@ def arm(
 
 
 def _report(measured: "Measured", out: Path, json: bool) -> None:
-    """Print the figures and write the page. The figures are printed even if the page cannot be written."""
+    """Print the results and write the page. The results are printed even if the page cannot be written."""
     from rich.console import Console
 
     from drivers.errors import DriverError
@@ -135,7 +135,7 @@ def _report(measured: "Measured", out: Path, json: bool) -> None:
 
 
 def print_figures(figures: "ArmFigures", console: "Console") -> None:
-    """Print the figures as tables: times in ms, following errors in rad or m."""
+    """Print the results as tables: times in ms, following errors in rad or m."""
     from rich.table import Table
 
     table = Table("ms", "p50", "p99", "largest", title=figures.arm)

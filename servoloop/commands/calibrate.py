@@ -48,7 +48,7 @@ def calibrate(
 
     Torque is off unless a message announces that it will be enabled, and it is always off at the end. Nothing is stored
     before you have seen and confirmed the result. With --auto you must still watch the arm and confirm in which
-    direction each joint moved. Of an arm with several buses, one bus at a time is calibrated.
+    direction each joint moved. If an arm has several buses, one bus at a time is calibrated.
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
     from servoloop.commands.output.calibrate_terminal import Terminal
@@ -80,7 +80,7 @@ def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[st
         if bus not in buses or not device:
             raise DriverError(
                 f"{arm} has the buses {', '.join(buses)}, which are calibrated one at a time: "
-                f"pass --port {buses[0]}=PATH for the first"
+                f"pass --port {buses[0]}=PATH for the first bus"
             )
         return bus, named_devices([f"{bus}={device}"], [bus], arm)[bus]
     ((bus, device),) = named_devices([port or only_port()], buses, arm).items()
@@ -88,7 +88,7 @@ def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[st
 
 
 def _require_writable(robot: Path) -> None:
-    """Raise DriverError if the calibration could not be stored, before the user has moved any joint."""
+    """Before the user moves any joint, raise DriverError if the calibration could not be stored."""
     from servoloop.stack.robot_files import require_writable
 
     try:
@@ -161,7 +161,7 @@ def hand(
         ),
     ],
     joint: Annotated[
-        str | None, typer.Argument(help="Joint name. Without it, hold, release and connect apply to all joints.")
+        str | None, typer.Argument(help="Joint name. If omitted, hold, release and connect apply to all joints.")
     ] = None,
     position: Annotated[float | None, typer.Argument(help="Target position for move, in rad or m.")] = None,
     json: JsonOption = False,

@@ -22,16 +22,16 @@ READ_S: Final = 2.0
 """Maximum time to wait for a frame, in seconds."""
 app = typer.Typer(no_args_is_help=True, help="List, show and calibrate cameras.")
 Source = Annotated[
-    str, typer.Argument(help="Path in /dev/v4l/by-id, index, video, picture, or folder of pictures.", metavar="SOURCE")
+    str, typer.Argument(help="Path in /dev/v4l/by-id, index, video, image, or folder of images.", metavar="SOURCE")
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """Picture size and rate to request from a camera."""
+    """Image size and rate to request from a camera."""
 
-    width: Annotated[int, typer.Option(min=16, max=16384, help="Width of the pictures, in pixels.")] = 640
-    height: Annotated[int, typer.Option(min=16, max=16384, help="Height of the pictures, in pixels.")] = 480
+    width: Annotated[int, typer.Option(min=16, max=16384, help="Width of the images, in pixels.")] = 640
+    height: Annotated[int, typer.Option(min=16, max=16384, help="Height of the images, in pixels.")] = 480
     rate: Annotated[float, typer.Option(min=0.1, max=240.0, help="Rate to request, in Hz.")] = 30.0
 
     @contextmanager
@@ -126,10 +126,10 @@ def list_cameras(json: JsonOption = False) -> None:
 def show(
     source: Source,
     form: CameraFormat,
-    out: Annotated[Path, typer.Option(help="File for a picture, PNG or JPEG.")] = Path("camera.png"),
+    out: Annotated[Path, typer.Option(help="File for an image, PNG or JPEG.")] = Path("camera.png"),
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="Duration of the measurement, in s.")] = 3.0,
 ) -> None:
-    """Save a picture of a camera, and measure its actual frame rate.
+    """Save an image from a camera, and measure its actual frame rate.
 
     Example: `servoloop camera show 0 --out camera.png`
     """
@@ -188,7 +188,7 @@ def calibrate(
 ) -> None:
     """Calibrate the lens of a camera with views of the board.
 
-    Show the board in all parts of the picture, tilted to all sides, and hold it still for a moment in each pose.
+    Show the board in all parts of the image, tilted to all sides, and hold it still for a moment in each pose.
     Example: `servoloop camera calibrate 0 --square 30`
     """
     from perception.calibration.lens import calibrate_lens
@@ -202,7 +202,7 @@ def calibrate(
     typer.echo(
         f"{len(collected)} views: focal lengths {focal[0]:.1f} and {focal[1]:.1f} pixels, reprojection error "
         f"{report.error_px:.2f} pixels (worst view {max(report.view_errors_px):.2f}), "
-        f"{100 * report.covered:.0f} % of the picture covered; saved {out}"
+        f"{100 * report.covered:.0f} % of the image covered; saved {out}"
     )
 
 
@@ -237,7 +237,7 @@ def plane(
 
 
 def _collect(camera: "CameraSource", board: "Board", effort: Effort) -> "list[BoardView]":
-    """Return views of the board, from a camera or from all pictures of a recording."""
+    """Return views of the board, from a camera or from all images of a recording."""
     from perception.calibration.board import BoardDetector
     from perception.calibration.collect import ViewCollector
     from perception.errors import SourceEnded
@@ -264,13 +264,13 @@ def _save_picture(path: Path, picture: "Picture") -> None:
 
 
 def _encoded(picture: "Picture", ending: str) -> bytes:
-    """Return a gray or BGR picture, encoded as the content of a file."""
+    """Return a gray or BGR image, encoded as the content of a file."""
     import cv2
 
     from perception.errors import CameraError
 
     if ending not in (".png", ".jpg", ".jpeg"):
-        raise CameraError(f"'{ending}' is not a picture format: choose a file that ends with .png or .jpg")
+        raise CameraError(f"'{ending}' is not an image format: choose a file that ends with .png or .jpg")
     return cv2.imencode(ending, picture)[1].tobytes()
 
 

@@ -82,13 +82,13 @@ def campaign(
 ) -> None:
     """Find seeds for which an arm violates an invariant, in many simulated runs with random faults.
 
-    For each violated invariant, the first failing schedule is minimized and saved with a trace of the last two seconds
-    before the violation. The report is one page with plots. The exit status is 1 if an invariant was
-    violated or a promise was not kept. Ctrl-C ends the campaign and reports the completed runs.
+    For each violated invariant, the first failing schedule is minimized and saved with a trace of the two seconds
+    before the violation. The report is one page with plots. The exit status is 1 if an invariant was violated or a
+    promise was not kept. Ctrl-C ends the campaign and reports the completed runs.
     Example: `servoloop campaign --scenario docs/campaign.yaml --seeds 1000`
     """
     if (scenario is None) == (schedule is None):
-        raise DriverError("give one file: --scenario for many runs, or --schedule to repeat one run")
+        raise DriverError("specify one file: --scenario for many runs, or --schedule to repeat one run")
     if schedule is not None and arm is not None:
         raise DriverError(f"--arm needs --scenario: the schedule {schedule} already names an arm")
     if schedule is not None:

@@ -84,7 +84,7 @@ def doctor(
 
 
 def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
-    """Return the motion test, which signals can stop; without signals, return an empty test."""
+    """Return the motion test, which signals can stop. Without signals, return an empty test."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
     from hal.compensation.gravity import Gravity
@@ -96,7 +96,7 @@ def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "
 
 
 def print_report(report: "DoctorReport", console: "Console") -> None:
-    """Print the findings, then a table of the servos of each bus."""
+    """Print the findings and a table of the servos on each bus."""
     for number, one in enumerate(report.findings, 1):
         where = f"{one.place}: " if str(one.place) else ""
         console.print(f"{number}. {one.severity}: {where}{one.symptom}", style=STYLES[one.severity],

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("servoloop")
 LinkArgument = Annotated[
-    Path, typer.Argument(help="Unused path for the serial port of the bus. With several buses: LINK.NAME for each.")
+    Path, typer.Argument(help="Unused path for the bus's serial port. With several buses, each port is at LINK.NAME.")
 ]
 
 
@@ -72,7 +72,7 @@ def _require_page(urdf: Path | None) -> None:
 
 
 def _require_paths(link: Path, pictures: Path | None) -> None:
-    """Check the path of the bus and create the folder of the pictures. Raises DriverError."""
+    """Check the path of the bus and create the folder of the images. Raises DriverError."""
     if not link.name:
         raise DriverError(f"LINK must be an unused path such as ./bus, not {str(link)!r}")
     if pictures is not None:
@@ -125,7 +125,7 @@ def fault(
     link: Annotated[Path | None, typer.Argument(help="Path at which `servoloop emulate` serves the bus.")] = None,
     what: Annotated[
         list[str] | None,
-        typer.Argument(help="Fault kind and parameters, such as silent id=3 for=2s. Without it, list active faults."),
+        typer.Argument(help="Fault kind and parameters, such as silent id=3 for=2s. If omitted, list active faults."),
     ] = None,
     clear: Annotated[
         bool,

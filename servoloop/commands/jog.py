@@ -57,7 +57,7 @@ def jog(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
 
 
 def stop(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
-    """Stop all motions of a running arm, also those that ROS clients have started. The arm holds its position.
+    """Stop all motions of a running arm, including those that ROS clients have started. The arm holds its position.
 
     Example: `servoloop stop`
     """

@@ -135,7 +135,7 @@ def restore_(
 ) -> None:
     """Write the passport's values to all registers that differ, after you have confirmed the changes.
 
-    Servos with torque enabled are refused. Each register is read back; then the EEPROM is locked and the servo is
+    Servos with torque enabled are refused. Each register is read back. The EEPROM is then locked, and the servo is
     restarted. Example, after replacing the gripper's servo:
     `servoloop passport restore my_arm.passport.yaml --id 6 --to-new`
     """

@@ -87,8 +87,8 @@ def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool)
     from commissioning.registers.by_address import write_address
 
     confirm(
-        f"servo {servo.servo_id} ({servo.name}): servoloop cannot check what this register does, nor whether the servo "
-        "holds torque: continue?",
+        f"servo {servo.servo_id} ({servo.name}): servoloop cannot check what this register does, or whether the torque "
+        "of the servo is enabled: continue?",
         yes,
     )
     written = write_address(servo, *span, value)

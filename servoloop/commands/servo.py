@@ -112,7 +112,7 @@ def reboot(
 ) -> None:
     """Restart the firmware of a servo and wait until it answers.
 
-    A restart switches the torque off, so the command asks for confirmation if the torque is enabled.
+    A restart disables the torque, so the command asks for confirmation if the torque is enabled.
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import reboot as restart
@@ -121,7 +121,7 @@ def reboot(
     with servo_at(port, servo_id, baud) as servo:
         held = servo.holds_torque()
         if held:
-            confirm(f"{torque_warning([f'servo {servo_id}'])}. A reboot switches the torque off. Continue?", yes)
+            confirm(f"{torque_warning([f'servo {servo_id}'])}. A reboot disables the torque. Continue?", yes)
         report = restart(servo, let_go=held)
     if json:
         print_json(report)
@@ -184,7 +184,7 @@ def read(
 ) -> None:
     """Print the value of one register, in its unit and as the raw number.
 
-    A register of a model without a table has no name; it is read with --address and --size.
+    A register of a model without a table has no name. Read such a register with --address and --size.
     Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
     """
     from commissioning.registers.access import read_register
@@ -223,10 +223,10 @@ def write(
     """Write one register and verify it.
 
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
-    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation. A servo that is
-    switched on holds its current position. A servo that is switched off drops its load. With --address and --size, a
-    register without a name is written after a confirmation and without these checks. With --model, the status level of
-    a servo that answers only pings is written.
+    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation. A servo whose
+    torque is enabled holds its current position. A servo whose torque is disabled drops its load. With --address and
+    --size, a register without a name is written after a confirmation and without these checks. With --model, the status
+    level of a servo that answers only pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
@@ -244,7 +244,7 @@ def write(
             return
         if switch:
             on = value_to_write(servo, name, value)
-            effect = "holds its position, with torque enabled" if on else "loses its torque, and what it holds falls"
+            effect = "holds its position, with torque enabled" if on else "disables its torque and drops its load"
             confirm(f"servo {at.servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:

@@ -26,7 +26,7 @@ def setup(
     arm: ServoArm,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus, if the robot file has several.")] = None,
     turn: Annotated[
-        bool, typer.Option("--turn", help="Turn the horn of each loose servo a little, to detect a wrong gear ratio.")
+        bool, typer.Option("--turn", help="Turn the horn of each loose servo slightly, to detect a wrong gear ratio.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
@@ -35,7 +35,7 @@ def setup(
     The command asks you to connect one servo at a time and takes the settings from the robot file. Only registers that
     differ are written; they are read back and locked. Servos with torque enabled are refused. The torque does not
     change, except that --turn enables it briefly. You can run the command again at any time; it recognizes the servos
-    that are done.
+    that are already set up.
     Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.set_up.flow import SetUp
@@ -71,7 +71,7 @@ class Plugger:
         typer.echo(text, err=True)
 
     def connect(self, task: "SetUpTask") -> None:
-        """Print the problem with the connected servos, if any, and the next task; then wait for Enter."""
+        """Print the problem with the connected servos, if any, and the next task, and wait for Enter."""
         if task.problem:
             print_styled(task.problem, fg="yellow", err=True)
         print_styled(f"{task.text}, then press Enter", bold=True, err=True)

@@ -70,11 +70,11 @@ class TaughtArm:
         if self.port is None and self.rate_hz is not None:
             raise DriverError("--rate applies to an arm at a --port: the running arm keeps its rate")
         if self.port is not None and self.namespace is not None:
-            raise DriverError("--namespace chooses a running arm: leave it out with --port")
+            raise DriverError("--namespace chooses a running arm: omit --namespace with --port")
 
     @contextmanager
     def opened(self) -> "Iterator[Arm]":
-        """Yield the arm with its torque on. An arm at a port holds or parks at the end, as its robot file requires.
+        """Yield the arm with its torque enabled. At the end, an arm at a port holds or parks as its robot file sets.
 
         Raises ArmSetupError.
         """
@@ -111,7 +111,7 @@ def record(
     place: TaughtArm,
     limp: Annotated[
         bool,
-        typer.Option("--limp", help="Switch the torque off. The arm moves more easily, but falls when you release it."),
+        typer.Option("--limp", help="Disable the torque. The arm moves more easily, but falls when you release it."),
     ] = False,
     poses: Annotated[
         bool, typer.Option("--poses", help="Record single poses instead of a path: one at each Enter or p; q ends.")
@@ -121,8 +121,8 @@ def record(
     """Record a motion while you move the arm by hand, until you press Enter.
 
     The arm holds its position softly and yields to your hand. At the end the arm holds its last position, or parks, as
-    set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded, which then
-    holds its position.
+    set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded and holds its
+    position at the end.
     Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
@@ -138,7 +138,7 @@ def record(
     motions = MotionStore(folder)
     motions.require_writable()
     if motions.path(name).exists():
-        confirm(f"The motion {name} exists already. Replace it?", yes)
+        confirm(f"The motion {name} already exists. Replace it?", yes)
     _print_and_confirm(release_question([servo_name(joint) for joint in joints.values()]) if limp else SOFT, yes)
 
     def keep(motion: "RecordedMotion", warnings: Sequence[str]) -> None:
@@ -178,10 +178,10 @@ class PlayOptions:
 def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
     """Play back a recorded motion while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, and then follows
     the motion. The arm stops when you release the key. At the end the arm holds or parks, as set by on_exit in its
-    robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its
-    position.
+    robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which holds its position
+    at the end.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     play_motion(place, partial(_saved_motion, name), options)
@@ -290,11 +290,10 @@ def teleop(
 ) -> None:
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
-    Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, then it
-    follows the leader. The follower holds its position when you release the key or the leader is lost. Key a re-enables
-    servos of the follower that have switched their torque off. At the end the follower holds or parks, as set by
-    on_exit in its robot file. The torque of the leader is always off; the command asks before it switches the leader's
-    torque off.
+    Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, and
+    then follows the leader. The follower holds its position when you release the key or the leader is lost. Key a
+    re-enables servos of the follower that have disabled their torque. At the end the follower holds or parks, as set by
+    on_exit in its robot file. The torque of the leader is always off. The command asks before it disables this torque.
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
     `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """

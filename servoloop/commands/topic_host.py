@@ -25,7 +25,7 @@ class TopicHostOptions:
     rate: Annotated[
         int | None,
         typer.Option(
-            min=1, max=1000, metavar="HZ", help="Rate of the control loop (default: that of the controllers file)."
+            min=1, max=1000, metavar="HZ", help="Rate of the control loop (default: the rate in the controllers file)."
         ),
     ] = None
     states_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = STATES

@@ -57,7 +57,7 @@ class TuneRequest:
             raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
 
     def gains(self, model: "ServoModel") -> "Mapping[str, int]":
-        """Return the gains to write, by name. Raises TuneError if the servo does not have one of these gains."""
+        """Return the gains to write, keyed by name. Raises TuneError if the servo does not have one of these gains."""
         from commissioning.tune.gains import parse_gains
 
         return parse_gains(model, [*self.write, *(self.more or ())]) if self.write else {}
@@ -76,7 +76,7 @@ def tune(
     """Measure how a joint follows steps and a sine, and propose gains for its servo.
 
     The command asks before the arm moves. The command reports overshoot, settling time, delay, sag, following error and
-    oscillation. Gains are only written with --write or --apply. Then the command measures again and shows both results
+    oscillation. Gains are written only with --write or --apply. The command then measures again and shows both results
     side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
@@ -142,12 +142,13 @@ def _tuner(
 def _ending_text(relax: bool, park: bool) -> _EndingText:
     if not relax:
         return _EndingText(
-            "At the end the arm holds its initial position.", "the arm holds its position under torque (on_exit: hold)"
+            "At the end the arm holds its initial position.",
+            "the arm holds its position with torque enabled (on_exit: hold)",
         )
     where = "moves to its park pose" if park else "returns to its initial position"
     left = "in its park pose" if park else "at its initial position"
     return _EndingText(
-        f"At the end the arm {where} and its torque is switched off.", f"the arm is {left}, and its torque is off"
+        f"At the end the arm {where} and its torque is disabled.", f"the arm is {left}, and its torque is off"
     )
 
 
@@ -178,8 +179,9 @@ def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", 
         return text
     wanted = " ".join(f"{name}={value}" for name, value in gains.items()) or "The proposed gains"
     return (
-        f"{wanted} will be written to servo {tuner.joint.servo_id} after the first measurement. For that, the torque "
-        f"of the arm is switched off (in the park pose, if it has one). Then the measurement is repeated. First: {text}"
+        f"{wanted} will be written to servo {tuner.joint.servo_id} after the first measurement. Before the write, "
+        "the torque of the arm is disabled (in the park pose, if it has one). Then the measurement is repeated. "
+        f"First: {text}"
     )
 
 
@@ -199,7 +201,7 @@ def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", sig
 def _drawn(path: Path, report: "TuneReport") -> Path | None:
     """Draw the plot and return its path, or None without the extra ``report``.
 
-    Raises DriverError if it cannot be written.
+    Raises DriverError if the plot cannot be written.
     """
     if sentence := missing_extras("the plot", "report"):
         typer.echo(f"servoloop: {sentence}", err=True)
@@ -211,7 +213,7 @@ def _drawn(path: Path, report: "TuneReport") -> Path | None:
 
 
 def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> None:
-    """Print the figures, the proposed gains and instructions to keep the gains."""
+    """Print the results, the proposed gains and instructions to keep the gains."""
     from servoloop.commands.output.tune_output import table, words
 
     console.print(table(report))

@@ -76,7 +76,7 @@ def up(
     files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
     with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search:
-        from servoloop.up import OwnControllers  # This import takes time, in which the search continues.
+        from servoloop.up import OwnControllers  # The search continues while this import runs.
         from servoloop.up import up as run
 
         status = run(hardware, devices, files, ready, options, OwnControllers(search))
@@ -97,7 +97,7 @@ def _check_planning(options: UpOptions) -> None:
     Raises DriverError or RosError.
     """
     if not options.ros:
-        raise DriverError("--plan needs ROS 2: leave out --no-ros")
+        raise DriverError("--plan needs ROS 2: omit --no-ros")
     require_extras("motion planning", "planning")
     require_ros(PLANNING_PACKAGES)
 
@@ -177,7 +177,7 @@ def demo(
     if not jobs:
         raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
     if options.vision and (tuple(jobs) != GRADES or repeat > 1 or options.poses):
-        raise DriverError("--vision sorts twelve apples by their own grades: leave out --grades, --repeat and --poses")
+        raise DriverError("--vision sorts twelve apples by their own grades: omit --grades, --repeat and --poses")
     several = len(arm_jobs(options)) > 1
     if several:
         check_options(options)
@@ -212,7 +212,7 @@ def _sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpt
 
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:
-    """Sort apples by the pictures of the virtual camera, print the report and return the exit status."""
+    """Sort apples by the images of the virtual camera, print the report and return the exit status."""
     require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Environment variables; at least one of them is set on a machine with a screen."""
+"""Environment variables of which at least one is set on a machine with a screen."""
 CAMERA_BELOW: Final = 0.25
-"""Place of the camera's picture among the controls, after the buttons and before the folder *Arm*."""
+"""Position of the camera image among the controls, after the buttons and before the folder *Arm*."""
 
 
 @dataclass(frozen=True, slots=True)

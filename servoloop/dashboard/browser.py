@@ -13,11 +13,11 @@ ARM_S: Final = 0.05
 NUMBERS: Final = 7
 """Number of arm updates per update of the displayed numbers."""
 BEAT: Final = 20
-"""Number of updates of the arm per heartbeat to the browsers."""
+"""Number of arm updates per heartbeat sent to the browsers."""
 
 
 Part = Callable[[ObservedRobot], None]
-"""Updates a further part of the page, such as the buttons or the cameras."""
+"""Function that updates another part of the page, such as the buttons or the cameras."""
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], parts: Sequence[Part] = ()) -> None:

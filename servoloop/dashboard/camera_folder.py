@@ -1,4 +1,4 @@
-"""Pictures of the cameras in the page of ``servoloop view``."""
+"""Camera images in the page of ``servoloop view``."""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -15,19 +15,19 @@ CAPTION: Final = '<figcaption style="font-size:0.78em">{name}</figcaption></figu
 SUFFIX: Final = "/compressed"
 
 LivePictures = Callable[[], Mapping[str, CameraPicture]]
-"""Function that returns the pictures of the cameras that run now, by topic."""
+"""Function that returns the latest image of each running camera, keyed by topic."""
 
 
 class CameraFolder:
-    """Folder with the newest picture of each camera. It appears with the first picture."""
+    """Folder of the page with the latest image of each camera. It appears when the first image arrives."""
 
     def __init__(self, server: viser.ViserServer, order: float, live: LivePictures | None = None) -> None:
-        """Create the folder later, with the first picture.
+        """Prepare the folder, which is created when the first image arrives.
 
         Args:
             server: Server of the page.
             order: Place of the folder among the controls.
-            live: Pictures of running cameras; None to show only those of the observed robot.
+            live: Function that returns the images of running cameras; None to show only images of the observed robot.
         """
         self._server, self._order, self._live = server, order, live
         self._folder: viser.GuiFolderHandle | None = None
@@ -35,7 +35,7 @@ class CameraFolder:
         self._shown: Mapping[str, CameraPicture] = {}
 
     def show(self, watched: ObservedRobot) -> None:
-        """Update the pictures. A camera without a picture disappears."""
+        """Update the images, and remove cameras without an image."""
         pictures = watched.pictures.newest if self._live is None else self._live()
         if pictures is self._shown:
             return
@@ -59,7 +59,7 @@ class CameraFolder:
 
 
 def html(topic: str, picture: CameraPicture) -> str:
-    """Return a picture as HTML, without a request to another address."""
+    """Return an image as HTML that contains the image data, so that the browser sends no further request."""
     name = escape(topic.removesuffix(SUFFIX))
     data = base64.b64encode(picture.data).decode()
     return IMAGE.format(name=name, kind=picture.media_type, data=data) + CAPTION.format(name=name)

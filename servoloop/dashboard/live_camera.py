@@ -1,4 +1,4 @@
-"""Pictures of the running camera node for the page of ``servoloop view``."""
+"""Images of the running camera node for the page of ``servoloop view``."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class LiveCamera:
-    """Newest picture of the camera node."""
+    """Latest image of the camera node."""
 
     def __init__(self, watch: "PictureWatch", topic: str) -> None:
         self._watch, self._topic = watch, topic
@@ -18,7 +18,7 @@ class LiveCamera:
         self._pictures: Mapping[str, CameraPicture] = {}
 
     def pictures(self) -> Mapping[str, CameraPicture]:
-        """Return the newest picture by its topic; nothing if no camera runs."""
+        """Return the latest image, keyed by its topic, or an empty mapping if no camera is running."""
         newest = self._watch.newest
         if newest is not self._message:
             self._message = newest
@@ -27,5 +27,5 @@ class LiveCamera:
         return self._pictures
 
     def close(self) -> None:
-        """End the watch."""
+        """Stop watching the camera node."""
         self._watch.close()

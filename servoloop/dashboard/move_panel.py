@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 TICK_S: Final = 0.04
 POLL_S: Final = 0.2
 RETRY_S: Final = 2.0
-"""Interval at which failed work is retried and the list of poses is updated, in seconds."""
+"""Interval between attempts after an error, and between updates of the list of poses, in seconds."""
 END_S: Final = 8.0
 """Maximum time to wait for the thread to end, in seconds."""
 CONNECTING: Final = "waiting for the controllers of the stack"
@@ -32,7 +32,7 @@ STOPPED: Final = "All motions of all clients were stopped."
 
 
 class Handling:
-    """Manual motion of the arm, step by step, as the held button commands."""
+    """Manual motion of the arm, which continues in steps while a button is held."""
 
     def __init__(self, buttons: HeldButtons) -> None:
         self.message = ""
@@ -90,7 +90,7 @@ class Mover:
         return self._handling.message if self.targets.joints else self._why
 
     def close(self) -> None:
-        """End the thread. A motion under way comes to rest, because it is not continued."""
+        """End the thread. An arm in motion comes to rest, because it receives no further commands."""
         self._ended.set()
         self._thread.join(END_S)
 
@@ -169,7 +169,7 @@ class MovePanel:
         self._mover, self._buttons = mover, mover.buttons
         self._targets: MoveTargets | None = None
         gui = self._gui = server.gui
-        gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public way
+        gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public method for this
         gui.add_html(PINNED, order=-1.0)
         self._stop = gui.add_button("Stop everything", color="red", order=0.0, disabled=True)
         # Viser calls this when the button is pressed, and repeatedly while it is held.

@@ -5,7 +5,7 @@ from typing import Final
 NARROW: Final = "36em"
 """Page width below which viser puts all panels into a sheet at the bottom of the page, over the arm."""
 CONTROLS_SHARE: Final = "45%"
-"""Maximum height of the controls, as a share of the page height."""
+"""Maximum height of the controls, as a percentage of the page height."""
 PINNED: Final = "<i class='servoloop-pinned'></i>"
 """Marker in front of a control that stays visible while the controls are scrolled."""
 _SHEET: Final = ".mantine-Paper-root[style*='position: fixed']"

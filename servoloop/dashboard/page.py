@@ -140,7 +140,7 @@ def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
 
 
 def _around(known: ArmFolder | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
-    """Return the shapes of the fixed and of the loose objects around an arm, or no shapes if the arm is unknown."""
+    """Return the shapes of the fixed and the loose objects around an arm, or no shapes if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()
     return scene_shapes(known.scene), thing_shapes(known.scene)
@@ -159,8 +159,8 @@ class Page:
 
         Args:
             server: Server of the page.
-            folder: Folder of the arm. Without it, the arm is found in config/arms by its robot description.
-            planner: Function that returns the newest scene of the motion planner and the time of a steady clock, in
+            folder: Folder of the arm; None to find the arm in config/arms by its robot description.
+            planner: Function that returns the latest scene of the motion planner and the time of a steady clock, in
                 seconds; None without a planner.
         """
         self._server, self._folder, self._planner = server, folder, planner
@@ -270,7 +270,7 @@ class Page:
         if missing:
             names = ", ".join(missing)
             self._server.gui.add_html(
-                f"<p style='margin:0.5em 1em'>not drawn, because they cannot be read: {escape(names)}</p>"
+                f"<p style='margin:0.5em 1em'>these meshes cannot be read and are not drawn: {escape(names)}</p>"
             )
 
     def _chosen(self, _: object = None) -> None:

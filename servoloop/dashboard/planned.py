@@ -1,4 +1,4 @@
-"""Draw the planning scene, and the newest plan as a moving ghost, on the page of ``servoloop view``."""
+"""Draw the planning scene, and the latest plan as a moving ghost, on the page of ``servoloop view``."""
 
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any, Final
@@ -23,15 +23,15 @@ HELD_RGB: Final[Rgb] = (150, 80, 180)
 PLAN_RGB: Final[Rgb] = (240, 150, 30)
 OPACITY: Final = 0.5
 LARGEST_M: Final = 3.0
-"""Extent above which an object, such as an infinite table, is not drawn, in m."""
+"""Maximum extent of an object that is drawn, in m. Larger objects, such as an infinite table, are omitted."""
 SHOWN_S: Final = 2.0
-"""Time for which the ghost stays at the end of a plan, in seconds."""
+"""Time the ghost stays at the end of a plan, in seconds."""
 
 
 class PlannedScene:
     """Drawing of the scene and the plan of the motion planner.
 
-    ``drawn`` has the names of objects that the page already shows.
+    ``drawn`` contains the names of the objects that the page already shows.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class PlannedScene:
         """Update the objects and the ghost.
 
         Args:
-            watched: Newest scene and plan.
+            watched: Latest scene and plan.
             position: Measured joint positions (n,), for the joints that the plan does not move.
             now_s: Time of any steady clock, in seconds.
         """

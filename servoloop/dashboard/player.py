@@ -39,7 +39,7 @@ class Player:
         watched = self._playback.robot
         shown = round(self._playback.time_s, 1)
         if not sought and shown != self._slider.value:  # do not move a slider that a user is dragging
-            self._slider.value = shown  # type: ignore[misc]  # viser defines the setter apart from the property
+            self._slider.value = shown  # type: ignore[misc]  # viser defines the setter separately
         return watched
 
     def _moved(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:

@@ -103,7 +103,7 @@ class DrawnScene:
             _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
-        """Move the arm to the measured and its ghost to the commanded joint positions (n,), in rad or m.
+        """Move the arm to the measured joint positions and its ghost to the commanded ones (n,), in rad or m.
 
         Joints of the ghost without a command are shown at their measured positions.
         """
@@ -189,7 +189,7 @@ class DrawnRobot:
             joint = self._model.joint_of(shape.link)
             share = 1.0 if joint in faulty else math.nan if joint is None else float(shares[places[joint]])
             wanted = color_of(share)
-            if wanted != self._colors[number]:  # each change is a message to all browsers
+            if wanted != self._colors[number]:  # each change sends a message to all browsers
                 mesh.color = shape.rgb if wanted is None else wanted
                 self._colors[number] = wanted
 

@@ -31,14 +31,14 @@ NEWEST: Final = 5
 
 
 class TableCell(NamedTuple):
-    """Text with a level as in diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 a warning, 2 an error."""
+    """Text with a level as in diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 is a warning and 2 is an error."""
 
     text: str
     level: int = 0
 
 
 class StateTable(NamedTuple):
-    """Table whose rows have as many cells as the head."""
+    """Table whose rows have as many cells as its header."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[TableCell, ...], ...]
@@ -51,7 +51,7 @@ def joint_table(
 
     Args:
         snapshot: State of the robot.
-        joints: Joints of the robot description, by name.
+        joints: Joints of the robot description, keyed by name.
         columns: Columns of ``JOINT_COLUMNS`` to include, after the joint's name.
     """
     servo_health, rows = health(snapshot), []

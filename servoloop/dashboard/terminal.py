@@ -31,7 +31,7 @@ from servoloop.recording.robot_state import ObservedRobot, RobotSnapshot
 from servoloop.recording.sources import SPEEDS, Playback, Source
 
 STYLES: Final = ("", "bold yellow", "bold red")
-"""Text styles, by the level of a cell."""
+"""Text style for each level of a cell."""
 
 
 def rich_cell(cell: TableCell) -> Text:
@@ -95,7 +95,7 @@ def _text(cell: TableCell, column: int) -> Text:
 JOINTS_S: Final = 0.25
 """Interval at which the joint table is updated, in seconds."""
 ALL: Final = 4
-"""Number of updates of the joint table per update of the whole screen, which takes more time."""
+"""Number of joint table updates per update of the whole screen, which takes longer."""
 END_S: Final = 0.1
 """Interval at which ``stop`` is called, in seconds."""
 SEEK_S: Final = 1.0

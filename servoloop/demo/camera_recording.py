@@ -1,6 +1,6 @@
-"""Add the pictures of the camera to the recording of a stack.
+"""Add the camera images to the recording of a stack.
 
-The process of the control loop writes the recording. Until that process ends, the pictures are in a separate file.
+The process of the control loop writes the recording. Until that process ends, the images are in a separate file.
 """
 
 import heapq
@@ -16,24 +16,24 @@ from servoloop.recording.message_types import PICTURE, definition
 
 
 class CameraRecording:
-    """Pictures of one run, in a file next to the recording of its stack."""
+    """Camera images of one run, in a file next to the recording of its stack."""
 
     def __init__(self, recording: Path, topic: str) -> None:
-        """Create the file of the pictures. Raises RecordingError if the file cannot be created."""
+        """Create the file of the images. Raises RecordingError if the file cannot be created."""
         self._recording, self._topic = recording, topic
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
-        """File of the pictures, until ``finish`` has added them to the recording."""
+        """File of the images until ``finish`` has added them to the recording."""
         self._file = McapFile(self.pictures)
         self._file.add_channel(topic, PICTURE, definition(PICTURE))
 
     def add(self, stamp_ns: int, data: bytes) -> None:
-        """Write an encoded picture."""
+        """Write an encoded image."""
         self._file.add_message(self._topic, stamp_ns, data)
 
     def finish(self) -> None:
-        """Close the file of the pictures, and add them to the recording, ordered by time.
+        """Close the file of the images, and add the images to the recording, ordered by time.
 
-        Call this when the stack has ended. If the stack did not start, there is no recording, and the pictures are
+        Call this when the stack has ended. If the stack did not start, there is no recording, and the images are
         removed.
 
         Raises:
@@ -53,7 +53,7 @@ class CameraRecording:
             whole.replace(self._recording)
         except (OSError, McapError) as error:
             raise RecordingError(
-                f"cannot add the pictures to {self._recording}: {error}; they remain in {self.pictures}"
+                f"cannot add the camera images to {self._recording}: {error}; the images remain in {self.pictures}"
             ) from error
 
 

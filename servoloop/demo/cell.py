@@ -46,7 +46,7 @@ class Cell:
     joints: Sequence[str]
     """Joints of the arm, without the hand."""
     sorting: "SortingMonitor | None"
-    """Monitor of the jobs that start from pictures; None if the cell has no camera."""
+    """Monitor of the jobs that camera images start; None if the cell has no camera."""
     process_ids: Mapping[str, int]
     """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
@@ -89,7 +89,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     files = read_arm_files(arm, robot=options.robot, namespace=options.namespace)
     settings = load_pick_place(arm.pick_place, options.namespace).settings()
     if options.poses and not arm.pick_place_poses.exists():
-        raise DriverError(f"--poses: {arm.pick_place_poses} is missing: write it like config/pick_place_poses.yaml")
+        raise DriverError(f"--poses: {arm.pick_place_poses} is missing: create it from config/pick_place_poses.yaml")
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = start_stack(processes, link, files, options, live)

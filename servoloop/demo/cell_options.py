@@ -18,7 +18,7 @@ from servoloop.stack.arm_options import (
 )
 
 FIRST_TRAY: Final = 2
-"""Default seed of the apples, used without ``--seed``. The apples of this seed have all grades."""
+"""Default seed of the apples, used without ``--seed``. With this seed, apples of all grades appear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class CellOptions:
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[
-        bool, typer.Option("--vision", help="Sort twelve apples by the pictures of a virtual camera, instead of cubes.")
+        bool, typer.Option("--vision", help="Sort twelve apples by the images of a virtual camera instead of cubes.")
     ] = False
 
     @property

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 IDLE_S = 3.0
 FIGURES_S = 1.5
-"""Time within which the figures of the last cycles are published, in seconds."""
+"""Maximum time until the statistics of the last cycles are published, in seconds."""
 FADING_S = 1.5
-"""Time within which gravity compensation fades in or out, in seconds."""
+"""Maximum time gravity compensation takes to fade in or out, in seconds."""
 SAGGING_RAD = 0.2
 """Goal tolerance without gravity compensation, in rad. The sag alone exceeds the usual tolerance."""
 HARDWARE = ""
@@ -40,8 +40,8 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
 }
 """Parameters (node, name and value) to set for each comparison run without one of the compensations."""
 EXPLANATION: Final = (
-    "Each error is given for the worst joint, then for the fastest joint. RMS is measured while moving, and the error "
-    "at rest half a second after a motion."
+    "Each error is given for the worst joint, then for the fastest joint. The RMS error is measured while moving, and "
+    "the error at rest is measured half a second after a motion."
 )
 Result = TypeVar("Result")
 FIGURES = (
@@ -59,12 +59,12 @@ class DemoReport:
     """Results of a demo."""
 
     joints: tuple[str, ...]
-    """Joints of the arm, in the order of all figures."""
+    """Joints of the arm, in the order of all values."""
     runs: tuple[JobRun, ...]
     comparisons: Mapping[str, JobRun]
-    """Comparison runs, by the disabled compensation.
+    """Comparison runs, keyed by the disabled compensation.
 
-    They take place only if all grades were picked without a planner, and need not succeed.
+    These runs take place only if all grades were picked without a planner. They need not succeed.
     """
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
@@ -86,7 +86,7 @@ def demo(
 
 
 def loop_figures(monitor: "StackMonitor") -> dict[str, float]:
-    """Return the figures of the control loop, which are published once per second."""
+    """Return the statistics of the control loop, which are published once per second."""
     return {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
 
 
@@ -168,7 +168,7 @@ def print_summary(runs: Sequence[JobRun], console: Console) -> None:
 
 
 def loop_table(loop: Mapping[str, float], cpu: Mapping[str, float]) -> Table:
-    """Return a table with the figures of the control loop and its CPU load."""
+    """Return a table with the statistics of the control loop and its CPU load."""
     columns = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
     table = Table(*columns, title="control loop")
     table.add_row(

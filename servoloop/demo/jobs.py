@@ -103,7 +103,7 @@ def _joints(newest: "NewestMessages") -> Table:
 def _loop_line(newest: "NewestMessages") -> Text:
     loop = newest.loop
     if not loop:
-        return Text("waiting for the first figures of the control loop")
+        return Text("waiting for the first statistics of the control loop")
     return Text(
         f"{loop['rate_hz']} Hz   cycles {loop['cycles']}   missed {loop['missed_cycles']}   "
         f"unmeasured {loop['unmeasured_cycles']}   "
@@ -113,7 +113,7 @@ def _loop_line(newest: "NewestMessages") -> Text:
 
 REST_S = 3.0
 HOMING_TRIES = 5
-"""Number of attempts to move the arm home after a failed job. Each is followed by a rest of ``REST_S``."""
+"""Number of attempts to move the arm home after a failed job. Each attempt is followed by a pause of ``REST_S``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ class JobRunner:
             self._live.say(f"the arm did not reach its home pose: {outcome.text}")
 
     def idle(self, seconds: float) -> None:
-        """Watch the arm for a time without a job. Raises Interrupted if the user ends the demo."""
+        """Watch the arm for ``seconds`` seconds without a job. Raises Interrupted if the user ends the demo."""
         until_s = perf_counter() + seconds
         while perf_counter() < until_s:
             self._monitor.spin(0.1)
@@ -235,13 +235,13 @@ class JobRunner:
 
 
 class Camera:
-    """Reader of the simulated world: the bin of the cube, the joint positions between the cycles, and contacts."""
+    """Reader of the bin of the cube, the joint positions between cycles, and the contacts in the simulated world."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str], prefix: str = "") -> None:
-        """``prefix`` is the beginning of all names of the arm, for a robot with several arms."""
+        """``prefix`` is the prefix of all names of the arm, for a robot with several arms."""
         self.bin: str | None = None
         self.newest: dict[str, Any] | None = None
-        """The newest publication."""
+        """Latest publication of the emulator."""
         self.trace = WorldTrace()
         self.contacts: set[str] = set()
         self._client = client

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 POLL_S: Final = 0.2
 """Period at which the world is read while the arms work, in seconds."""
 MOVING_RAD_S: Final = 0.05
-"""Speed of a joint from which its arm counts as moving, in rad/s or m/s."""
+"""Minimum joint speed at which an arm counts as moving, in rad/s or m/s."""
 LEFT: Final = "the processes of the demo will end on their own"
 
 
@@ -62,7 +62,7 @@ class SortingArm:
 
     @property
     def prefix(self) -> str:
-        """Beginning of all names of the arm."""
+        """Prefix of all names of the arm."""
         return f"{self.name}_"
 
 
@@ -71,11 +71,11 @@ class SeveralArmsReport:
     """Results of a demo with several arms."""
 
     runs: Mapping[str, tuple[JobRun, ...]]
-    """Jobs by the name of the arm."""
+    """Jobs of each arm, keyed by arm name."""
     joints: Mapping[str, tuple[str, ...]]
-    """Joints of each arm, in the order of all its figures."""
+    """Joints of each arm, in the order of all its values."""
     together_s: float
-    """Time during which all arms moved at once, in seconds."""
+    """Time during which all arms moved at the same time, in seconds."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -91,7 +91,7 @@ class SeveralArmsReport:
 
 
 def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
-    """Return the parameters of the pick-and-place node of each arm by the name of the arm; "" for a single arm.
+    """Return the parameters of each arm's pick-and-place node, keyed by arm name; the key of a single arm is "".
 
     Raises ArmFileError.
     """
@@ -151,7 +151,7 @@ def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], 
 
 
 def node_arguments(name: str, parameters: Path) -> tuple[str, ...]:
-    """Return the command of the pick-and-place node of an arm, with topics and services of its own."""
+    """Return the command that starts the pick-and-place node of an arm with its own topics and services."""
     own = f"sorting/{name}_arm"
     remaps = {
         "__node": f"{name}_{NODE_NAME}",
@@ -177,7 +177,7 @@ def _clients(client: "Client", name: str, job: PickPlace) -> RosClients:
 def _run(
     arms: Sequence[SortingArm], grades: Sequence[str], feed: WorldFeedClient
 ) -> tuple[dict[str, tuple[JobRun, ...]], float]:
-    """Run the jobs of each arm in a thread, and return them with the time during which all arms moved at once."""
+    """Run the jobs of each arm in a thread. Return the jobs and the time during which all arms moved together."""
     watch = _MotionWatch([arm.prefix for arm in arms])
     with ThreadPoolExecutor(len(arms)) as threads:
         runs = {arm.name: threads.submit(_run_all, arm.runner, grades) for arm in arms}
@@ -192,7 +192,7 @@ def _run_all(runner: JobRunner, grades: Sequence[str]) -> tuple[JobRun, ...]:
 
 
 class _MotionWatch:
-    """Adds up the time during which all arms move at once."""
+    """Counter of the time during which all arms move at the same time."""
 
     def __init__(self, prefixes: Sequence[str]) -> None:
         self.together_s = 0.0
@@ -216,7 +216,7 @@ def check_options(options: CellOptions) -> None:
     """Raise DriverError if an option is not possible with several arms."""
     if options.vision or options.poses:
         raise DriverError(
-            f"{options.arm} has several arms, which sort cubes by joint positions: leave out --vision and --poses"
+            f"{options.arm} has several arms, which sort cubes by joint positions: omit --vision and --poses"
         )
 
 
@@ -228,7 +228,7 @@ def print_report(report: SeveralArmsReport, console: Console) -> None:
     console.print()
     console.print(loop_table(report.loop, report.cpu_percent))
     print_summary(report.all_runs, console)
-    console.print(f"time during which all arms moved at once: {report.together_s:.1f} s")
+    console.print(f"time during which all arms moved at the same time: {report.together_s:.1f} s")
 
 
 def write_report(report: SeveralArmsReport, path: Path) -> None:

@@ -11,7 +11,7 @@ from sim_backend.camera.scene_camera import SceneCamera
 
 
 def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
-    """Sort ``count`` apples in a new cell by the pictures of the virtual camera, and draw the results.
+    """Sort ``count`` apples in a new cell by the images of the virtual camera, and draw the results.
 
     Raises:
         ArmFileError: The scene has no camera or no apples.
@@ -26,7 +26,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     pictures = CameraRecording(options.record, f"/{PICTURES}")
     try:
         return _sorted(options, live, count, camera, pictures)
-    finally:  # An interrupted run has a recording as well.
+    finally:  # An interrupted run also has a recording.
         pictures.finish()
 
 

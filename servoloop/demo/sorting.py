@@ -1,4 +1,4 @@
-"""Sort apples by the pictures of the virtual camera: wait for each job, and check its grade and bin."""
+"""Sort apples by the images of the virtual camera: wait for each job, and check its grade and bin."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ APPLE_S: Final = 60.0
 JOB_S: Final = 120.0
 """Maximum duration of a job, in seconds. The node itself limits the duration of each motion."""
 STUCK_S: Final = 15.0
-"""Time after a failed job within which the next apple comes or the next job starts, in seconds."""
+"""Maximum time from a failed job to the next apple or the next job, in seconds."""
 FALL_S: Final = 3.0
 """Maximum time for a released apple to come to rest, in seconds."""
 FRAME_S: Final = 0.4
@@ -30,12 +30,12 @@ FRAME_S: Final = 0.4
 FRAMES: Final = 70
 """Maximum number of frames. They show about two jobs."""
 MOVED: Final = 0.01
-"""Minimum motion of a joint, in rad or m, after which the next frame is kept."""
+"""Minimum motion of a joint between two frames that are kept, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
 class SortedApple:
-    """One apple: its true values, the values that the camera measured, and the bin into which the arm put it."""
+    """Apple with its true values, the values that the camera measured, and the bin into which the arm put it."""
 
     number: int
     truth: AppleTruth
@@ -52,7 +52,7 @@ class SortedApple:
 
 @dataclass(slots=True)
 class SortingFilm:
-    """States of the world to draw later, with the grade of the newest message. Phases without motion are left out."""
+    """States of the world to draw later, with the grade of the latest message. Phases without motion are omitted."""
 
     first: Mapping[str, Any] | None = None
     """State in which the first apple was on the stand."""
@@ -119,7 +119,7 @@ class Sorter:
         return SortedApple(number, truth, grade, job, self._ready.runner.camera.bin)
 
     def _comes(self) -> bool:
-        """Wait for the next apple, and return whether it has come. Otherwise say why the demo ends."""
+        """Wait for the next apple, and return whether it arrived. If not, print why the demo ends."""
         self._wait(lambda: self._has_new_apple() or self._is_stuck(), APPLE_S)
         if self._has_new_apple():
             return True
@@ -133,7 +133,7 @@ class Sorter:
         return False
 
     def _is_stuck(self) -> bool:
-        """Whether the newest job has failed, and nothing has followed for ``STUCK_S``."""
+        """Whether the latest job has failed, and no other job has followed for ``STUCK_S``."""
         newest = self._monitor.jobs[-1] if self._monitor.jobs else None
         if newest is None or not newest.ended or newest.success:
             self._failed = None

@@ -1,4 +1,4 @@
-"""Report of a demo that sorts apples: tables, JSON, a picture and a film with what the camera saw."""
+"""Report of a demo that sorts apples: tables, JSON, a picture and a film of what the camera saw."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ MARK_RGB: Final = (20, 90, 220)
 TEXT_PX: Final = 28
 FILM_FPS: Final = 6.0
 FILM_STEP: Final = 2
-"""Step in pixels by which the film reduces the pictures in both directions."""
+"""Factor by which the width and the height of the film are smaller than those of the camera images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class SortingReport:
 
     @property
     def median_picture_to_goal_s(self) -> float | None:
-        """Median time from the picture to the start of the job, in seconds."""
+        """Median time from the camera image to the start of the job, in seconds."""
         times = [apple.job.picture_to_goal_s for apple in self.apples if apple.job is not None]
         known = [time_s for time_s in times if time_s is not None]
         return median(known) if known else None
@@ -58,8 +58,8 @@ def print_sorting(report: SortingReport, console: Console) -> None:
     console.print(table)
     console.print(
         "The grades are the true grade and the grade seen by the camera. The camera measures the diameter, the red "
-        "share and the share of spots, each shown with its error. The last column is the time from the picture to "
-        "the start of the job."
+        "fraction and the fraction of spots, each shown with its error. The last column is the time from the camera "
+        "image to the start of the job."
     )
     delay_s, missed = report.median_picture_to_goal_s, report.loop["missed_cycles"]
     console.print(
@@ -121,7 +121,7 @@ def _values(apple: Any) -> dict[str, float]:
 
 
 def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film: SortingFilm) -> None:
-    """Draw ``apple.png`` with the first apple and its values, and ``sorting.gif`` with the arm as the camera saw it."""
+    """Draw ``apple.png`` with the first apple and its values, and ``sorting.gif`` with the camera's view of the arm."""
     if film.first is None or not apples:
         return
     camera = SceneCamera(scene, sensor=Sensor(noisy=False))  # Noise would make the film much larger.
@@ -142,7 +142,7 @@ def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film
 
 
 def _marked(picture: Picture, box: tuple[int, int, int, int] | None, text: str) -> Picture:
-    """Draw a frame around an apple, and a text in the corner of the picture."""
+    """Draw a frame around an apple and a text in the corner of the image."""
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
     if box is not None:

@@ -33,7 +33,7 @@ class Command(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Motion of one joint at a share (-1 to 1) of its full speed."""
+    """Motion of one joint at a fraction (-1 to 1) of its full speed."""
 
     joint: str
     share: float
@@ -46,7 +46,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Motion to a pose (rad or m, by joint) at a share (0 to 1) of full speed."""
+    """Motion to a pose (rad or m, keyed by joint name) at a fraction (0 to 1) of full speed."""
 
     name: str
     pose: Mapping[str, float]
@@ -60,9 +60,9 @@ class GoTo:
 REPEATS_HZ: Final = 20.0
 """Rate at which a browser reports a held button, in Hz."""
 GOOD_S: Final = 0.2
-"""Time for which a report of a held button is valid, in seconds."""
+"""Maximum age of a valid report that a button is held, in seconds."""
 BEGIN_S: Final = 0.1
-"""Time for which a button must be reported before it moves the arm, in seconds.
+"""Minimum time that a button must be reported as held before it moves the arm, in seconds.
 
 The arm moves neither after a single report nor after several delayed reports that arrive at once.
 """
@@ -86,10 +86,10 @@ class _Press:
 
 
 class HeldButtons:
-    """Held button that moves the arm, among all buttons of all browsers. All methods are thread-safe.
+    """Tracker of the button that moves the arm, among all buttons of all browsers. All methods are thread-safe.
 
     Each button in each browser has a key, ``button``. A press that was rejected or ended has no effect until the button
-    is released. The rule prevents an unexpected motion while a user holds a button of an arm at rest.
+    is released. This rule prevents unexpected motion while a user holds a button and the arm is at rest.
     """
 
     def __init__(self, clock: Clock) -> None:

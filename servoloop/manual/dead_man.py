@@ -9,14 +9,14 @@ QUIT: Final = "q"
 
 
 class Permission(Protocol):
-    """Permission to move. The permission reports whether the arm may move, and whether the command must end."""
+    """Source of the permission to move. It reports whether the arm may move and whether the command must end."""
 
     def allowed(self, now_s: float) -> bool: ...
     def ended(self) -> bool: ...
 
 
 class Keys(Permission, Protocol):
-    """Permission to move, with additional command keys."""
+    """Source of the permission to move, with additional command keys."""
 
     def commands(self) -> Sequence[str]:
         """Return the command keys pressed since the last call."""

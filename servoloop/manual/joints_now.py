@@ -14,14 +14,14 @@ class HandlingError(DriverError):
 
 @dataclass(frozen=True, slots=True)
 class JointsNow:
-    """Current positions of the joints, in rad or m by joint name, with their age."""
+    """Current joint positions in rad or m, keyed by joint name, with their age."""
 
     commanded: Mapping[str, float]
-    """Commanded positions. A joint without a command has its measured position."""
+    """Commanded positions. A joint without a command is listed with its measured position."""
     measured: Mapping[str, float]
     age_s: float
     faults: Mapping[str, str]
-    """Fault of each faulty servo, by joint."""
+    """Fault of each faulty servo, keyed by joint name."""
 
 
 class MovableRobot(Protocol):
@@ -30,7 +30,7 @@ class MovableRobot(Protocol):
     @property
     def limits(self) -> Mapping[str, JointLimits]: ...
     def joints_now(self) -> JointsNow:
-        """Return the newest positions that the stack has reported."""
+        """Return the latest positions that the stack has reported."""
         ...
 
 

@@ -28,7 +28,7 @@ class PoseError(DriverError):
 
 
 class PosesFile(BaseModel):
-    """Content of the file: joint positions in rad or m, by pose name and joint name."""
+    """Contents of the pose file: joint positions in rad or m, keyed by pose name and joint name."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -43,7 +43,7 @@ class Poses:
         self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
-        """Return all poses by name."""
+        """Return all poses, keyed by name."""
         return load(self.path, PosesFile, PoseError).poses if self.path.exists() else {}
 
     def get(self, name: str) -> dict[str, float]:
@@ -103,9 +103,9 @@ class MoveTargets:
 
     joints: tuple[str, ...] = ()
     hand: Mapping[str, Pose] = field(default_factory=dict)
-    """Poses of the open and the closed hand; empty if the arm's files do not name the joint of the hand."""
+    """Poses of the open and the closed hand; empty if the arm's files do not specify the hand's joint."""
     poses: Mapping[str, Pose] = field(default_factory=dict)
-    """Saved poses, in rad or m by joint."""
+    """Saved poses, in rad or m, keyed by joint name."""
     refused: tuple[str, ...] = ()
     """Reasons why saved poses are not available."""
 
@@ -120,7 +120,7 @@ def find_targets(
 
     Args:
         folder: Folder of the arm; None if the stack does not report it.
-        driven: Joints of each active controller, by controller name.
+        driven: Joints of each active controller, keyed by controller name.
         limits: Limits of each joint.
     """
     joints = tuple(joint for some in driven.values() for joint in some)
@@ -141,7 +141,7 @@ def find_targets(
 
 
 def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
-    """Return the poses in which all hands are open or closed, or none if the files of the arm do not have them."""
+    """Return the poses in which all hands are open or closed, or no poses if the arm's files do not define them."""
     try:
         jobs = load_pick_places(read_arm(folder).pick_place).values()
     except ArmFileError:  # the folder has only a URDF, or the arm has no pick-and-place parameters

@@ -32,7 +32,7 @@ def _by_name(snapshot: RobotSnapshot, positions: FloatArray) -> dict[str, float]
 
 
 def limits_of(snapshot: RobotSnapshot) -> dict[str, JointLimits]:
-    """Return the limits in the robot description, by joint."""
+    """Return the limits in the robot description, keyed by joint name."""
     if not snapshot.description_xml:
         return {}
     joints = parse_urdf(snapshot.description_xml).joints
@@ -56,8 +56,8 @@ class LiveRobot:
         """Follow a running stack.
 
         Args:
-            arm: Name or folder of the arm. None: any arm.
-            namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
+            arm: Name or folder of the arm; None for any arm.
+            namespace: ROS namespace of the stack; empty for the root namespace, None for any namespace.
 
         Raises:
             LiveError: No such stack is running.
@@ -95,7 +95,7 @@ class LiveRobot:
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:
-        """Limits in the robot description, by joint."""
+        """Limits in the robot description, keyed by joint name."""
         snapshot = self.snapshot
         if snapshot.description_xml != self._description_xml:
             self._limits, self._description_xml = limits_of(snapshot), snapshot.description_xml

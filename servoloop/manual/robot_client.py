@@ -27,7 +27,7 @@ FRESH_S: Final = 0.5
 REFRESH_S: Final = 0.2
 """Interval between requests for the list of controllers, in seconds."""
 RELEASE_S: Final = 0.5
-"""Time after the last command after which other clients may move the arm, in seconds."""
+"""Time from the last command until other clients may move the arm, in seconds."""
 
 
 @dataclass(slots=True)
@@ -53,14 +53,14 @@ class RobotClient:
         self._commands, self._robot, self._now = commands, robot, now
         self._controllers: dict[str, _DrivenController] = {}
         self._inactive: dict[str, str] = {}
-        """Inactive controllers that could move joints, by joint."""
+        """Inactive controller that could move each joint, keyed by joint name."""
         self._listed_s = self._commanded_s = -float("inf")
         self._owns = False
         """Whether this client has control of the arm."""
 
     @property
     def driven(self) -> dict[str, tuple[str, ...]]:
-        """Joints of each active controller, by its name."""
+        """Joints of each active controller, keyed by controller name."""
         return {name: controller.joints for name, controller in self._controllers.items()}
 
     @property
@@ -72,7 +72,9 @@ class RobotClient:
         """Find the active controllers. Raises HandlingError if none of these controllers moves joints."""
         self._refresh()
         if not self._controllers:
-            raise HandlingError("no controller that moves joints is active: activate one, or restart the stack")
+            raise HandlingError(
+                "no controller that moves joints is active: activate such a controller, or restart the stack"
+            )
 
     def listen(self) -> None:
         """Receive messages between motions, and let other clients move the arm after a pause."""
@@ -102,7 +104,7 @@ class RobotClient:
         """Move a short distance toward a pose.
 
         Args:
-            pose: Target positions by joint, in rad or m.
+            pose: Target positions in rad or m, keyed by joint name.
             share: Fraction of full speed, from 0 to 1.
 
         Returns:
@@ -133,7 +135,7 @@ class RobotClient:
         self._commands.request("stop")
 
     def _refresh(self) -> None:
-        """Request the list of controllers. A controller that is no longer active loses its motion."""
+        """Request the list of controllers. Discard the motions of controllers that are no longer active."""
         self._listed_s = self._now()
         listed = [_Listed.of(one) for one in self._commands.request("controllers")["controllers"]]
         movers = [one for one in listed if one.kind in (TRAJECTORY, *FORWARD) and one.positions]
@@ -179,7 +181,7 @@ class RobotClient:
             self._refresh()
             controller = self._controllers.get(name, controller)
         if controller.busy:
-            raise HandlingError(f"{name} has a goal under way: stop it first")
+            raise HandlingError(f"{name} is executing a goal: stop the goal first")
         now = self._robot.joints_now()
         if not now.age_s <= FRESH_S:
             raise HandlingError("the joint positions are outdated: check that the stack is still running")

@@ -18,9 +18,9 @@ from sim_backend.scene.scene_file import scene_spec
 SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
-"""Share of poses with contact above which a pair of links touches by design, as in MoveIt's setup assistant."""
+"""Fraction of poses with contact above which a pair of links touches by design, as in MoveIt's setup assistant."""
 OFTEN: Final = 0.05
-"""Share of poses above which a pair of links that never touches is near by design."""
+"""Fraction of poses with a small distance above which a pair of links that never touches is near by design."""
 
 Pair = tuple[str, str]
 
@@ -54,7 +54,7 @@ class LinkModel:
         self.joints = tuple(str(joint.name) for joint in owned)
         """All joints, including mimic joints, in the order of poses."""
         self.followers = _followers(self.model)
-        """Joint that each mimic joint follows, and the polynomial that relates their positions."""
+        """Joint that each mimic joint follows, with the polynomial that relates their positions."""
         self._places = [int(joint.qposadr[0]) for joint in owned]
         self._ranges = np.array([joint.range for joint in owned])
 
@@ -83,11 +83,11 @@ class LinkModel:
         mujoco.mj_kinematics(self.model, self.data)
 
     def touching(self, pose: FloatArray) -> set[Pair]:
-        """Return the pairs of links that overlap in a pose, without adjacent links."""
+        """Return the pairs of non-adjacent links that overlap in a pose."""
         return self.nearer(pose, 0.0)
 
     def nearer(self, pose: FloatArray, below_m: float) -> set[Pair]:
-        """Return the pairs of links that are closer than a distance in m, without adjacent links."""
+        """Return the pairs of non-adjacent links that are closer than ``below_m`` meters in a pose."""
         self.place(pose)
         self.model.geom_margin[:] = below_m
         mujoco.mj_comPos(self.model, self.data)
@@ -143,7 +143,7 @@ def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair,
 
 
 def near_by_design(scene: Path, below_m: float, samples: int, seed: int) -> set[Pair]:
-    """Return the pairs of links that are often closer than a distance in m, but touch in no random pose.
+    """Return the pairs of links that are often closer than ``below_m`` meters but do not touch in any random pose.
 
     Such a pair has a narrow gap by design, such as a jaw and the wrist that it passes.
     """

@@ -39,8 +39,8 @@ def planning_robot(files: Files) -> PlanningRobot:
     joints. The named states are then the poses of the pick-place job, of the robot file and of ``servoloop pose``.
 
     Raises:
-        HalError: The files of the arm have mistakes, or it has no trajectory controller.
-        PlanningError: The scene file lacks a joint, or the SRDF has mistakes.
+        HalError: The files of the arm have errors, or the arm has no trajectory controller.
+        PlanningError: The scene file lacks a joint, or the SRDF has errors.
     """
     model = scene_spec(files.scene).compile()
     srdf = srdf_of(files)
@@ -72,11 +72,13 @@ def arm_group(robot: PlanningRobot, files: Files) -> Group:
     for group in robot.groups.groups.values():
         if set(group.joints) == joints:
             return group
-    raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
+    raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add such a group")
 
 
 def arm_groups(robot: PlanningRobot, files: Files) -> list[Group]:
-    """Return the groups with only joints of trajectory controllers: that of ``arm_group``, then small ones first.
+    """Return the groups that have only joints of trajectory controllers.
+
+    The group of ``arm_group`` comes first, followed by the other groups in order of increasing size.
 
     Raises ArmFileError.
     """
@@ -101,11 +103,11 @@ def _arm_joints(files: Files) -> tuple[str, ...]:
     for spec in files.controllers.controllers:
         if isinstance(spec.parameters, TrajectoryParameters):
             return tuple(spec.parameters.joints)
-    raise ArmFileError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
+    raise ArmFileError(f"{files.controllers.path} has no {JointTrajectoryController.kind}: add such a controller")
 
 
 def _states(files: Files, joints: tuple[str, ...]) -> States:
-    """Return the poses of an arm by name, with the positions of driven joints."""
+    """Return the poses of an arm, keyed by name, with the positions of the driven joints."""
     states: dict[str, dict[str, float]] = {}
     if files.robot.file.park is not None:
         states["park"] = {joint: files.robot.file.park.pose.get(joint, 0.0) for joint in joints}

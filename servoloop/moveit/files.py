@@ -26,9 +26,9 @@ MOVEIT: Final = CONFIG / "moveit"
 """Folder with the MoveIt configuration of the default arm."""
 COPIED: Final = (KINEMATICS, PLANNERS, RVIZ)
 PADDINGS_M: Final = (0.02, 0.015, 0.01)
-"""Paddings to try, widest first, in m.
+"""Paddings to try, largest first, in m.
 
-Even the narrowest padding exceeds the sag of the hand at 6 mrad in each joint.
+Even the smallest padding exceeds the sag of the hand when each joint sags by 6 mrad.
 """
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
@@ -37,9 +37,9 @@ GRIPPERS: Final = ("position_controllers/GripperActionController", "effort_contr
 
 
 def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
-    """Return the texts of MoveIt's files by name.
+    """Return the contents of MoveIt's files, keyed by file name.
 
-    Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
+    Raises HalError if MoveIt cannot start a plan in some poses. The message lists these poses.
     """
     files = read_arm_files(arm)
     several = sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1
@@ -73,7 +73,7 @@ def _semantic(arm: ArmFolder, files: Files) -> Path:
     """Return the SRDF of a robot with several arms. Raises ArmFileError."""
     if (found := srdf_of(files)) is None:
         raise ArmFileError(
-            f"{arm.name} has several trajectory controllers, but no SRDF that names the group of each arm: "
+            f"{arm.name} has several trajectory controllers, but no SRDF with a group for each arm: "
             f"put {arm.name}.srdf into {arm.folder}, or combine the arms with `servoloop arms combine`"
         )
     return found
@@ -105,7 +105,9 @@ def _groups(files: Files) -> dict[str, tuple[str, ...]]:
     """Return the joints of the arm (those of the first trajectory controller) and of the hand (all others)."""
     trajectories = [spec for spec in files.controllers.controllers if spec.kind == TRAJECTORY]
     if not trajectories:
-        raise ArmFileError(f"{files.controllers.path} has no {TRAJECTORY}, which MoveIt needs to move the arm: add one")
+        raise ArmFileError(
+            f"{files.controllers.path} has no {TRAJECTORY}, which MoveIt needs to move the arm: add such a controller"
+        )
     arm = tuple(getattr(trajectories[0].parameters, "joints", ()))
     hand = tuple(joint.name for joint in files.robot.joints if joint.name not in arm)
     return {"arm": arm, "hand": hand} if hand else {"arm": arm}
@@ -130,7 +132,7 @@ def header(name: str, before: str) -> str:
 
 
 def joint_limits(files: Files, padding_m: float) -> str:
-    """Return joint_limits.yaml, with shares of the URDF's velocity and the robot file's acceleration limits."""
+    """Return joint_limits.yaml, with fractions of the velocity limits (URDF) and acceleration limits (robot file)."""
     padding = "default_robot_padding: "
     text = header("joint_limits.yaml", padding) + f"{padding}{padding_m}\n\njoint_limits:\n"
     for joint in files.robot.joints:

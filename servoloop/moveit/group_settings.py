@@ -1,4 +1,4 @@
-"""Repeat the settings of the group ``arm`` and of the group ``hand`` for the groups of a robot with several arms."""
+"""Copy the settings of the groups ``arm`` and ``hand`` to the groups of a robot with several arms."""
 
 import re
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ def group_names(files: Files) -> GroupNames:
 
 
 def group_settings(folder: Path, names: GroupNames) -> dict[str, str]:
-    """Return the texts of the files in ``folder`` that have settings of groups, for these groups."""
+    """Return the contents of the files with group settings in ``folder``, rewritten for these groups."""
     kinematics, planners = ((folder / name).read_text() for name in (KINEMATICS, PLANNERS))
     rviz = (folder / RVIZ).read_text().replace(f"{RVIZ_GROUP}{ARM}\n", f"{RVIZ_GROUP}{names.chains[0]}\n")
     planners = _repeated(_repeated(planners, ARM, names.arms), HAND, names.hands)
@@ -46,7 +46,7 @@ def group_settings(folder: Path, names: GroupNames) -> dict[str, str]:
 
 
 def _repeated(text: str, group: str, names: Sequence[str]) -> str:
-    """Return the text with one copy of the section of a group for each of the names. Only the first has comments."""
+    """Return the text with one copy of a group's section for each name. Only the first copy has comments."""
     section = re.search(rf"^{group}:\n((?:[ ]+.*\n)+)", text, re.MULTILINE)
     assert section is not None
     plain = re.sub(r"^ +#.*\n", "", section[1], flags=re.MULTILINE)

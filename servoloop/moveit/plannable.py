@@ -47,7 +47,7 @@ class PaddedArm:
         """Padding of meshes, which are not enlarged in the model. Zero for all other geometries."""
 
     def distances(self, pose: Pose) -> dict[Pair, float]:
-        """Return the distance of each link from each object in m, negative if they overlap."""
+        """Return the distance between each link and each object in m; negative if they overlap."""
         self._data.qpos[self._places] = self._links.pose(dict(pose))
         mujoco.mj_kinematics(self._model, self._data)
         found: dict[Pair, float] = {}
@@ -60,14 +60,14 @@ class PaddedArm:
         return found
 
     def collisions(self, pose: Pose) -> list[str]:
-        """Return the pairs for which MoveIt refuses a pose, or nothing if it can plan from this pose."""
+        """Return the pairs that make MoveIt refuse a pose, or an empty list if MoveIt can plan from this pose."""
         around = [f"{link} - {thing}" for (link, thing), gap in self.distances(pose).items() if gap <= 0.0]
         itself = self._links.touching(self._links.pose(dict(pose))) - self._unchecked
         return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
 
 
 def released_pose(scene: Path, pose: Pose) -> Pose:
-    """Return the pose in which an arm comes to rest after it is released in a pose."""
+    """Return the pose in which an arm comes to rest after its torque is disabled in ``pose``."""
     start = World(scene)
     world = World(scene, initial_position=[pose.get(joint, 0.0) for joint in start.joints])
     for _ in range(round(SETTLE_S / world.timestep_s)):
@@ -76,7 +76,7 @@ def released_pose(scene: Path, pose: Pose) -> Pose:
 
 
 def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the rest poses: at the start of the stack and parked, each with torque enabled and released."""
+    """Return the rest poses: at the start of the stack and parked, each with torque enabled and disabled."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}

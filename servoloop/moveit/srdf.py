@@ -8,7 +8,7 @@ from servoloop.motion_planning.collision_matrix import Pair, lines
 
 GROUPS = ("arm", "hand")
 States = Mapping[tuple[str, str], Mapping[str, float]]
-"""Joint positions by group and name of the state."""
+"""Joint positions, keyed by group and state name."""
 
 
 def tip(description: Description, joints: tuple[str, ...]) -> tuple[str, str] | None:

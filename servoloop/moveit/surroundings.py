@@ -15,7 +15,7 @@ from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Clearance between the padded arm and the objects on which it stands or lies or at which it works, in m."""
+"""Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
 REST_MARGIN_M: Final = 0.03
 """Maximum distance between the actual and the computed rest pose of an arm, in m."""
 REACH_M: Final = 0.7
@@ -27,7 +27,7 @@ BOX, SPHERE, CYLINDER = 1, 2, 3
 
 Numbers = tuple[float, ...]
 Pose = Mapping[str, float]
-"""Joint positions by name, in rad or m."""
+"""Joint positions in rad or m, keyed by joint name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ BASE: Final = "base_link"
 
 
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
-    """Return the fixed objects of a scene, by name.
+    """Return the fixed objects of a scene, keyed by name.
 
     The table has pits below the foot, and at places where the padded arm would touch it in the rest poses ``lying``.
     The stand, at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.

@@ -10,14 +10,14 @@ from drivers.port import Port
 
 AnyPort = TypeVar("AnyPort", bound=Port)
 KEPT: Final = 20_000
-"""Maximum number of transfers kept before the loop runs. The set-up of a bus needs several hundred."""
+"""Maximum number of transfers kept before the loop runs. Setting up a bus needs several hundred transfers."""
 
 
 class Transfer(NamedTuple):
     """Bytes of one call to a port."""
 
     stamp_s: float
-    """Time before a write or after a read, in seconds on the loop's clock."""
+    """Time just before a write or just after a read, in seconds on the loop's clock."""
     port: str
     sent: bool
     """Whether the bytes were written."""

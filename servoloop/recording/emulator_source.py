@@ -41,7 +41,7 @@ class EmulatorSource:
 
     @property
     def status(self) -> str:
-        """Path of the virtual arm, and whether its emulator is running."""
+        """Path of the virtual arm, with a note on whether its emulator is running."""
         return f"{self._link}: virtual servos" if self.up_to_date else f"{self._link}: the emulator has ended"
 
     @property

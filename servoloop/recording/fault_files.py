@@ -25,7 +25,10 @@ KEPT_S: Final = 30.0
 A fault shortly after a file was written is recorded in the next file, which continues without a gap.
 """
 MIN_INTERVAL_S: Final = KEPT_S - 1.0
-"""Minimum time between the ends of two files, in seconds. It is 1 s shorter because samples arrive every 0.5 s."""
+"""Minimum time between the ends of two files, in seconds.
+
+This time is 1 s shorter than ``KEPT_S``, because samples arrive every 0.5 s.
+"""
 FILES: Final = 20
 """Maximum number of files. The oldest file is deleted first."""
 LARGEST_FOLDER: Final = 100_000_000
@@ -41,8 +44,8 @@ NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 class FaultFiles:
     """Sink that keeps the last ``KEPT_S`` seconds and writes them to a new file when a fault begins.
 
-    Faults are a joint without measurement or torque, a lost component, a goal whose tolerances are violated, and a loop
-    that ends with an error. A component that a client switches off is not a fault.
+    Faults are a joint that is not measured or whose torque is off, a lost component, a goal whose tolerances are
+    violated, and a loop that ends with an error. A component that a client switches off is not a fault.
     """
 
     eager = False
@@ -52,9 +55,9 @@ class FaultFiles:
         self._folder, self._messages, self._now = folder, messages, now
         self._kept: deque[CycleSample] = deque()
         self._since_s: Mapping[str, float] = {}
-        """Start times of the faults in the last cycle, by joint or component."""
+        """Start times of the faults in the last cycle, keyed by joint or component."""
         self._known: Mapping[str, str] = {}
-        """Kinds of the faults that have lasted long enough, by joint or component."""
+        """Kinds of the faults that have lasted long enough, keyed by joint or component."""
         self._new: list[str] = []
         """Faults not yet written to a file."""
         self._written_s: float | None = None

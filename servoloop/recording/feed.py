@@ -83,7 +83,7 @@ class LiveFeed:
         self._viewers: list[Viewer] = []
         self._cycles = 0
         self._goals: dict[str, Recorded] = {}
-        """Latest goal of each controller, followed by its result, by topic. New viewers receive them first."""
+        """Latest goal of each controller and its result, keyed by topic. New viewers receive these messages first."""
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:

@@ -11,14 +11,14 @@ from hal.types import FloatArray
 
 MOVING_RAD_S = 0.01
 REST_S = 0.5
-"""Time after which a joint must be at rest once its reference is at rest, in seconds."""
+"""Time from the end of the reference motion until the joint must be at rest, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
     """Following error of each joint of the arm in one run, in rad. All values are empty if nothing could be measured.
 
-    Sag is largest at the joints that carry the arm, and lag at the joint that moves fastest.
+    Sag is largest at the joints that carry the arm. Lag is largest at the joint that moves fastest.
     """
 
     largest_rad: tuple[float, ...]
@@ -29,9 +29,9 @@ class FollowingError:
     """Index of the joint with the largest reference velocity."""
 
     def as_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return the values for result.json: of the worst joint, of the fastest joint and of all joints.
+        """Return the values of the worst joint, the fastest joint and all joints, for result.json.
 
-        ``joints``: names of the arm's joints.
+        ``joints`` are the names of the arm's joints.
         """
         if not self.largest_rad:
             return {"largest_rad": None, "rms_moving_rad": None, "at_rest_rad": None}

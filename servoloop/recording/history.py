@@ -44,7 +44,7 @@ class History:
         self._rows: deque[HistoryRow] = deque()
 
     def add(self, row: HistoryRow) -> None:
-        """Add a row. If the time of the row is before that of the last row, start a new history.
+        """Add a row. If the row is older than the last row, start a new history.
 
         Rows older than a newly added joint get NaN for this joint.
         """

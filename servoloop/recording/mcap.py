@@ -22,8 +22,9 @@ class McapStream:
     """
 
     def __init__(self, output: IO[bytes], chunked: bool) -> None:
-        """Start the stream. With ``chunked``, write compressed chunks and an index; otherwise write each message
-        immediately.
+        """Start the stream.
+
+        If ``chunked`` is true, write compressed chunks and an index. Otherwise, write each message immediately.
         """
         compression = CompressionType.ZSTD if chunked else CompressionType.NONE
         self._writer = Writer(output, CHUNK, compression, use_chunking=chunked)
@@ -82,7 +83,7 @@ def check_path(path: Path) -> None:
 class McapFile:
     """MCAP file. A file that was not closed has no index, but contains all messages that were flushed.
 
-    Every method raises RecordingError if the disk cannot be written.
+    Every method raises RecordingError if the file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:

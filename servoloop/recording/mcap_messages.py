@@ -29,7 +29,7 @@ STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/c
 STATUSES, SCENE, URDF = "/diagnostics", "/servoloop/scene", "/robot_description"
 GOAL, RESULT = "/goal", "/goal_result"
 COMPRESSED: Final = "/image_raw/compressed"
-"""End of the topics with the pictures of cameras."""
+"""Suffix of the topics with camera images."""
 MAGIC: Final = b"\x89MCAP"
 OTHER_FORMATS: Final = {
     b"SQLite format 3": "is a rosbag2 database: convert it with `ros2 bag convert`",
@@ -37,7 +37,7 @@ OTHER_FORMATS: Final = {
     b"\x28\xb5\x2f\xfd": "is compressed: decompress it with `zstd -d`",
     b"\x1f\x8b": "is compressed: decompress it with `gunzip`",
 }
-"""Descriptions of other file formats, by the first bytes of the file."""
+"""Descriptions of other file formats, keyed by the first bytes of the file."""
 KINDS: Final = {
     STATES: (JOINT_STATE,),
     COMMANDS: (JOINT_STATE,),
@@ -51,11 +51,11 @@ OpenFile = Callable[[Path], IO[bytes]]
 
 
 class Received(NamedTuple):
-    """Decoded message with its topic. ``sequence`` counts the cycles of a live stack, which reveals lost cycles."""
+    """Decoded message with its topic. ``sequence`` counts the cycles of a live stack and thus reveals lost cycles."""
 
     topic: str
     stamp_ns: int
-    """ROS time."""
+    """ROS time, in nanoseconds."""
     message: Any
     sequence: int
 

@@ -21,7 +21,7 @@ MESSAGE_TYPES = (BUS_TRAFFIC, CYCLE, GOAL_RESULT, CONTROLLER_STATE, DIAGNOSTICS,
 
 @cache
 def typestore() -> Typestore:
-    """Return all message types by name, such as ``sensor_msgs/msg/JointState``. The first call takes 0.2 s.
+    """Return all message types, keyed by name, such as ``sensor_msgs/msg/JointState``. The first call takes 0.2 s.
 
     The first call also compiles the functions that encode the messages. The compiler blocks all other threads, so the
     first call must come before the control loop starts.

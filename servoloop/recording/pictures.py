@@ -1,4 +1,4 @@
-"""Newest picture of each camera, from the messages of a recording or from a live camera node."""
+"""Latest image of each camera, from the messages of a recording or from a live camera node."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -6,11 +6,11 @@ from typing import Final, NamedTuple
 from servoloop.recording.mcap_messages import COMPRESSED, Received
 
 ENCODINGS: Final = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
-"""Media types of the encodings that a browser shows, by a part of the format of a message."""
+"""Media types of the encodings that browsers can show, keyed by a part of the message format."""
 
 
 class CameraPicture(NamedTuple):
-    """Encoded picture."""
+    """Encoded camera image."""
 
     format: str
     """Format of the message, such as ``jpeg`` or ``rgb8; jpeg compressed bgr8``."""
@@ -23,14 +23,14 @@ class CameraPicture(NamedTuple):
 
 
 class Pictures:
-    """Newest picture of each camera. Updated in one thread, and readable in any thread."""
+    """Latest image of each camera. One thread updates the images; any thread may read them."""
 
     def __init__(self) -> None:
         self.newest: Mapping[str, CameraPicture] = {}
-        """Pictures by topic."""
+        """Images, keyed by topic."""
 
     def take(self, received: Received) -> None:
-        """Keep the picture of a message. Other messages have no effect."""
+        """Keep the image of a message. Messages without an image have no effect."""
         if received.topic.endswith(COMPRESSED):
             message = received.message
             picture = CameraPicture(message.format, message.data.tobytes())

@@ -25,14 +25,14 @@ from servoloop.recording.mcap_messages import (
 ERROR: Final = 2
 """Error level in diagnostic_msgs/DiagnosticStatus."""
 BACK_S: Final = 1.0
-"""Maximum step back between the stamps of different publishers, in seconds. A larger step means a clock was reset."""
+"""Maximum step back between the stamps of different publishers, in seconds. A larger step means a clock reset."""
 
 
 @dataclass(slots=True)
 class RecordedRun:
     """Values of a run, as arrays (n,) or (n, joints).
 
-    Units are rad or m, and per second; times are in s since the first cycle. Joints are matched by name in each
+    Units are rad and rad/s, or m and m/s. Times are in s since the first cycle. Joints are matched by name in each
     message. Values missing from a message are interpolated in time, or NaN before the first value of a joint.
     """
 
@@ -40,7 +40,7 @@ class RecordedRun:
     begin_s: float = 0.0
     """ROS time of the first cycle."""
     time_s: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Strictly increasing."""
+    """Times of the cycles, strictly increasing."""
     position: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     velocity: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     effort: FloatArray = field(default_factory=lambda: np.empty((0, 0)))

@@ -21,7 +21,10 @@ from servoloop.recording.sampler import CycleSample, Sampler, Scene, scene_poses
 
 LOG = logging.getLogger("servoloop")
 FLUSH_S: Final = 0.5
-"""Period of writing, in seconds. A killed program loses at most this much. A longer period needs less CPU time."""
+"""Period of writing, in seconds.
+
+A killed program loses the data of at most one period. A longer period needs less CPU time.
+"""
 CLOSE_S: Final = 5.0
 """Maximum time to wait for the disk when the program ends, in seconds."""
 WAITING: Final = 2_000
@@ -47,7 +50,7 @@ class Sink(Protocol):
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
         """Write the bus traffic after the last cycle, and close the sink.
 
-        ``failed``: whether the loop ended with an error.
+        ``failed`` states whether the loop ended with an error.
         """
         ...
 
@@ -102,7 +105,7 @@ class Recorder:
     def close(self, failed: bool) -> None:
         """Write all remaining samples and close the sinks. Call this after the last cycle of the loop.
 
-        ``failed``: whether the loop ended with an error.
+        ``failed`` states whether the loop ended with an error.
         """
         self._ended = True
         self._wake.set()
@@ -119,7 +122,7 @@ class Recorder:
     def drain(self) -> None:
         """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # The current scene belongs only to the newest sample.
+        if samples:  # The current scene belongs only to the latest sample.
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()

@@ -80,13 +80,13 @@ class RobotSnapshot:
     cycles: int = 0
     missed: int = 0
     statuses: Mapping[str, StatusNow] = field(default_factory=dict)
-    """Diagnostic statuses by name, such as ``servoloop: joint1 (servo 1)``."""
+    """Diagnostic statuses, keyed by name, such as ``servoloop: joint1 (servo 1)``."""
     goals: Mapping[str, GoalPath] = field(default_factory=dict)
     """Latest goal of each controller."""
     results: tuple[tuple[float, str], ...] = ()
-    """ROS time and text of goal results, the newest last."""
+    """ROS time and text of each goal result, in chronological order."""
     scene: Mapping[str, ScenePose] = field(default_factory=dict)
-    """Poses of the objects around the arm, by name. Empty if nothing is simulated."""
+    """Poses of the objects around the arm, keyed by name. Empty if nothing is simulated."""
     lost_cycles: int = 0
     """Number of cycles lost because this program was too slow."""
 
@@ -97,12 +97,12 @@ class RobotSnapshot:
 
     @property
     def faults(self) -> dict[str, str]:
-        """Error messages by status name."""
+        """Error messages, keyed by status name."""
         return {name: status.message for name, status in self.statuses.items() if status.level >= 2}
 
 
 class RobotState:
-    """State of a robot, updated with messages from one thread and readable from any thread."""
+    """State of a robot. One thread updates it with messages; any thread may read it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -230,7 +230,7 @@ def servo_status(snapshot: RobotSnapshot, joint: str) -> StatusNow | None:
 
 
 def servo_faults(snapshot: RobotSnapshot) -> dict[str, str]:
-    """Return the error messages of servos by joint."""
+    """Return the error messages of servos, keyed by joint name."""
     found = {joint: servo_status(snapshot, joint) for joint in snapshot.joints}
     return {joint: one.message for joint, one in found.items() if one is not None and one.level >= FAULT}
 
@@ -251,7 +251,7 @@ class Minute(NamedTuple):
 
 
 class ObservedRobot:
-    """Robot with its state and the last minute, updated with messages from one thread and readable from any thread."""
+    """Robot with its state and history. One thread updates it with messages; any thread may read it."""
 
     def __init__(self) -> None:
         self.state = RobotState()
@@ -272,7 +272,7 @@ class ObservedRobot:
                 self._health.popleft()
 
     def minute(self) -> Minute:
-        """Return the last minute, with the servos' health about once per second."""
+        """Return the values of the last minute, with the servos' health about once per second."""
         with self._lock:
             health_rows = list(self._health)
         return Minute(self.state.curves(), health_rows)

@@ -1,4 +1,4 @@
-"""Sample each control cycle for the recording. A sample refers to immutable objects, so that it costs little time."""
+"""Sample each control cycle for the recording. A sample takes little time, because it refers to immutable objects."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class LinkPose(NamedTuple):
 
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Function that returns the world poses of the objects around the arm, by name. Empty without a simulation."""
+"""Function that returns the world poses of the objects around the arm, keyed by name; empty without a simulation."""
 WORLD: Final = "base_link"
 """Frame of the objects in a scene, as in /tf."""
 
@@ -151,7 +151,7 @@ class Sampler:
         self._taps = taps
         self._goals: dict[str, GoalHandle | GripperHandle] = {}
         self._ended: dict[str, GoalHandle | GripperHandle] = {}
-        """Last goal of each controller whose end has been recorded."""
+        """Last goal with a recorded end, keyed by controller name."""
         self._last_s: float | None = None
         self._cycles = 0
         self._diagnosed_s = -DIAGNOSTICS_S

@@ -25,9 +25,9 @@ class LiveSource:
         """Connect to a stack.
 
         Args:
-            arm: Name, folder or process ID of the arm. None: any arm.
-            clock: Measures the time since the last message.
-            namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
+            arm: Name, folder or process ID of the arm; None for any arm.
+            clock: Clock that measures the time since the last message.
+            namespace: ROS namespace of the stack; empty for the root namespace, None for any namespace.
 
         Raises:
             LiveError: No stack of this arm is running, or several are running.
@@ -51,7 +51,7 @@ class LiveSource:
 
     @property
     def status(self) -> str:
-        """Name of the arm, and whether its stack is running and sends cycles."""
+        """Name of the arm, with a note on whether its stack is running and sends cycles."""
         if not self.connected:
             return f"{self.arm}: the stack has ended. Waiting for it to come back"
         if not self.up_to_date:
@@ -183,7 +183,7 @@ class Playback:
     def __init__(self, recording: PlayedRecording, clock: Clock) -> None:
         self.playing = True
         self.speed = "1"
-        """One of ``SPEEDS``."""
+        """Playback speed, one of ``SPEEDS``."""
         self.time_s = 0.0
         """Playback position, in seconds since the first cycle."""
         self.length_s = recording.length_s
@@ -213,7 +213,7 @@ class Playback:
         self.playing = not self.playing
 
     def close(self) -> None:
-        """Do nothing, as no file is open."""
+        """Do nothing, because no file is open."""
 
     def _advance(self) -> None:
         now_s = self._clock.now()

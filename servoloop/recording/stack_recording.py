@@ -42,7 +42,7 @@ class StackRecording:
         self._recorder: Recorder | None = None
         self._messages: Messages | None = None
         self._files: dict[Path, RecordingFile] = {}
-        """Recordings that clients have begun, by path."""
+        """Recordings that clients have begun, keyed by path."""
 
     def begin(self, path: Path) -> None:
         """Begin another recording. Raises RecordingError if it cannot be created."""
@@ -114,7 +114,7 @@ class StackRecording:
 
 
 def _live_feed(files: Files, messages: Messages) -> list[Sink]:
-    """Return the live feed, or nothing if it cannot be created. The arm works without it."""
+    """Return the live feed, or an empty list if the feed cannot be created. The arm also works without a feed."""
     try:
         make_live_folder()
         return [LiveFeed(socket_path(files.arm, os.getpid(), files.namespace), messages, files.folder)]
@@ -145,7 +145,7 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
     Args:
         stream: Messages of the stack.
         path: Path of the new file.
-        seconds: Maximum length of the recording, in seconds of the stack's time. None: no limit.
+        seconds: Maximum length of the recording, in seconds of the stack's time; None for no limit.
         stop: Function that returns whether to end the recording.
 
     Raises:

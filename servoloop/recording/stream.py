@@ -22,7 +22,7 @@ SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
 COMMANDS: Final = ".command"
-"""Suffix of the command socket of the stack, next to that of its message stream."""
+"""Suffix of the command socket of the stack, which is next to the socket of its message stream."""
 _NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -87,8 +87,8 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
     """Find a running stack.
 
     Args:
-        arm: Name of the arm, its folder or the process ID of the stack. None: any arm.
-        namespace: ROS namespace of the stack, such as ``/left``; empty for the root namespace. None: any namespace.
+        arm: Name of the arm, its folder or the process ID of the stack; None for any arm.
+        namespace: ROS namespace of the stack, such as ``/left``; empty for the root namespace, None for any.
 
     Raises:
         LiveError: No stack matches, or several stacks match.
@@ -114,7 +114,7 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
 def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:
     """Return whether a stack belongs to an arm, given by name, folder or process ID, and to a namespace.
 
-    A path is never read as a name.
+    A path is never interpreted as a name.
     """
     if namespace is not None and namespace != stack.namespace:
         return False

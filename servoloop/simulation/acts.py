@@ -25,7 +25,7 @@ class Move(_Act):
     positions: dict[str, Position]
     seconds: Duration = 2.0
     tolerance: Tolerance = 0.0
-    """Path tolerance and goal tolerance of every joint, in rad or m; 0 for those of the controller."""
+    """Path tolerance and goal tolerance of every joint, in rad or m; 0 to use the controller's tolerances."""
 
 
 class FollowPlan(_Act):
@@ -34,7 +34,7 @@ class FollowPlan(_Act):
     kind: Literal["plan"] = "plan"
     positions: dict[str, Position]
     scale: VelocityScale = 1.0
-    """Share of the velocity limits that the planner uses."""
+    """Fraction of the velocity limits that the planner uses."""
 
 
 class FollowWaypoints(_Act):
@@ -44,13 +44,13 @@ class FollowWaypoints(_Act):
     points: Annotated[tuple[dict[str, Position], ...], Field(min_length=1)]
     """Positions of some joints at each point. The other joints keep the position of the previous point."""
     seconds: Duration = 1.0
-    """Time between two points."""
+    """Time between two points, in seconds."""
     delay_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
-    """Time from the action to the stamp of the trajectory, in seconds; 0 sends no stamp."""
+    """Time from the action to the stamp of the trajectory, in seconds. If 0, no stamp is sent."""
 
 
 class Stream(_Act):
-    """Stream points on a straight line towards ``positions`` to the controller's topic, in every second cycle."""
+    """Stream points on a straight line toward ``positions`` to the controller's topic, in every second cycle."""
 
     kind: Literal["stream"] = "stream"
     positions: dict[str, Position]
@@ -79,7 +79,7 @@ class Grip(_Act):
     kind: Literal["grip"] = "grip"
     share: HandShare = 0.5
     cancel_after_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
-    """Time after which the goal is canceled, in seconds; 0 does not cancel the goal."""
+    """Time after which the goal is canceled, in seconds. If 0, the goal is not canceled."""
 
 
 class Switch(_Act):
@@ -90,16 +90,16 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware with its torque on. Activate the hardware and its controllers again after ``for_s``.
+    """Deactivate the hardware with its torque enabled. Activate hardware and controllers again after ``for_s``.
 
-    If ``for_s`` is 0, activate the active hardware, which enables the torque of joints that have lost it. A hand may
-    push these joints beforehand.
+    If ``for_s`` is 0, activate the active hardware, which enables the torque of limp joints. A hand may push these
+    joints beforehand.
     """
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Time = 0.5
     push: Share = 0.0
-    """Effort of the hand, as a share of a strong pull. A negative share pushes toward smaller positions."""
+    """Effort of the hand, as a fraction of a strong pull. A negative value pushes toward smaller positions."""
 
 
 class Jog(_Act):
@@ -108,7 +108,7 @@ class Jog(_Act):
     kind: Literal["jog"] = "jog"
     joint: str
     share: Share
-    """Velocity as a share of the joint's limit, with its direction."""
+    """Velocity as a fraction of the joint's limit. The sign is the direction."""
     for_s: Duration = 1.0
 
 
@@ -118,7 +118,7 @@ class GuideArm(_Act):
     kind: Literal["guide"] = "guide"
     joint: str
     share: Share
-    """Pull as a share of the servo's full effort, with its direction."""
+    """Pull as a fraction of the servo's full effort. The sign is the direction."""
     for_s: Duration = 1.0
 
 
@@ -141,7 +141,7 @@ class SocketAct(_Act):
 
 
 class SocketMove(SocketAct):
-    """Send one motion: with ``move``, as a ``goal`` of the arm controller, or as one ``set_point``."""
+    """Send one motion, either with ``move``, as a ``goal`` of the arm controller, or as one ``set_point``."""
 
     kind: Literal["socket_move"] = "socket_move"
     positions: dict[str, Position]
@@ -150,7 +150,7 @@ class SocketMove(SocketAct):
 
 
 class SocketStream(SocketAct):
-    """Send targets or set points on a straight line to ``positions`` in each cycle."""
+    """Send targets or set points on a straight line toward ``positions`` in each cycle."""
 
     kind: Literal["socket_stream"] = "socket_stream"
     positions: dict[str, Position]
@@ -163,7 +163,7 @@ class SocketStream(SocketAct):
 
 
 class SocketRequest(SocketAct):
-    """Send one message about the control, the motions or the state of the arm.
+    """Send one message about control, the motions or the state of the arm.
 
     ``seize`` takes control of the arm by force. ``freedrive`` takes control and lets the joints yield to a hand.
     """
@@ -201,7 +201,7 @@ class SocketNonsense(SocketAct):
 class SocketStall(SocketAct):
     """Send the first half of a message that moves the arm, and the rest after ``for_s``.
 
-    In between, the program does nothing else.
+    Between the two halves, the program does nothing else.
     """
 
     kind: Literal["socket_stall"] = "socket_stall"

@@ -42,11 +42,11 @@ TABLE_S: Final = 0.1
 AHEAD_S: Final = 0.2
 """``time_from_start`` of each streamed point, in seconds."""
 JOG_SHARE: Final = 0.3
-"""Maximum jogging velocity, as a share of the velocity limit."""
+"""Maximum jogging velocity, as a fraction of the velocity limit."""
 PULL_SHARE: Final = 0.5
-"""Maximum pull by hand, as a share of the servo's full effort."""
+"""Maximum pull by hand, as a fraction of the servo's full effort."""
 PUSHED_S: Final = 0.3
-"""Time for which a hand pushes limp joints, in seconds."""
+"""Duration of a push by hand on limp joints, in seconds."""
 
 
 class HandGuidance(Protocol):
@@ -61,7 +61,7 @@ class HandGuidance(Protocol):
         ...
 
     def update(self, silent: Sequence[str], now_s: float) -> None:
-        """Continue after a cycle in which the joints ``silent`` were not measured."""
+        """Update freedrive after a cycle in which the joints ``silent`` were not measured."""
         ...
 
 
@@ -70,7 +70,7 @@ class SocketPrograms(Protocol):
 
     @property
     def last_target_s(self) -> float:
-        """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
+        """Time of the latest target of a stream, in seconds; minus infinity before the first stream."""
         ...
 
     @property
@@ -289,7 +289,7 @@ class SimulatedClients:
         self._later(act.for_s, activate_all)
 
     def _push_limp(self, share: float) -> None:
-        """Push the joints that have lost their torque, as a person does before an activation."""
+        """Push the limp joints, as a person may do before an activation."""
         stack = self._stack
         parts = [one.hardware for one in stack.loop.hardware.components if one.active]
         limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}

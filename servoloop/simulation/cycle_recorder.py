@@ -30,7 +30,7 @@ class CycleRecord:
     hardware: str
     """Most advanced lifecycle state of all hardware components."""
     controllers: dict[str, str]
-    """Lifecycle state by controller."""
+    """Lifecycle state of each controller, keyed by name."""
 
     @property
     def command(self) -> tuple[float, ...]:
@@ -49,7 +49,7 @@ class CycleRecord:
 
     @property
     def faults(self) -> dict[str, str]:
-        """Kind of the fault detected by the stack, by joint."""
+        """Kind of each fault that the stack has detected, keyed by joint name."""
         return {joint: fault.kind for joint, fault in self.sample.state.faults.items()}
 
     @property
@@ -66,7 +66,7 @@ class CycleRecording:
     joints: tuple[str, ...]
     cycles: tuple[CycleRecord, ...]
     buses: Mapping[str, str]
-    """Name of the bus, by name of its port."""
+    """Name of each bus, keyed by the name of its port."""
 
     def around(self, time_s: float, before_s: float, cycles_after: int) -> "CycleRecording":
         """Return the cycles of ``before_s`` seconds before a time, and ``cycles_after`` cycles after it."""

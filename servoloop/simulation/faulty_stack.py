@@ -20,20 +20,20 @@ from sim_backend.faults.targets import FaultTargets
 
 
 def number_of_arm(seed: int | None, arms: int) -> int:
-    """Return the number of the arm that the clients of a seed move, from 0."""
+    """Return the zero-based number of the arm that the clients of a seed move."""
     return (seed or 0) % max(arms, 1)
 
 
 class FaultyStack(SimulatedStack):
     """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
-    ``options`` are the options of SimulatedStack. In a robot with several arms, ``arm`` and ``hand`` are those that the
-    clients of the seed move.
+    ``options`` are the options of SimulatedStack. In a robot with several arms, ``arm`` and ``hand`` are the ones that
+    the clients of the seed move.
     """
 
     def __init__(self, **options: Any) -> None:
         self.controllers: dict[str, Upsettable] = {}
-        """All controllers of the loop, by name."""
+        """All controllers of the loop, keyed by name."""
         self._playing = False
         self.clients: SimulatedClients | None = None
         self.ending = False

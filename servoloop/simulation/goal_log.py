@@ -17,7 +17,7 @@ class LoggedGoal:
     cancel_s: float | None = None
     """Time of the client's cancel request."""
     ended_s: float | None = None
-    """Time at the end of the first cycle after the end of the goal."""
+    """End of the first cycle after the goal ended."""
 
 
 @dataclass(slots=True)

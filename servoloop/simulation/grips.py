@@ -12,7 +12,7 @@ from servoloop.simulation.stack import SimulatedStack
 
 NAME: Final = "gripper_controller"
 TOLERANCE_SHARE: Final = 0.03
-"""Goal tolerance of the controller, as a share of the joint's range."""
+"""Goal tolerance of the controller, as a fraction of the joint's range."""
 
 
 @dataclass(slots=True)

@@ -1,6 +1,6 @@
 """Run the job of the pick-and-place node on a simulated stack without ROS.
 
-The steps, poses and messages are those of the node.
+The steps, poses and messages are the same as in the node.
 """
 
 from collections.abc import Collection, Generator, Sequence
@@ -83,15 +83,15 @@ class JobRecord:
 
 
 def require_cell(files: Files, grades: Collection[str]) -> None:
-    """If there are jobs, raise ArmFileError unless the scene has the cube, the stand and the bins."""
+    """Raise ArmFileError if there are jobs, but the scene lacks the cube, the stand or a bin."""
     if grades:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
 
 def job_settings(arm: ArmFolder, grades: Collection[str]) -> dict[str, JobSettings]:
-    """Return the settings of the pick-and-place node of each arm by the name of the arm; "" for the only arm.
+    """Return the settings of each arm's pick-and-place node, keyed by arm name; the key of a single arm is "".
 
-    Without jobs, return no settings without reading a file. Raises ArmFileError.
+    If there are no jobs, return an empty mapping and read no file. Raises ArmFileError.
     """
     return {name: job.settings() for name, job in arm_jobs(arm.pick_place).items()} if grades else {}
 
@@ -117,7 +117,7 @@ class RunningJob:
         return bool(self._results)
 
     def after_cycle(self) -> None:
-        """Continue the job, and look for the cube."""
+        """Continue the job, and check where the cube is."""
         if not self._results:
             try:
                 self._steps.send(None)
@@ -132,7 +132,7 @@ class RunningJob:
 
     def record(self, ended_s: float) -> JobRecord:
         """Return the record of the job, which ended at ``ended_s`` on the clock of the stack."""
-        no_end = Result(JobEnding.ABORTED, self._number, f"no end within {LONGEST_S:g} s")
+        no_end = Result(JobEnding.ABORTED, self._number, f"the job did not end within {LONGEST_S:g} s")
         result = self._results[0] if self._results else no_end
         landed = self._bins[-1] if self._bins else None
         return JobRecord(

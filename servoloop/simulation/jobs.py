@@ -18,7 +18,7 @@ def run_jobs(
 
     Args:
         stack: The active stack.
-        settings: Settings of the pick-and-place node of each arm, by the name of the arm.
+        settings: Settings of each arm's pick-and-place node, keyed by arm name.
         grades: Grades of the cubes, in order.
         on_record: Function called with the record of each job after its cube has come to rest.
 
@@ -48,7 +48,7 @@ class _ArmJobs:
         self._stack, self._name, self._settings, self._on_record = stack, name, settings, on_record
         self._waiting = list(enumerate(grades, 1))
         self._end_s, self._rest_s = inf, inf
-        """End of the job, at the latest, and time at which its cube is at rest, on the clock of the stack."""
+        """Latest end of the job, and time by which its cube must be at rest, on the clock of the stack."""
         self._ended_s = inf
         self.job: RunningJob | None = None
 
@@ -72,7 +72,7 @@ class _ArmJobs:
 
 
 class _SeveralArms:
-    """Jobs of several arms. A client that dies takes its running jobs with it, and returns with the next job."""
+    """Jobs of several arms. When a client dies, its running jobs end. The client returns with the next job."""
 
     def __init__(
         self,

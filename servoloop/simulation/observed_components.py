@@ -7,7 +7,7 @@ from hal.types import FloatArray, JointState
 
 
 class ObservedComponents(ComponentSet):
-    """Set of components that calls observers in each cycle, even while the program ends."""
+    """Set of components that calls observers in each cycle, even while the program exits."""
 
     on_read: Callable[[JointState], None] | None = None
     """Function called with each measurement."""

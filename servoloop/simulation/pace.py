@@ -13,7 +13,7 @@ from drivers.errors import DriverError
 POLL_S: Final = 0.1
 """Maximum time between two checks while waiting, in seconds of real time."""
 LONGEST_CATCH_UP_S: Final = 0.1
-"""Maximum delay that the simulation catches up after a slow phase, in seconds of real time. Longer delays remain."""
+"""Maximum delay that the simulation makes up for after a slow phase, in seconds of real time. Longer delays remain."""
 
 
 class PausedError(DriverError):
@@ -78,7 +78,7 @@ class Pace:
         """Number of remaining cycles of each request."""
         self._ended = False
         self._anchor: tuple[float, float] | None = None
-        """Simulated and real time of the same moment, or None if a new moment must be chosen."""
+        """Simulated and real time of one moment, or None if a new reference moment must be chosen."""
         self._begun_s = self._now_s = 0.0
         self._running_s = 0.0
         self._ran_at_s: float | None = None
@@ -91,7 +91,7 @@ class Pace:
         return f"{simulated_s:.1f} s simulated in {self._running_s:.1f} s{times}"
 
     def pause(self, paused: bool) -> None:
-        """Pause after the current cycle, or resume without catching up on the pause."""
+        """Pause after the current cycle, or resume without making up for the pause."""
         with self._lock:
             self.paused = paused
             self._anchor = None

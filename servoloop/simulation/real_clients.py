@@ -46,13 +46,11 @@ class SimulatedTime:
         Raises DriverError if a component could depend on real time.
         """
         if ports is not None:
-            raise DriverError("real servos cannot run in simulated time: leave out --port, or --rtf and --step")
+            raise DriverError("real servos cannot run in simulated time: omit --port, or --rtf and --step")
         kinds = [hardware.choose(kind, component) for component in files.description.components]
         if users := [str(one) for one in kinds if not isinstance(one, HardwareKind)]:
             names = ", ".join(users)
-            raise DriverError(
-                f"{names} may not support simulated time: leave out --rtf and --step, or choose a --hardware"
-            )
+            raise DriverError(f"{names} may not support simulated time: omit --rtf and --step, or choose a --hardware")
         if HardwareKind.SERVOS in kinds:
             self._lines = VirtualLines(files, self._build)
         devices = self._lines.devices if self._lines is not None else {}

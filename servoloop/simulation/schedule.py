@@ -18,7 +18,7 @@ from sim_backend.faults.script import plain
 
 
 class ScheduleError(DriverError):
-    """Raised when a schedule has mistakes. The message lists all mistakes with their lines."""
+    """Raised when a schedule has errors. The message lists all errors with their line numbers."""
 
 
 class Schedule(BaseModel):
@@ -28,27 +28,27 @@ class Schedule(BaseModel):
 
     arm: str = OWN
     seed: Seed | None = None
-    """Seed of the arm's friction, motors, masses and supply. None: nominal values."""
+    """Seed of the arm's friction, motors, masses and supply; None for nominal values."""
     backlash_deg: Backlash = 1.0
     job: tuple[str, ...] = ()
     """Grade of each job."""
     seconds: Time = 0.0
-    """Time for which the arm stays active after its last job, in seconds."""
+    """Time the arm stays active after its last job, in seconds."""
     faults: tuple[FaultEvent, ...] = ()
-    """Faults of the run. Each fault names the event from which its time counts, in seconds."""
+    """Faults of the run. The time of each fault, in seconds, counts from the event that the fault specifies."""
     clients: tuple[Act, ...] = ()
     """Actions of clients other than the jobs. Their times count from the activation of the arm."""
     limits: dict[str, tuple[Position, Position]] = {}
-    """Narrower lower and upper limits of joints, in rad or m, as a ``<command_interface>`` of the URDF sets them."""
+    """Narrower lower and upper joint limits, in rad or m, like those set by a ``<command_interface>`` of the URDF."""
     on_exit: ExitPolicy | None = None
-    """Exit policy of the arm. None: the robot file's policy for virtual servos."""
+    """Exit policy of the arm; None for the robot file's policy for virtual servos."""
 
 
 def read_schedule(path: Path) -> Schedule:
     """Read a schedule from a YAML file.
 
     Raises:
-        ScheduleError: The file has mistakes, or a fault or action starts after the end of the run.
+        ScheduleError: The file has errors, or a fault or action starts after the end of the run.
         ArmFileError: The arm does not exist.
     """
     schedule = load(path, Schedule, ScheduleError)

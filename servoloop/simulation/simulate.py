@@ -81,7 +81,7 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
 
 
 SETTLED_S = 2.5
-"""Time for a limp arm to sink and to rise again after its activation, in seconds."""
+"""Time a limp arm needs to sink, and to rise again after its activation, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +89,14 @@ class SimulationResult:
     """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
 
     joints: dict[str, tuple[str, ...]]
-    """Joints of each arm controller. All values by joint have this order."""
+    """Joints of each arm controller. All values per joint are in this order."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int
     missed_cycles: int
     unmeasured_cycles: int
     faulty_cycles: dict[str, int]
-    """Number of cycles with a fault, by joint and kind of fault."""
+    """Number of cycles with a fault, keyed by joint and kind of fault."""
     following: dict[str, FollowingError]
     """Following error of each arm controller."""
     digest: str
@@ -117,7 +117,7 @@ def simulated(files: Files) -> Inventory:
 def simulate(
     files: Files, settings: Mapping[str, JobSettings], schedule: Schedule, record: Path | None = None
 ) -> SimulationResult:
-    """Activate the arm on virtual servos, run the jobs one by one, then stay active for the schedule's ``seconds``.
+    """Activate the arm on virtual servos, run the jobs in order, then stay active for ``seconds`` of the schedule.
 
     All arms of a robot with several arms do the jobs at the same time.
 
@@ -125,7 +125,7 @@ def simulate(
 
     Args:
         files: Files of the schedule's arm.
-        settings: Settings of the pick-and-place node of each arm, by the name of the arm.
+        settings: Settings of each arm's pick-and-place node, keyed by arm name.
         schedule: Schedule of the run.
         record: Path of a new recording, if any.
 

@@ -60,12 +60,12 @@ class SimulatedStack:
         """Build the stack.
 
         Args:
-            files: Files of the robot. None: the default arm.
-            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until it is driven.
+            files: Files of the robot; None for the default arm.
+            start: Initial joint positions, in rad or m. If None, the arm rests in the scene's keyframe until driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
             compensation: Function that creates the gravity compensation.
-            wire: Whether to simulate servos and buses. Otherwise MuJoCo drives the arm directly, as with ``servoloop up
+            wire: Whether to simulate servos and buses. If False, MuJoCo drives the arm directly, as with ``servoloop up
                 --hardware mujoco``, and there is no trace between the cycles.
         """
         self._compensation = compensation
@@ -178,7 +178,7 @@ class SimulatedStack:
         return {name: servo_bus(file, self.tap(port), self.clock, name) for name, port in ports.items()}
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Run cycles for a time, or until ``until`` returns true."""
+        """Run cycles for ``seconds`` seconds, or until ``until`` returns true."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s or until())
 
@@ -231,4 +231,4 @@ def _first(built: Sequence[Controller], kind: type[AnyController], files: Files)
         if isinstance(controller, kind):
             return controller
     path = files.controllers.path
-    raise ControllersFileError(f"{path}:1: simulated motions need a {kind.kind}, but the file has none: add one")
+    raise ControllersFileError(f"{path}:1: simulated motions need a {kind.kind}: add such a controller")

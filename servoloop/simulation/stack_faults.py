@@ -24,7 +24,7 @@ from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
 
 ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.0169}
-"""Time to configure and activate one servo, in seconds, by make."""
+"""Time to configure and activate one servo, in seconds, keyed by make."""
 
 GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tolerances")
 """Attributes of a controller that accepts trajectory goals."""
@@ -78,7 +78,7 @@ class Upsettable:
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
-        """Active faults, each with its kind and its offset of the commands."""
+        """Kind and command offset of each active fault."""
         self.newest: GoalHandle | None = None
         """Latest goal, if the controller has goals that end."""
         self.forwarded: tuple[float, ...] | None = None
@@ -147,7 +147,7 @@ class StackFaults:
 
         Args:
             clock: Clock of the stack.
-            controllers: All controllers of the stack, by name.
+            controllers: All controllers of the stack, keyed by name.
             arm: Name of the controller whose client misbehaves.
             client_dies: Function that removes the client.
         """
@@ -157,7 +157,7 @@ class StackFaults:
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Names of the controllers, sorted, and whether each controller commands joints."""
+        """Names of the controllers in sorted order, with whether each controller commands joints."""
         return {name: bool(one.command_interfaces) for name, one in sorted(self._controllers.items())}
 
     def stall(self, seconds: float) -> None:

@@ -35,7 +35,7 @@ class Touches:
     def since_s(self, joint: str, kinds: Iterable[str] | None = None) -> float:
         """Return the time since a fault last affected a joint, in seconds; infinity if no fault has affected it.
 
-        ``kinds``: kinds of faults to consider. None: all kinds.
+        ``kinds`` are the kinds of faults to consider; None for all kinds.
         """
         self.update()
         wanted = None if kinds is None else set(kinds)

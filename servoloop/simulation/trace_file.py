@@ -77,7 +77,7 @@ SEPARATOR = " | "
 def trace_text(recording: CycleRecording, joints: Sequence[Joint]) -> str:
     """Return a recording as CSV: time, commands, positions, velocities, faults, states and packets.
 
-    Numbers are exact, in s, rad or m, and rad/s or m/s. ``joints``: joints of the robot file.
+    Numbers are exact, in s, rad or m, and rad/s or m/s. ``joints`` are the joints of the robot file.
     """
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")

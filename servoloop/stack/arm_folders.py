@@ -1,4 +1,4 @@
-"""Find and read arm folders. ``config/arms/NAME/arm.yaml`` describes an arm and names its files."""
+"""Find and read arm folders. ``config/arms/NAME/arm.yaml`` describes an arm and lists its files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -78,7 +78,7 @@ class ArmFolder:
 
     @property
     def pick_place_poses(self) -> Path:
-        """Path of the parameter file with which the pick-place node plans to poses. Not every arm has it."""
+        """Path of the parameter file with which the pick-place node plans to poses. Not every arm has this file."""
         return self._path(self.file.pick_place_poses)
 
     def _path(self, name: str) -> Path:
@@ -101,7 +101,7 @@ def find_arm(name: str = OWN) -> ArmFolder:
 
 
 def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
-    """Return the arm that the file at ``path`` names under the key ``arm``.
+    """Return the arm that the file at ``path`` specifies under the key ``arm``.
 
     Args:
         path: Path of the file, for error messages.
@@ -118,10 +118,10 @@ def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
 
 
 def read_arm(folder: Path) -> ArmFolder:
-    """Read ``arm.yaml`` of a folder, but not the files that it names.
+    """Read ``arm.yaml`` of a folder, but not the files that it lists.
 
     Raises:
-        ArmFileError: The file has mistakes. The message lists all mistakes.
+        ArmFileError: The file has errors. The message lists all of them.
     """
     home = folder.resolve()
     own = load(folder / ARM_FILE, ArmFile, ArmFileError)
@@ -132,7 +132,7 @@ def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
     """Return the arm file with its missing values copied from the arm in the folder ``model``."""
     other = load(model / ARM_FILE, ArmFile, ArmFileError)
     if other.like is not None:
-        raise ArmFileError(f"{path}: like: {model.name} itself copies {other.like}; name {other.like} here instead")
+        raise ArmFileError(f"{path}: like: {model.name} itself copies {other.like}: specify {other.like} here instead")
     paths = {name: str((model / getattr(other, name)).resolve()) for name in PATHS}
     rest = {"source": other.source, "license": other.license, "calibration": other.calibration, **paths}
     return own.model_copy(update={name: value for name, value in rest.items() if name not in own.model_fields_set})

@@ -1,4 +1,4 @@
-"""Options that name an arm and its files, as fields of the dataclasses that commands take."""
+"""Options that select an arm and its files, as fields of the dataclasses that commands take."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -68,14 +68,14 @@ RunningNamespace = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class RunningChoice:
-    """Options that choose a running arm. None matches every arm or namespace."""
+    """Options that choose a running arm. The value None matches every arm or namespace."""
 
     arm: str | None = None
     namespace: str | None = None
 
 
 BACKLASH_DEG: Final = 1.0
-"""Typical backlash that users measure at the shaft of an STS3215, in degrees."""
+"""Typical backlash at the shaft of an STS3215, as measured by users, in degrees."""
 
 
 def xacro_arguments(texts: Sequence[str] | None) -> dict[str, str]:
@@ -91,7 +91,7 @@ def xacro_arguments(texts: Sequence[str] | None) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class ServoArm:
-    """Arm whose servos a command uses, and the files that replace the arm's own."""
+    """Arm whose servos a command uses, with the files that replace the arm's own."""
 
     arm: ArmOption = OWN
     robot: RobotOption = None
@@ -109,7 +109,7 @@ class ServoArm:
 
 @dataclass(frozen=True, slots=True)
 class ControlledArm:
-    """Arm that the control stack moves, and the files that replace the arm's own."""
+    """Arm that the control stack moves, with the files that replace the arm's own."""
 
     arm: ArmOption = OWN
     controllers: Annotated[

@@ -77,7 +77,7 @@ class ControlStack:
 
     @property
     def releases(self) -> bool:
-        """Whether the robot file requires torque off at the end of the program."""
+        """Whether the robot file requires that torque be disabled at the end of the program."""
         return self.files.robot.file.on_exit.releases(self.setup.virtual)
 
     @contextmanager
@@ -90,7 +90,7 @@ class ControlStack:
         """Open the ports and configure the hardware for the duration of the context.
 
         Args:
-            leave_out: Names of components that stay unconfigured.
+            leave_out: Names of the components that stay unconfigured.
             keep_alive: Whether to skip a component that cannot be configured.
             hangs: Function that returns whether a thread still waits for the hardware at the end. The hardware then
                 stays configured.
@@ -108,11 +108,11 @@ class ControlStack:
                 clean_up_all(self.loop.hardware)
 
     def end(self, hurry: Callable[[], bool] = lambda: False, return_to: Mapping[str, float] | None = None) -> list[str]:
-        """Stop the arm, then hold its position or park it and release its torque, as the robot file requires.
+        """Stop the arm. Then hold its position, or park it and disable its torque, as the robot file requires.
 
         Args:
             hurry: Whether to skip the motion to the park pose.
-            return_to: Pose in which to release the arm instead, in rad or m by joint name.
+            return_to: Pose in which to disable the torque instead, in rad or m, keyed by joint name.
 
         Returns:
             One sentence for each failure during the shutdown.

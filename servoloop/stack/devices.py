@@ -34,7 +34,7 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
     for value in values:
         name, sign, path = value.partition("=")
         if not sign or not Path(path).name or name not in names:
-            problems.append(f"--port {value} does not name a bus")
+            problems.append(f"--port {value} does not specify a bus")
         elif name in devices:
             problems.append(f"--port {name}= is given twice")
         devices.setdefault(name, path)

@@ -20,7 +20,7 @@ class EmulatedScene:
         self._lock = threading.Lock()
 
     def __call__(self) -> Mapping[str, Pose]:
-        """Return the poses by name. The mapping is empty before the first publication."""
+        """Return the poses, keyed by name. The mapping is empty before the first publication."""
         with self._lock:
             newest = self._client.newest()
             if newest is not None:

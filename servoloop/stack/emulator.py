@@ -46,7 +46,7 @@ from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.sts.servo import VirtualServo
 
 _Wiring = tuple[dict[str, ServoLine[Any]], Handler]
-"""Virtual lines by bus name, and the handler of commands from the control socket."""
+"""Virtual lines, keyed by bus name, and the handler of commands from the control socket."""
 
 
 def couplings(robot: Robot) -> list[Coupling]:
@@ -108,7 +108,7 @@ def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any
 
 
 def _count_as_calibrated(servo: Any, joint: Joint) -> None:
-    """Store the joint's calibrated homing offset and operating mode in a virtual servo."""
+    """Write the joint's calibrated homing offset and operating mode to a virtual servo."""
     if joint.homing_offset and isinstance(servo, VirtualServo):
         servo.memory.save(sts.homing_offset, joint.homing_offset)
     if isinstance(servo, VirtualXServo):
@@ -118,7 +118,7 @@ def _count_as_calibrated(servo: Any, joint: Joint) -> None:
 
 
 def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:
-    """Return the virtual buses of the robot file by name. All buses share one plant."""
+    """Return the virtual buses of the robot file, keyed by name. All buses share one plant."""
     names = list(robot.file.lines())
     if len(names) == 1:
         return {names[0]: virtual_bus(robot, plant, names[0], spread)}
@@ -145,7 +145,7 @@ def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
 
 
 class EmulatedArm:
-    """Virtual arm: simulated world, virtual servos on pseudo-terminals, fault injection and pictures."""
+    """Virtual arm: simulated world, virtual servos on pseudo-terminals, fault injection and images."""
 
     def __init__(self, files: ServoFiles, link: Path, build: Build, pictured: bool) -> None:
         """Build the virtual arm. Raises ArmFileError if the scene lacks joints of the servos."""
@@ -208,7 +208,7 @@ def emulate(
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
-    """Serve every bus until ``stop`` returns true, a single bus at ``link`` and several buses at ``link``.NAME.
+    """Serve every bus until ``stop`` returns true. A single bus is at ``link``; several buses are at ``link``.NAME.
 
     Args:
         files: Files of the robot.

@@ -1,5 +1,7 @@
-"""Choose the devices of a stack: the given ports, or virtual servos that ``servoloop emulate`` serves in a child
-process."""
+"""Choose the devices of a stack.
+
+The devices are the given ports, or virtual servos that ``servoloop emulate`` serves in a child process.
+"""
 
 import logging
 import subprocess
@@ -25,11 +27,11 @@ LOG = logging.getLogger("servoloop")
 START_S: Final = 300.0
 """Maximum time for the emulator to start, in seconds.
 
-The first start of an installation compiles the simulation. This takes 20 s, or several minutes on a slow or busy
-machine.
+The first start after an installation compiles the simulation. The compilation takes 20 s, or several minutes on a slow
+or busy machine.
 """
 END_S: Final = 10.0
-"""Maximum time for the emulator to end, in seconds. An emulator in a child process draws no pictures."""
+"""Maximum time for the emulator to end, in seconds. An emulator in a child process draws no images."""
 
 
 def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:
@@ -47,7 +49,7 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
             the emulator; the second signal kills the emulator.
 
     Yields:
-        Device paths by bus name.
+        Device paths, keyed by bus name.
 
     Raises:
         Interrupted: A signal arrived before the emulator was ready.
@@ -99,13 +101,13 @@ def chosen_devices(
     """Provide the devices of a stack for the duration of the context.
 
     Args:
-        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
-        ports: Devices by bus. None: virtual servos, if a component uses servos.
+        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        ports: Devices, keyed by bus name. If None, virtual servos are used if a component needs servos.
         files: Files of the robot.
         signals: Function that returns the number of signals received so far, as for ``virtual_servos``.
 
     Yields:
-        Device paths by bus name.
+        Device paths, keyed by bus name.
 
     Raises:
         DriverError: No component uses the ports, or the emulator did not start.
@@ -113,7 +115,7 @@ def chosen_devices(
     """
     kinds = [hardware.choose(kind, component) for component in files.description.components]
     if HardwareKind.SERVOS not in kinds and ports:
-        raise DriverError("--port was given, but no component uses servos: leave out --port or --hardware")
+        raise DriverError("--port was given, but no component uses servos: omit --port or --hardware")
     if HardwareKind.SERVOS not in kinds or ports is not None:
         yield ports or {}
         return

@@ -68,19 +68,19 @@ class HardwareSetup:
 
     hardware: ComponentSet
     scene: Callable[[], Mapping[str, Pose]]
-    """Function that returns the poses of all objects in the world, by name."""
+    """Function that returns the poses of all objects in the world, keyed by name."""
     set_compensation: Mapping[str, Callable[[bool], None]]
     """Switch for the gravity compensation of each component that has servos."""
     virtual: bool
     """Whether all hardware is simulated."""
     buses: Mapping[str, RatedLine]
-    """Buses opened so far, by name."""
+    """Buses opened so far, keyed by name."""
     rates_hz: Mapping[str, float]
     """Rate of reads and writes on each bus, in Hz."""
     compliances: Mapping[str, Compliance]
-    """Known servo compliances, by joint."""
+    """Known servo compliances, keyed by joint name."""
     outputs: Outputs = field(default_factory=Outputs)
-    """Outputs of all components, which move no joint."""
+    """Outputs of all components. Outputs do not move joints."""
 
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
@@ -104,11 +104,11 @@ def build(
     """Build all hardware components without opening any device.
 
     Args:
-        kind: Kind of all components. None: the ``<plugin>`` of each component decides.
+        kind: Kind of all components. If None, the ``<plugin>`` of each component decides.
         files: Files of the robot.
-        devices: Device paths by bus name.
+        devices: Device paths, keyed by bus name.
         clock: Clock of the hardware.
-        virtual: Virtual lines within this process. ``devices`` then names these lines.
+        virtual: Virtual lines within this process. If given, ``devices`` has the names of these lines.
         tap: Function that wraps each port, for example to record its bytes.
     """
     components = files.description.components
@@ -142,7 +142,7 @@ def build(
 
 
 def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
-    """Return the known servo compliances by joint."""
+    """Return the known servo compliances, keyed by joint name."""
     return {joint.name: joint.compliance for joint in joints if joint.compliance is not None}
 
 
@@ -181,7 +181,7 @@ class _ComponentBuilder:
     open_port: OpenPort
     outputs: Outputs
     buses: dict[str, RatedLine] = field(default_factory=dict)
-    """Buses opened so far, by name."""
+    """Buses opened so far, keyed by name."""
 
     def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:
         """Build one component without opening a device.
@@ -196,7 +196,7 @@ class _ComponentBuilder:
         require_positions(component)
         if len(joints) != len(component.joints):
             raise DescriptionError(
-                f"{component.name} has servos but no robot file: name the file in its <hardware> as "
+                f"{component.name} has servos but no robot file: specify the file in its <hardware> as "
                 '<param name="robot">'
             )
         if self.world is not None and kind is HardwareKind.MUJOCO:
@@ -258,12 +258,12 @@ class _World:
         return made
 
     def scene(self) -> Mapping[str, Pose]:
-        """Return the poses of all objects in the world, by name."""
+        """Return the poses of all objects in the world, keyed by name."""
         return {n: (p.position_m, p.quaternion_xyzw) for n, p in self._world.poses().items()}
 
 
 def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Bus:
-    """Return the bus with this name and its servos. The name of a single bus is empty."""
+    """Return the bus with this name and its servos. If a robot has only one bus, its name is empty."""
     joints = robot.joints_on(bus).values()
     gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
     return Bus(port, clock, {joint.servo_id: MODELS[joint.model] for joint in joints}, position_p=gains)
@@ -276,17 +276,17 @@ def open_buses(
     names: Sequence[str] | None = None,
     open_port: OpenPort = SerialPort,
 ) -> dict[str, Bus]:
-    """Open buses on their devices. If a bus cannot be opened, close the others again.
+    """Open buses on their devices. If a bus cannot be opened, close the other buses again.
 
     Args:
         robot: The robot file.
-        devices: Device paths by bus name.
+        devices: Device paths, keyed by bus name.
         clock: Clock of the buses.
-        names: Names of the buses to open. None: all buses.
+        names: Names of the buses to open; None for all buses.
         open_port: Function that opens a device.
 
     Returns:
-        Open buses by name.
+        Open buses, keyed by name.
     """
     buses: dict[str, Bus] = {}
     lines = robot.lines()

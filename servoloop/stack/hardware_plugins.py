@@ -40,7 +40,7 @@ def plugin_hardware(plugin: str, component: HardwareInfo, clock: Clock) -> Hardw
 
 
 def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
-    """Raise PluginError if a plug-in lacks the name, joints or command interfaces of its ``<ros2_control>`` block."""
+    """Raise PluginError if a plug-in differs from its ``<ros2_control>`` block in name, joints or interfaces."""
     pairs: tuple[tuple[str, object, object], ...] = (
         ("name", hardware.name, component.name),
         ("joints", tuple(hardware.joints), component.joints),

@@ -26,7 +26,7 @@ def check_rates(buses: Mapping[str, RatedLine], rates_hz: Mapping[str, float], r
     """Check that each open bus can transfer its goals and states at the required rate.
 
     Args:
-        buses: Open buses by name.
+        buses: Open buses, keyed by name.
         rates_hz: Rate of reads and writes on each bus, in Hz.
         robot: The robot file.
         file: Path of the controllers file, for the message.

@@ -20,9 +20,9 @@ LOG = logging.getLogger("servoloop")
 HANG_S: Final = 30.0
 """Time without progress after which the loop thread counts as hanging, in seconds.
 
-The longest step of a shutdown, waiting for a hardware or controller change, may take 10 s.
+The longest step of a shutdown is waiting for a hardware or controller change, which may take 10 s.
 """
-LEFT: Final = "servos under torque hold their last goal"
+LEFT: Final = "servos with torque enabled hold their last goal"
 POLL_S: Final = 0.02
 """Period at which ``run_beside`` calls its function, in seconds."""
 
@@ -38,13 +38,13 @@ class LoopThread:
     done: bool = False
     """Whether the loop and the shutdown have ended."""
     error: Exception | None = None
-    """Error that has ended the loop, if any."""
+    """Error that ended the loop, if any."""
     wall: Clock = field(default_factory=MonotonicClock)
     """Clock that detects a hanging thread. The clock of the loop may be simulated."""
     alive_s: float = 0.0
     """Time of the last progress of the loop thread, in seconds.
 
-    Before the first signal, it is the time of the last check.
+    Before the first signal, this is the time of the last check.
     """
     before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
     """Function called before each cycle. It may delay the loop until the function that it receives returns true."""
@@ -90,7 +90,7 @@ class LoopThread:
         return self._signaled(1)
 
     def _signaled(self, signals: int) -> bool:
-        """Return whether this number of signals has arrived. The loop calls this in every cycle, even while parking."""
+        """Return whether this number of signals has arrived. The loop calls it in every cycle, even while parking."""
         self.alive_s = self.wall.now()
         return self.signals.count >= signals
 

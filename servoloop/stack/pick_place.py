@@ -56,7 +56,7 @@ class PickPlace(BaseModel):
         return self
 
     def all_poses(self) -> dict[str, Pose]:
-        """Return every pose by its name in the file."""
+        """Return every pose, keyed by its name in the file."""
         bins = {f"bins.{grade}": pose for grade, pose in self.bins.items()}
         return {"poses.ready": self.poses.ready, "poses.pick": self.poses.pick, **bins}
 
@@ -79,16 +79,16 @@ class PickPlace(BaseModel):
 def load_pick_place(path: Path, namespace: str = "") -> PickPlace:
     """Read the parameters of the node of an arm in a namespace, or of the first arm of several.
 
-    Raises ArmFileError with the file and line of every mistake.
+    Raises ArmFileError with the file and line of every error.
     """
     return next(iter(load_pick_places(path, namespace).values()))
 
 
 def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
-    """Read the parameters of all nodes in a namespace, by the name of the node, in alphabetical order.
+    """Read the parameters of all nodes in a namespace, keyed by node name, in alphabetical order.
 
     A robot with several arms has one node for each arm, such as ``left_vision_pick_place_controller``. Raises
-    ArmFileError with the file and line of every mistake.
+    ArmFileError with the file and line of every error.
     """
     if not path.exists():
         raise ArmFileError(
@@ -106,7 +106,7 @@ def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
 
 
 def arm_jobs(path: Path, namespace: str = "") -> dict[str, PickPlace]:
-    """Read the parameters of all nodes by the name of the arm, such as ``left``; "" for the only arm.
+    """Read the parameters of all nodes, keyed by arm name, such as ``left``; the key of a single arm is "".
 
     Raises ArmFileError.
     """

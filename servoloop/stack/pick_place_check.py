@@ -15,7 +15,7 @@ from hal.robot_file.robot import Robot
 from servoloop.stack.pick_place import PickPlace
 
 POSE_RAD: Final = 1e-3
-"""Largest accepted difference between the ready pose and the keyframe of the scene, in rad."""
+"""Maximum accepted difference between the ready pose and the keyframe of the scene, in rad."""
 
 
 def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[str]:
@@ -28,7 +28,7 @@ def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[s
 
 
 def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
-    """Yield a problem if the joints differ from those of the arm controller or the hand would exceed its limits."""
+    """Yield a problem if the joints differ from the arm controller's, or if the hand would exceed its limits."""
     driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
     if driven.get(pick_place.arm_controller) != pick_place.joints:
         yield f"joints must list the joints of {pick_place.arm_controller} in {controllers.path}, in the same order"
@@ -45,7 +45,7 @@ def _outside(name: str, joint: UrdfJoint, position: float) -> Iterator[str]:
 def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
     """Yield a problem for each joint whose ready position differs from the keyframe of the scene.
 
-    The scene places new cubes by this keyframe. The check needs the extra ``sim``.
+    The scene uses this keyframe to place new cubes. The check needs the extra ``sim``.
     """
     from sim_backend.scene.scene_file import scene_model
     from sim_backend.scene.world import READY

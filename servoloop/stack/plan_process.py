@@ -13,15 +13,15 @@ from servoloop.stack.processes import end, end_with_parent
 from servoloop.stack.robot_files import Files
 
 END_S: Final = 15.0
-"""Maximum time for the server to stop its motions and end, in seconds."""
+"""Maximum time for the server to stop its motions and exit, in seconds."""
 NICENESS: Final = 5
-"""Amount by which the priority of the server is lower than that of the stack."""
+"""Increase of the server's nice value relative to the stack, which lowers the server's priority."""
 LOG: Final = logging.getLogger("servoloop")
 
 
 @contextmanager
 def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
-    """Run the planning server of an arm beside its stack.
+    """Run the planning server of an arm alongside its stack.
 
     The stack continues if the server ends. At the end, the server stops its motions along their paths.
 

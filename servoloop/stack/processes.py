@@ -17,7 +17,7 @@ from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 
 END_S: Final = 60.0
-"""Maximum time for a process to end, in seconds. The emulator draws its pictures at its end."""
+"""Maximum time for a process to end, in seconds. The emulator draws its images when it ends."""
 POLL_S: Final = 0.02
 """Period of checks while waiting for a process, in seconds."""
 _PR_SET_PDEATHSIG: Final = 1
@@ -132,7 +132,7 @@ def claim_realtime_priority(priority: int = PRIORITY) -> bool:
     """Request real-time priority for this process, and return whether it was granted.
 
     Existing threads keep their priority, so call this before ROS starts its middleware threads. The whole process needs
-    the priority, as a thread of high priority often waits for a lock that another thread holds.
+    the priority, because a high-priority thread often waits for a lock that another thread holds.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))

@@ -1,4 +1,4 @@
-"""Check the folder of an arm and report all mistakes at once."""
+"""Check the folder of an arm and report all errors at once."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,14 +21,14 @@ from servoloop.stack.robot_files import read_description
 
 INTERFACES: Final = ("position", "velocity", "effort")
 AUTO_PARTS: Final = ("start", "clear", "stops", "drive")
-"""Parts of the plan of automatic calibration that name joints."""
+"""Parts of the automatic calibration plan that list joints."""
 
 
 class _Check:
-    """Check of one folder. All files are checked, even if some of them have mistakes.
+    """Check of one folder. All files are checked, even if some of them have errors.
 
-    The scene and the pick-place parameters may be missing, as real arms do not need them. The scene is checked only if
-    the extra ``sim`` is installed.
+    The scene and the pick-place parameters may be missing, because real arms do not need them. The scene is checked
+    only if the extra ``sim`` is installed.
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
@@ -95,7 +95,7 @@ class _Check:
             self._failed(error)
 
     def _wanted(self, name: str) -> bool:
-        """Return whether to read an optional file, because it exists or ``arm.yaml`` names it."""
+        """Return whether to read an optional file, because it exists or ``arm.yaml`` lists it."""
         return self._exists(name) or name in self._arm.file.model_fields_set
 
     def _exists(self, name: str) -> bool:
@@ -186,7 +186,7 @@ def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
     named |= {("auto", part): getattr(plan.auto, part) for part in AUTO_PARTS}
     strangers = {name: (*part, name) for part, names in named.items() for name in names if name not in component.joints}
     for name, location in sorted(strangers.items()):
-        yield f"{file.place(('calibration', *location))}: calibration names {name}, which has no servo"
+        yield f"{file.place(('calibration', *location))}: calibration lists {name}, which has no servo"
 
 
 def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:
@@ -195,7 +195,7 @@ def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:
 
 
 def _named_component(controllers: Path) -> HardwareInfo:
-    """Return the joints named by the controllers, for use if neither URDF nor robot file is readable."""
+    """Return the joints listed by the controllers, for use if neither the URDF nor the robot file is readable."""
     _, content = read_parameter_file(controllers, ControllersFileError)
     return _component(dict.fromkeys(_joint_names(content)), INTERFACES)
 
@@ -222,7 +222,7 @@ def scene_unchecked() -> str:
 def check_arm(folder: Path) -> list[str]:
     """Return all problems of the arm in a folder.
 
-    If ``arm.yaml`` has mistakes, the other files are checked under their default names.
+    If ``arm.yaml`` has errors, the other files are checked under their default names.
     """
     try:
         return _Check(read_arm(folder)).run()

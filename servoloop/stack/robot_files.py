@@ -47,7 +47,7 @@ class ServoFiles:
     """Limits of every joint with a command interface."""
     urdf_path: Path
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
-    """Arguments of the URDF by name, if it is written in xacro."""
+    """Arguments of the URDF, keyed by name, if it is written in xacro."""
     robot_paths: dict[str, Path]
     """Robot file of each component that needs a robot file."""
     scene: Path = SCENE
@@ -55,7 +55,7 @@ class ServoFiles:
     arm: str = "robot_arm"
     """Name of the arm. Other programs find the running stack by this name."""
     folder: Path | None = None
-    """Folder for the poses of the arm. None for files that do not belong to an arm."""
+    """Folder for the poses of the arm; None for files that do not belong to an arm."""
     arm_folder: Path = CONFIG / "arms" / "robot_arm"
     """Folder of the arm to which the other files belong."""
 
@@ -68,7 +68,7 @@ class ServoFiles:
     def servo_options(self) -> tuple[str, ...]:
         """Options with which ``servoloop emulate`` reads these files in another process.
 
-        Several robot files need no options, as the URDF names them.
+        Several robot files need no options, because the URDF lists them.
         """
         paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
         if len(self.robot_paths) == 1:
@@ -118,13 +118,13 @@ def read_files(
     Args:
         urdf: Path of the URDF.
         controllers: Path of the controllers file.
-        robot: Path of the robot file. None: the file named by the URDF's ``robot`` parameter.
+        robot: Path of the robot file; None for the file in the URDF's ``robot`` parameter.
         scene: Path of the scene.
 
     Raises:
-        DescriptionError: The URDF has mistakes.
-        RobotFileError: The robot file has mistakes.
-        ControllersFileError: The controllers file has mistakes.
+        DescriptionError: The URDF has errors.
+        RobotFileError: The robot file has errors.
+        ControllersFileError: The controllers file has errors.
     """
     servos = read_servo_files(urdf, robot, scene)
     return with_controllers(servos, controllers)
@@ -192,7 +192,7 @@ def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> di
     if len(users) > 1:
         names = ", ".join(component.name for component in users)
         raise DescriptionError(
-            f"{urdf} has several components with servos ({names}): instead of --robot, name each one's robot "
+            f"{urdf} has several components with servos ({names}): instead of --robot, specify each robot "
             'file in its <hardware> as <param name="robot">'
         )
     return {users[0].name: robot}
@@ -214,7 +214,7 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
 
 
 def _place(file: YamlFile, mistake: str) -> str:
-    """Return the file and line of a mistake whose message begins with a joint name or the keys of a value."""
+    """Return the file and line of an error whose message begins with a joint name or the keys of a value."""
     keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
     return file.place(("joints", *keys) if keys[0] != "park" else keys)
 
@@ -274,7 +274,7 @@ def require_file(path: Path) -> None:
 
 
 def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
-    """Write a file. With ``keep``, rename an existing file to NAME.1 first. Raises DriverError."""
+    """Write a file. If ``keep`` is true, rename an existing file to NAME.1 first. Raises DriverError."""
     try:
         write_whole(path, content, keep)
     except OSError as error:

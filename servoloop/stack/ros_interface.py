@@ -1,4 +1,4 @@
-"""Define what a running stack needs from its ROS interface, and replace it on a machine without ROS."""
+"""Define the ROS interface that a running stack needs, and a replacement for machines without ROS."""
 
 import time
 from collections.abc import Callable
@@ -26,7 +26,7 @@ class RosInterface(Protocol):
         ...
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True. Raises RosError if the stack must end because of another one."""
+        """Serve clients until ``stop`` returns True. Raises RosError if the stack must end because of another stack."""
         ...
 
     def finish(self) -> None:

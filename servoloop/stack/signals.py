@@ -13,12 +13,12 @@ from typing import Final
 from servoloop.stack.terminal import restore_terminals
 
 LAST_S: Final = 1.0
-"""Maximum time that the program continues after the second signal, in seconds."""
+"""Maximum time the program continues after the second signal, in seconds."""
 NUMBERS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def end_signals() -> list[signal.Signals]:
-    """Return the signals that end a program, without SIGHUP if it is ignored already, as under nohup."""
+    """Return the signals that end a program. SIGHUP is omitted if it is already ignored, as under nohup."""
     ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return [number for number in NUMBERS if number != signal.SIGHUP or not ignored]
 
@@ -59,7 +59,7 @@ class Signals:
     def _watch(self, reader: int) -> None:
         """Count signals until the descriptor is closed.
 
-        The final second after a second signal continues even after the end of the context, as a library may still hang.
+        The final second after a second signal continues even after the context ends, because a library may still hang.
         """
         while number := os.read(reader, 1):
             if number[0] == signal.SIGHUP:

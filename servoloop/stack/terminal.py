@@ -21,7 +21,7 @@ FIRST_S: Final = 0.7
 REPEAT_S: Final = 0.25
 """Maximum time between later repeats, in seconds. A released key counts as held for this time."""
 _before: dict[int, list[Any]] = {}
-"""Original settings of terminals in raw mode, by file descriptor."""
+"""Original settings of terminals in raw mode, keyed by file descriptor."""
 NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
 
 
@@ -32,7 +32,7 @@ class HeldKey:
     """
 
     def __init__(self, tap_s: float) -> None:
-        """``tap_s`` is the time for which a key counts as held after a single press, until its repeats start."""
+        """``tap_s`` is the time that a key counts as held after a single press, until its repeats start."""
         self._tap_s = tap_s
         self._key = ""
         self._pressed_s = self._until_s = -1.0
@@ -86,7 +86,7 @@ def typed(wait_s: float) -> list[str]:
 def raw_keys(keep: bool = False) -> Iterator[None]:
     """Read each key as it is pressed, without echo. Restore the terminal settings at the end.
 
-    ``keep``: whether to keep earlier input instead of discarding it.
+    ``keep`` states whether to keep earlier input instead of discarding it.
     """
     descriptor = sys.stdin.fileno()
     before = _before[descriptor] = termios.tcgetattr(descriptor)

@@ -16,7 +16,7 @@ from sim_backend.scene.world import World
 
 
 class VirtualLines:
-    """Virtual lines for all buses of a robot file, in one world. The device of a bus is the name of the bus."""
+    """Virtual lines for all buses of a robot file, in one world. The device of a bus has the name of the bus."""
 
     def __init__(
         self,
@@ -30,8 +30,8 @@ class VirtualLines:
         Args:
             files: Files of the robot.
             build: Build of the virtual servos.
-            start: Initial joint positions, in rad or m. None: the positions of the scene, which the servos hold until
-                they are driven.
+            start: Initial joint positions, in rad or m. If None, the servos hold the positions of the scene until they
+                are driven.
             on_step: Function called after each step of the physics.
 
         Raises:
@@ -49,11 +49,11 @@ class VirtualLines:
             on_step(time_s)
 
         self.lines = virtual_lines(files.robot, WorldPlant(self.world, ways, after_step), build.spread)
-        """Virtual lines by bus name."""
+        """Virtual lines, keyed by bus name."""
 
     @property
     def devices(self) -> dict[str, str]:
-        """Devices by bus name."""
+        """Devices, keyed by bus name."""
         return {name: name for name in self.lines}
 
     def open(self, device: str, baud: int, clock: Clock) -> Port:
@@ -66,5 +66,5 @@ class VirtualLines:
             line.advance(now_s)
 
     def scene(self) -> Mapping[str, Pose]:
-        """Return the poses of all objects in the world, by name."""
+        """Return the poses of all objects in the world, keyed by name."""
         return {n: (p.position_m, p.quaternion_xyzw) for n, p in self.world.poses().items()}

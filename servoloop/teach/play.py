@@ -18,9 +18,9 @@ from servoloop.manual.dead_man import Permission
 from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 APPROACH: Final = 0.25
-"""Share of the velocity limits used on the way to the start of a motion and between poses."""
+"""Fraction of the velocity limits used on the way to the start of a motion and between poses."""
 AHEAD_S: Final = 1.0
-"""Maximum time by which the arm can be ahead of the time since the start of the path, in seconds."""
+"""Maximum time by which the arm can be ahead of the path's schedule, in seconds."""
 
 
 class PlayPhase(StrEnum):
@@ -46,7 +46,7 @@ class Play:
         Args:
             arm: The arm, connected or in this process.
             motion: Motion of the arm's joints, in the order of the arm.
-            speed: Share of the recorded speed, from 0 to 1.
+            speed: Fraction of the recorded speed, from 0 to 1.
             permission: Dead-man switch.
 
         Raises:
@@ -111,7 +111,7 @@ class _Leg:
         self.phase = PlayPhase.PLAYING
 
     def begin(self, arm: Arm, speed: float) -> ArmMotion:
-        """Start to move along the path, whose first point is near the arm, or slowly to the pose."""
+        """Start to move along the path, whose first point is near the arm, or start to move slowly to the pose."""
         if len(self._times_s) == 1:
             pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
             share = APPROACH if self.phase is PlayPhase.APPROACHING else APPROACH * speed
@@ -128,7 +128,7 @@ class _Leg:
         return [first, self]
 
     def rest(self, at: FloatArray, passed_s: float) -> "list[_Leg]":
-        """Return the parts of the motion from the point of the path that is nearest to a position (n,).
+        """Return the parts of the motion that follow the point of the path nearest to a position (n,).
 
         ``passed_s`` is the time since the start of the path.
         """

@@ -23,9 +23,9 @@ SOFT: Final = (
 HANDS_S: Final = 2.0
 """Time for the person to react to an instruction, in seconds."""
 GAP_S: Final = 0.2
-"""Longest gap in the measurements that is accepted without a warning, in seconds."""
+"""Maximum gap in the measurements that causes no warning, in seconds."""
 POSE_S: Final = 0.3
-"""Time over which a pose is averaged (median), in seconds."""
+"""Duration of the measurements whose median is a pose, in seconds."""
 MARK_KEYS: Final = ("\n", "\r", "p")
 STOP_KEYS: Final = ("\n", "\r", "q")
 
@@ -51,7 +51,7 @@ class TeachRecording:
 
         Args:
             arm: Arm to record, connected or in this process.
-            soft: Whether the servos carry the arm. Otherwise its torque is disabled.
+            soft: Whether the servos carry the arm. If False, the torque is disabled.
             poses: Whether to record poses marked with a key instead of the path.
             keep: Function that saves the motion.
         """

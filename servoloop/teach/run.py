@@ -39,7 +39,7 @@ def record(arm: Arm, limp: bool, poses: bool, person: TeachOperator, keep: Keep)
     If torque cannot be enabled, the arm stays limp or soft, and the person must hold it.
 
     Args:
-        arm: Arm to record, with its torque on.
+        arm: Arm to record, with its torque enabled.
         limp: Whether to record a limp arm instead of a soft arm.
         poses: Whether to record marked poses instead of the path.
         person: User interface.
@@ -71,9 +71,9 @@ def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission,
     """Play a motion of the arm's joints. The arm then holds its position.
 
     Args:
-        arm: Arm that plays the motion, with its torque on.
+        arm: Arm that plays the motion, with its torque enabled.
         motion: Motion to play.
-        speed: Share of the recorded speed, from 0 to 1.
+        speed: Fraction of the recorded speed, from 0 to 1.
         permission: Dead-man switch.
         screen: Display of the arm.
 

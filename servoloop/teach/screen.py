@@ -44,7 +44,7 @@ class Teacher(ArmScreen):
     def pressed(self) -> Sequence[str]:
         """Return the keys pressed since the last call.
 
-        Without a terminal, input is read by line, and the end of the input counts as q.
+        Without a terminal, input is read line by line, and the end of the input counts as q.
         """
         return typed(0.0)
 

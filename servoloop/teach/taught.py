@@ -32,7 +32,7 @@ NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
 """Maximum joint velocity of a path recorded by hand, per second. A faster path contains a jump."""
 DIGITS: Final = 5
-"""Decimal places of positions, velocities and times in a file. This is much finer than the encoders."""
+"""Decimal places of positions, velocities and times in a file. The encoders have a much lower resolution."""
 
 
 class PointFile(BaseModel):
@@ -49,7 +49,7 @@ class PointFile(BaseModel):
 
 
 class MotionFile(BaseModel):
-    """Contents of a motion file. The contents do not depend on the order of a mapping's keys."""
+    """Contents of a motion file. The order of keys in mappings has no meaning."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -57,7 +57,7 @@ class MotionFile(BaseModel):
     joints: list[str] = Field(min_length=1)
     """Joints in the order of the positions and velocities of each point."""
     units: dict[str, Literal["rad", "m"]]
-    """Unit of the positions, by joint."""
+    """Unit of the positions of each joint."""
     points: list[PointFile] = Field(min_length=1)
     """Points of a path, with times, or poses without times."""
 
@@ -74,7 +74,7 @@ class MotionFile(BaseModel):
     @model_validator(mode="after")
     def _names_each_joint_once(self) -> Self:
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError(f"joints names a joint twice: {', '.join(self.joints)}")
+            raise ValueError(f"joints lists a joint twice: {', '.join(self.joints)}")
         if self.units.keys() != set(self.joints):
             raise ValueError(
                 f"units has {', '.join(self.units) or 'no joint'}, but joints has {', '.join(self.joints)}"
@@ -86,7 +86,7 @@ class MotionFile(BaseModel):
         times = [point.at_s for point in self.points if point.at_s is not None]
         velocities = len(self.joints) if times else 0
         if times and (len(times) != len(self.points) or len(times) < 2 or times[0] != 0.0):
-            raise ValueError("a path needs at least two points, all with at_s, the first at 0; poses have no at_s")
+            raise ValueError("a path needs at least two points, all with at_s, the first at 0; poses must have no at_s")
         if any(later <= before for before, later in pairwise(times)):
             raise ValueError("at_s must increase from point to point")
         for number, point in enumerate(self.points):
@@ -102,9 +102,9 @@ class RecordedMotion:
     joints: tuple[str, ...]
     position: FloatArray
     path: HandPath | None = None
-    """Path through the positions. None: poses, with a stop at each pose."""
+    """Path through the positions; None for poses, with a stop at each pose."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of the positions by joint, if the motion was read from a file."""
+    """Unit of the positions of each joint, if the motion was read from a file."""
     file: YamlFile | None = None
     """File from which the motion was read, if any."""
 
@@ -151,7 +151,7 @@ class RecordedMotion:
             raise TeachError(f"{source} was recorded on another arm: {'; '.join(wrong)}. Choose that arm with --arm")
 
     def points(self, first: int) -> str:
-        """Return a description of a point and the next point, for messages."""
+        """Return a description of the point number ``first`` and the next point, for messages."""
         return f"points {first}{self._line('points', first)} and {first + 1}{self._line('points', first + 1)}"
 
     def _too_far(self, index: int, point: int, limit: JointLimits) -> str:
@@ -210,16 +210,16 @@ def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLi
     """Return a warning for each joint with positions (m, n) beyond its limits."""
     far = outside(position, limits).tolist()
     return [
-        f"{name} went {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f}: the motion is limited to them"
+        f"{name} went {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f}: its positions are clipped"
         for name, limit, by in zip(joints, limits, far, strict=True)
         if by > AT_LIMIT * (limit.upper - limit.lower)
     ]
 
 
 class MotionStore:
-    """Recorded motions of one arm, by name.
+    """Recorded motions of one arm, keyed by name.
 
-    All methods raise TeachError if a file has mistakes or cannot be read or written.
+    All methods raise TeachError if a file has errors or cannot be read or written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -227,7 +227,7 @@ class MotionStore:
         self._folder = folder / FOLDER
 
     def all(self) -> dict[str, RecordedMotion]:
-        """Return all motions by name."""
+        """Return all motions, keyed by name."""
         return {name: self.get(name) for name in self._names()}
 
     def get(self, name: str) -> RecordedMotion:

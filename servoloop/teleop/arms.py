@@ -1,4 +1,4 @@
-"""Build leader and follower with one control loop, which reads both arms in the same cycle."""
+"""Build a leader and a follower with one control loop, which reads both arms in the same cycle."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ class Latency:
         self.state: JointState | None = None
         """Latest joint state of both arms."""
         self.ages_s: list[float] = []
-        """Latency of each cycle with a measurement of the leader, in seconds. An hour at 50 Hz gives 180,000 values."""
+        """Latency of each cycle in which the leader was measured, in seconds. An hour at 50 Hz gives 180,000 values."""
 
     def on_cycle(self, state: JointState) -> None:
         """Record the latency. The goals of this cycle have been sent."""
@@ -67,7 +67,7 @@ NAME: Final = "leader_follower_controller"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """Leader or follower: its files and its devices by bus. ``lines`` are virtual buses in this process, if any."""
+    """Leader or follower, with its files and the device of each bus. ``lines`` are virtual buses in this process."""
 
     files: Files
     devices: Mapping[str, str]
@@ -148,7 +148,7 @@ def build_teleop(
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
     """Make the leader limp.
 
-    If the servos of the leader hold torque, ask ``confirm`` first, because the ports of leader and follower may be
+    If the torque of leader servos is enabled, ask ``confirm`` first, because the ports of leader and follower may be
     swapped.
 
     Args:
@@ -157,7 +157,7 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 
     Raises:
         DriverError: The leader cannot be reached.
-        ActivationError: A servo may still hold torque.
+        ActivationError: The torque of a servo may still be enabled.
     """
     if servos := both.leader_arm.held():
         confirm(f"The leader must be limp. {release_question(servos)}")
@@ -167,7 +167,7 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
     """Map each joint of the follower to the leader's joint with the same name.
 
-    A hand follows the leader's trigger as a share of the range; all other joints follow the angle of the leader's
+    A hand follows the leader's trigger as a fraction of the range. All other joints follow the angle of the leader's
     joint. Raises TeleopError if the leader lacks a joint.
     """
     leaders = {joint.name: joint for joint in leader.robot.joints}

@@ -1,4 +1,4 @@
-"""Handle the keys, a lost leader and released follower servos during teleoperation."""
+"""Handle keys, a lost leader and limp follower servos during teleoperation."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
@@ -16,7 +16,7 @@ from servoloop.teleop.arms import NAME, Teleop
 AGAIN_S: Final = 1.0
 """Time between attempts to reconnect a lost leader, in seconds."""
 REACTIVATE: Final = "a"
-"""Key that enables torque again on follower servos that have released it."""
+"""Key that enables the torque of limp follower servos again."""
 HINT: Final = f"press {REACTIVATE} to enable their torque again at their current position"
 HANDS_FREE_HINT: Final = "press Ctrl-C and start again to enable their torque"
 
@@ -26,7 +26,7 @@ class TeleopOperator(Keys, Protocol):
 
     @property
     def hint(self) -> str:
-        """Instruction for enabling torque again on released follower servos."""
+        """Instruction for enabling the torque of limp follower servos again."""
         ...
 
     def show(self, both: Teleop, notes: list[str]) -> None:
@@ -61,7 +61,7 @@ class Attendance:
         person.show(both, list(self._notes()))
 
     def _limp(self) -> list[Component]:
-        """Return the components of the follower that have released servos, or are inactive after a failed attempt."""
+        """Return the follower components that have limp servos or are inactive after a failed attempt."""
         state = self._both.latency.state
         limp = {joint for joint, fault in state.faults.items() if fault.kind == "no_torque"} if state else set()
         return [
@@ -71,7 +71,7 @@ class Attendance:
         ]
 
     def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
-        """Yield the requests of a reactivation one by one. Servos with torque keep their torque."""
+        """Yield the requests of a reactivation one by one. Servos whose torque is enabled keep it."""
         loop = self._both.loop
         for one in components:
             yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)

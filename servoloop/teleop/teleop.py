@@ -29,8 +29,9 @@ class Leading(TeleopOperator, Protocol):
 def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
     """Run a teleoperation until a signal, a key or a fault ends it.
 
-    A leader with torque is released only after a confirmation. At the end, the follower holds its position or parks, as
-    its robot file requires, and the leader stays limp. The live feed shows both arms under the follower's name.
+    If the leader's torque is enabled, it is disabled only after a confirmation. At the end, the follower holds its
+    position or parks, as its robot file requires, and the leader stays limp. The live feed shows both arms under the
+    follower's name.
 
     Args:
         leader: Files and devices of the leader.

@@ -42,10 +42,10 @@ class VirtualArm:
 
         Args:
             files: Values of the options arm, urdf, robot and controllers of ``servoloop up``.
-            seed: Seed for random variations of the arm and for random faults. None: the nominal arm.
+            seed: Seed for random variations of the arm and for random faults; None for the nominal arm.
             backlash_deg: Backlash of each servo, in degrees.
             also: Additional invariants.
-            without: Names of invariants to leave out.
+            without: Names of invariants to omit.
             examined: Names of invariants whose condition must occur in the test.
 
         Raises:
@@ -87,12 +87,12 @@ class VirtualArm:
 
     @property
     def examined(self) -> dict[str, int]:
-        """Number of times that each invariant has examined its condition so far, by name."""
+        """Number of times each invariant has examined its condition so far, keyed by invariant name."""
         return self._watch.examined
 
     @property
     def positions(self) -> dict[str, float]:
-        """Measured positions by joint, in rad or m."""
+        """Measured positions in rad or m, keyed by joint name."""
         if self.state is None:
             raise ArmTestError("the arm has no measurement yet: call virtual_arm.up() first")
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
@@ -139,9 +139,9 @@ class VirtualArm:
         """Send a goal with one point. Joints without a position hold their measured position.
 
         Args:
-            positions: Target positions by joint, in rad or m.
-            seconds: Time from the start of the goal to its point.
-            controller: Name of a controller that accepts goals. None: the arm's joint trajectory controller.
+            positions: Target positions in rad or m, keyed by joint name.
+            seconds: Time from the start of the goal to its point, in seconds.
+            controller: Name of a controller that accepts goals; None for the arm's joint trajectory controller.
 
         Returns:
             Handle of the goal.
@@ -168,7 +168,7 @@ class VirtualArm:
         raise ArmTestError("cancel: the goal is unknown: pass the handle returned by virtual_arm.send_goal")
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Run cycles for a time, or until ``until`` returns true."""
+        """Run cycles for ``seconds`` seconds, or until ``until`` returns true."""
         self._require_up()
         self.stack.run(seconds, until)
 
@@ -194,8 +194,8 @@ class VirtualArm:
         """Shut the arm down as ``servoloop up`` does. Later calls have no effect on the arm.
 
         Returns:
-            Report of the violations, the invariants that should have examined something but did not, and the faults.
-            Empty if there are no problems.
+            Report of the violations, the invariants whose condition never occurred although required, and the faults.
+            The report is empty if there are no problems.
         """
         if self._up:
             self._up = False

@@ -15,7 +15,7 @@ OWN = "Your own invariants must count their examinations in `self.examined`."
 
 
 class ChosenInvariants:
-    """All invariants of campaigns except for those in ``without``, and the additional ones in ``also``."""
+    """All invariants of campaigns except those in ``without``, plus the additional invariants in ``also``."""
 
     def __init__(self, also: tuple[type[Invariant], ...], without: tuple[str, ...], examined: tuple[str, ...]) -> None:
         """Choose the invariants.
@@ -36,7 +36,7 @@ class ChosenInvariants:
     def idle(self, counts: Mapping[str, int]) -> Iterator[str]:
         """Yield a message for each invariant in ``examined`` that examined nothing.
 
-        ``counts``: number of examinations by invariant name.
+        ``counts`` are the numbers of examinations, keyed by invariant name.
         """
         for kind in self._kinds:
             if kind.name in self._examined and not counts[kind.name]:

@@ -18,9 +18,9 @@ MARKERS = (
     "faults('silent id=3 at=1s for=2s', ...): inject faults; times count from the activation of the arm; see "
     "`servoloop fault --list`",
     "random_faults(count=3, within_s=5.0, kinds=None): inject random faults drawn from `seed`",
-    "seeds(count, first=0): run the test once per seed, each with another arm and other random faults",
-    "invariants(also=(), without=(), examined=()): add your own invariant classes, leave out invariants by name, and "
-    "name invariants whose condition must occur in each test",
+    "seeds(count, first=0): run the test once per seed, each with a different arm and different random faults",
+    "invariants(also=(), without=(), examined=()): add your own invariant classes, omit invariants by name, and "
+    "list invariants whose condition must occur in each test",
     "rtf(factor): run the ROS stack at this multiple of real time, or 'max'; the default is real time",
 )
 
@@ -114,7 +114,7 @@ def _require_simulation(fixture: str) -> None:
 
 
 def _files(node: pytest.Item) -> dict[str, Any]:
-    """Return the arm's files from the marker, by the option of ``servoloop up``."""
+    """Return the arm's files from the marker, keyed by the option of ``servoloop up``."""
     options = _marker_options(node)
     return {name: options[name] for name in ("arm", "urdf", "robot", "controllers") if options.get(name) is not None}
 
@@ -140,7 +140,7 @@ def _texts(node: pytest.Item) -> list[str]:
 
 
 def _invariants(node: pytest.Item) -> dict[str, Any]:
-    """Return the combined arguments of all ``invariants`` markers of a test, by name."""
+    """Return the combined arguments of all ``invariants`` markers of a test, keyed by name."""
     chosen: dict[str, Any] = dict.fromkeys(INVARIANTS, ())
     for marker in node.iter_markers("invariants"):
         if unknown := [*map(repr, marker.args), *(name for name in marker.kwargs if name not in INVARIANTS)]:

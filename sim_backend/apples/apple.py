@@ -6,16 +6,16 @@ from typing import Final
 import numpy as np
 
 DIAMETERS_MM: Final = (60.0, 90.0)
-"""Range of the diameters of orchard apples, in meters."""
+"""Range of the diameters of orchard apples, in millimeters."""
 HEIGHTS: Final = (0.88, 1.0)
-"""Range of the heights, as a share of the diameter."""
+"""Range of the heights, as a fraction of the diameter."""
 SOUND_SHARE: Final = 0.45
-"""Share of apples without any defect."""
+"""Fraction of apples without any defect."""
 MOST_SPOTS: Final = 5
 SPOTS_RAD: Final = (0.1, 0.5)
 """Range of the radii of spots, as angles seen from the center of the apple."""
 DARK_SHARE: Final = 0.35
-"""Share of spots that are dark. The others are brown."""
+"""Fraction of spots that are dark. The other spots are brown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Spot:
     """Unit vector from the center of the apple to the center of the spot."""
     radius_rad: float
     dark: bool
-    """Whether the spot is almost black. Otherwise it is brown."""
+    """Whether the spot is almost black. If not, the spot is brown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class Apple:
     diameter_mm: float
     """Largest diameter, seen from above."""
     height: float
-    """Height as a share of the diameter."""
+    """Height as a fraction of the diameter."""
     red_share: float
-    """Share of the skin that is red, not counting spots. The rest is green."""
+    """Fraction of the skin that is red, not counting spots. The rest is green."""
     spots: tuple[Spot, ...]
     seed: int
     """Seed of the pattern and of the exact colors."""

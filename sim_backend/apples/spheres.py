@@ -14,11 +14,11 @@ from sim_backend.apples.apple import Apple, draw_apple
 from sim_backend.arm_names import ARMS
 
 DIAMETERS: Final = "apple_diameter_m"
-"""Name of the element of the scene with the smallest and largest diameter of an apple, in meters."""
+"""Name of the scene element with the smallest and the largest apple diameter, in meters."""
 DENSITY_KG_M3: Final = 850.0
 FRICTION: Final = (0.8, 0.01, 0.002)
-"""Sliding friction (a coefficient), and torsional and rolling friction in meters. The rolling friction represents that
-an apple is not perfectly round."""
+"""Sliding friction (a coefficient), and torsional and rolling friction in meters. The rolling friction accounts for
+the imperfect roundness of an apple."""
 STAND_FRICTION: Final = (0.2, 0.005, 0.004)
 """Friction on the stand. Rolling friction determines how far from the middle of the stand an apple can come to rest."""
 ALL_FRICTION: Final = 6
@@ -44,12 +44,12 @@ def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
 
 
 def apple_of_tray(seed: int, number: int, diameters_mm: tuple[float, float]) -> Apple:
-    """Return one apple of a tray, whose apples are counted from 0. In the simulated world, the apples are spheres."""
+    """Return one apple of a tray. Apples are numbered from 0. In the simulated world, the apples are spheres."""
     return replace(draw_apple(seed * 1_000_003 + number, diameters_mm), height=1.0)
 
 
 def replace_cube(spec: Any, diameters_mm: tuple[float, float]) -> None:
-    """Replace the cube of a scene by a sphere of mean size, and adapt the stand and the bins to apples."""
+    """Replace the cube of a scene with a sphere of mean size, and adapt the stand and the bins to apples."""
     radius_m = 0.0005 * sum(diameters_mm) / 2.0
     sphere = spec.geom("cube")
     sphere.type = mujoco.mjtGeom.mjGEOM_SPHERE
@@ -79,7 +79,7 @@ def resize(model: Any, radius_m: float) -> None:
     model.geom_aabb[geom, 3:] = radius_m
     model.body_mass[body] = model.body_subtreemass[body] = mass_kg
     model.body_inertia[body] = inertia_kg_m2
-    # These are the constants that MuJoCo derives from the mass of a free body.
+    # MuJoCo derives these constants from the mass of a free body.
     model.body_invweight0[body] = 1.0 / mass_kg, 1.0 / inertia_kg_m2
     model.dof_invweight0[dofs] = [1.0 / mass_kg] * 3 + [1.0 / inertia_kg_m2] * 3
     model.dof_M0[dofs] = [mass_kg] * 3 + [inertia_kg_m2] * 3

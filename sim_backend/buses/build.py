@@ -17,16 +17,16 @@ class Build:
     backlash_deg: float = 0.0
     """Angle by which each servo's shaft can move without its motor, in degrees."""
     seed: int | None = None
-    """Seed for the arm's friction, motors, masses and supply. None for nominal values."""
+    """Seed for the arm's friction, motors, masses and supply; None for nominal values."""
     practice_seed: int | None = None
-    """Seed for the zeros and directions of the servos. None selects the zeros and directions of the robot file.
+    """Seed for the zeros and directions of the servos; None for the zeros and directions of the robot file.
 
     An emulator with this seed clears the table, because its arm is meant to be calibrated."""
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
     apples: int | None = None
-    """Seed of the apples that replace the cube. None for the cube."""
+    """Seed of the apples that replace the cube; None for the cube."""
 
     @property
     def spread(self) -> Spread:
@@ -38,10 +38,10 @@ class Build:
         return list(designed) if self.practice_seed is None else Mounting(self.practice_seed).couplings(designed)
 
     def gaps(self, couplings: Iterable[Coupling]) -> dict[str, float]:
-        """Return the backlash by joint (rad or m), or nothing if there is none."""
+        """Return the backlash in rad or m, keyed by joint name; empty if there is no backlash."""
         gap_rad = radians(self.backlash_deg)
         return {one.joint: gap_rad * one.transmission for one in couplings} if gap_rad else {}
 
 
 NOMINAL_BUILD: Final = Build()
-"""Servos that match their data sheets."""
+"""Build whose servos match their data sheets."""

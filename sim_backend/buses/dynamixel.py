@@ -49,12 +49,12 @@ _ID_AT: Final = 4
 class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     """A line of X series servos and XL-320.
 
-    Times are those of the caller's clock; the time of the rig starts at the first call.
+    Times are on the caller's clock. The time of the rig starts at the first call.
     """
 
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
-        """Create the line. With ``paced``, bytes take time on the wire; without it, they take no time, which is used to
-        measure software."""
+        """Create the line. If ``paced`` is true, bytes take time on the wire. If not, they take no time, which is
+        useful for measuring software."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
 
     @classmethod
@@ -67,7 +67,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         paced: bool = True,
         firmware: Mapping[int, int] | None = None,
     ) -> "VirtualDynamixelBus":
-        """Create a bus with one servo for each coupling of ``plant``. ``models`` contains the model by ID.
+        """Create a bus with one servo for each coupling of ``plant``. ``models`` contains the model of each ID.
 
         The servos are set up for an arm: 1 Mbit/s and no return delay. Without ``supply``, servos of the same rated
         voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` contains the

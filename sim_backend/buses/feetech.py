@@ -47,12 +47,12 @@ _LONGEST_ENTRY = 125
 class VirtualBus(ServoLine[PacketServo]):
     """A line of servos with one packet format.
 
-    Times are those of the caller's clock; the time of the rig starts at the first call.
+    Times are on the caller's clock. The time of the rig starts at the first call.
     """
 
     def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
-        """Create the line. With ``paced``, bytes take time on the wire; without it, they take no time, which is used to
-        measure software."""
+        """Create the line. If ``paced`` is true, bytes take time on the wire. If not, they take no time, which is
+        useful for measuring software."""
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
         self._waiting: dict[VirtualServo, bytes] = {}
@@ -162,7 +162,7 @@ class VirtualBus(ServoLine[PacketServo]):
 def servo_of(
     model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
 ) -> PacketServo:
-    """Create a servo of ``model``. An STS servo gets this firmware variant and a motor of this spread."""
+    """Create a servo of ``model``. An STS servo has the given firmware variant, and a motor of the given spread."""
     if isinstance(model, dynamixel1.AxMxModel):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.save(dynamixel1.baud_rate, 1)

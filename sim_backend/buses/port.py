@@ -115,6 +115,6 @@ class VirtualAdapter:
                 port.unplug()
 
     def plug(self, name: str | None = None) -> None:
-        """Plug the adapter in under its original name or under a different one. Ports that were lost stay lost and must
-        be opened again."""
+        """Plug the adapter in under its original name or a different name. Ports that were lost stay lost and must be
+        opened again."""
         self._there = name or self.name

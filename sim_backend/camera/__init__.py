@@ -1,1 +1,1 @@
-"""Virtual camera: pictures of a MuJoCo scene as a camera takes them, and the true contents of the pictures."""
+"""Virtual camera: images of a MuJoCo scene, and the true contents of the images."""

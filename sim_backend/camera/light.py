@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 TEMPERATURES_K: Final = (1700.0, 25000.0)
-"""Range in which the color of a black body is approximated."""
+"""Temperature range in which the color of a black body is approximated, in kelvins."""
 TO_RGB: Final = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 """Conversion from CIE XYZ to linear sRGB."""
 
@@ -23,9 +23,9 @@ class Light:
     """Direction from the scene to the lamp, of any length."""
     illuminance_lux: float = 500.0
     temperature_k: float = 5500.0
-    """Color temperature. A light bulb has 2700, daylight 5500 and shade 7500 K."""
+    """Color temperature. A light bulb has 2700 K, daylight 5500 K and shade 7500 K."""
     ambient: float = 0.45
-    """Share of the light that comes from all sides and reaches into the shadows, from 0 to 1."""
+    """Fraction of the light that comes from all sides and reaches into the shadows, from 0 to 1."""
 
     @property
     def direction(self) -> FloatArray:

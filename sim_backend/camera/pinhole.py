@@ -1,4 +1,4 @@
-"""Pinhole camera: its picture size, focal length and pose."""
+"""Pinhole camera: its image size, focal length and pose."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,15 +11,15 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class PinholeCamera:
-    """A camera without distortion, whose optical axis passes through the center of the picture."""
+    """A camera without distortion, whose optical axis passes through the center of the image."""
 
     width: int
     height: int
     focal_px: float
     position_m: FloatArray
-    """Shape (3,), in the world."""
+    """Position in the world, in meters, shape (3,)."""
     axes: FloatArray
-    """Shape (3, 3): x (right), y (down) and z (forward) of the optical frame in the world, as columns."""
+    """Axes x (right), y (down) and z (forward) of the optical frame in the world, as columns, shape (3, 3)."""
 
     @staticmethod
     def of(model: Any, data: Any, name: str, width: int = 640, height: int = 480) -> "PinholeCamera":

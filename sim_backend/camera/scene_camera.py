@@ -1,4 +1,4 @@
-"""Camera of a scene: pictures of the arm and the apple, from the messages of a world feed."""
+"""Camera of a scene: images of the arm and the apple, computed from the messages of a world feed."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,7 +23,7 @@ from sim_backend.scene.world import World, place_followers
 CAMERA: Final = "camera"
 """Name of the camera in the scene."""
 MOVED: Final = 1e-4
-"""Change of a joint (rad, m) or of the apple's pose that requires a new picture. The noise is always new."""
+"""Change of a joint (rad, m) or of the apple's pose that requires a new image. The noise is always new."""
 FIRST_APPLE: Final = Apple(diameter_mm=50.0, height=1.0, red_share=0.5, spots=(), seed=0)
 """Apple that determines the skin of the sphere before the first message of the feed."""
 
@@ -49,7 +49,7 @@ class SceneCamera:
             raise ArmFileError(f'{scene}: the scene has no camera: add <camera name="{CAMERA}" .../> to <worldbody>')
         assert world.cell is not None and world.cell.tray is not None
         self.diameters_mm = world.cell.tray.diameters_mm
-        """Smallest and largest diameter of the apples."""
+        """Smallest and largest diameter of the apples, in millimeters."""
         self._light, self._seed, self._taken = light or Light(), seed, 0
         self.camera = PinholeCamera.of(self._model, self._data, CAMERA)
         self._geom = int(self._model.geom("cube").id)
@@ -80,7 +80,7 @@ class SceneCamera:
             self._cast_at = None
 
     def picture(self) -> Picture:
-        """Take a picture (480, 640, 3) of the state that ``see`` has stored."""
+        """Return an image (480, 640, 3) of the state that ``see`` has stored."""
         if self._cast_at is None or np.abs(self._data.qpos - self._cast_at).max() > MOVED:
             mujoco.mj_kinematics(self._model, self._data)
             self._sights = list(self._view.sights(self._data))
@@ -89,7 +89,7 @@ class SceneCamera:
         return self._film.picture(mean_radiance(self._sights), self._light, self._seed * 1_000_003 + self._taken)
 
     def truth(self) -> AppleTruth | None:
-        """Return what the last picture shows of the apple; None before the first picture with an apple."""
+        """Return the true state of the apple in the last image, or None before the first image with an apple."""
         if self._apple is None or not self._sights:
             return None
         return truth_of(self._view, self.camera, self._data, self._sights, self._geom, self._apple.diameter_mm)

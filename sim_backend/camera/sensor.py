@@ -19,18 +19,17 @@ ELECTRONS_LUX_S: Final = 400.0
 READ_NOISE_E: Final = 4.0
 LONGEST_S: Final = 1.0 / 30.0
 SHORTEST_S: Final = 1e-4
-"""Limits of the exposure time."""
+"""Limits of the exposure time, in seconds."""
 MOST_GAIN: Final = 16.0
 METERED: Final = 0.35
-"""Mean brightness at which automatic exposure aims, as a share of a saturated pixel."""
+"""Target mean brightness of automatic exposure, as a fraction of the brightness of a saturated pixel."""
 BRIGHT: Final = 0.9
 """Maximum brightness of the 98th percentile with automatic exposure."""
 METER_STEP: Final = 16
-"""Automatic exposure reads every 16th pixel."""
+"""Step between the pixels that automatic exposure reads. It reads every 16th pixel."""
 CURVE_STEPS: Final = 4096
 NOISE_VALUES: Final = 1 << 20
-"""Number of random values. The number must be a power of 2, and must be larger than the number of values of a
-picture."""
+"""Number of random values. It must be a power of 2 and larger than the number of values of an image."""
 NOISE_SEED: Final = 7
 
 
@@ -41,14 +40,14 @@ class Sensor:
     exposure_s: float | None = None
     """Fixed exposure time, with gain 1; None for automatic exposure."""
     white_k: float = 5500.0
-    """Color temperature of the light in which a gray surface appears gray in the picture."""
+    """Color temperature of the light in which a gray surface appears gray in the image."""
     vignetting: float = 0.15
-    """Relative loss of light in the corners of the picture."""
+    """Relative loss of light in the corners of the image."""
     noisy: bool = True
 
 
 class Film:
-    """Converts the light on the pixels of one camera to pictures."""
+    """Converter from the light on the pixels of one camera to images."""
 
     def __init__(self, sensor: Sensor, width: int, height: int) -> None:
         self._sensor = sensor
@@ -61,7 +60,7 @@ class Film:
         self._curve = (255.0 * encoded + 0.5).astype(np.uint8)
 
     def picture(self, radiance: FloatArray, light: Light, seed: int) -> NDArray[np.uint8]:
-        """Return the picture (height, width, 3) of radiances (n, 3), relative to a white surface in full light."""
+        """Return the image (height, width, 3) of radiances (n, 3), relative to a white surface in full light."""
         balance = rgb_of_temperature(light.temperature_k) / rgb_of_temperature(self._sensor.white_k)
         exposure, full_e = self._exposure(radiance[::METER_STEP], light, balance)
         offset = int(np.random.default_rng((seed, 3)).integers(NOISE_VALUES))
@@ -95,7 +94,7 @@ def _expose(
     radiance: FloatArray, vignette: FloatArray, gains: FloatArray, noise: tuple[float, float], values: Any,
     offset: int, curve: Any, picture: Any,
 ) -> None:  # fmt: skip
-    """Store the values of all pixels. ``noise``: variance per brightness and constant variance."""
+    """Store the values of all pixels. ``noise`` is the variance per brightness and the constant variance."""
     shot, read = noise
     mask, last = len(values) - 1, len(curve) - 1
     for n in range(len(radiance)):

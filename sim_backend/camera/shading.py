@@ -17,7 +17,7 @@ GLOSS: Final = 0.35
 GLOSS_POWER: Final = 60.0
 """Exponent that determines the sharpness of a reflection."""
 ABOVE: Final = 0.3
-"""Share of the ambient light that comes from above."""
+"""Fraction of the ambient light that comes from above."""
 GRAIN: Final = 0.02
 """Variation of the brightness of the table."""
 
@@ -48,8 +48,8 @@ def shade(
 ) -> FloatArray:
     """Return the radiance (n, 3) of points, relative to a white surface in full light.
 
-    ``lit`` (n,) tells whether the lamp reaches each point. ``lamp`` contains the direction to the lamp and the ambient
-    share.
+    ``lit`` (n,) states whether the lamp reaches each point. ``lamp`` contains the direction to the lamp and the ambient
+    fraction.
     """
     toward, ambient = lamp
     found = np.empty((len(color), 3))

@@ -1,6 +1,6 @@
 """Skin of an apple: color and kind of each point, in compiled code.
 
-Colors are the reflected shares of the light, in linear RGB.
+Colors are the reflected fractions of the light, in linear RGB.
 """
 
 from math import cos, exp, sin, sqrt
@@ -23,7 +23,7 @@ GREENS: Final = np.array([[0.24, 0.40, 0.05], [0.46, 0.50, 0.09]])
 REDS: Final = np.array([[0.30, 0.022, 0.025], [0.50, 0.045, 0.035]])
 BROWNS: Final = np.array([[0.115, 0.062, 0.024], [0.19, 0.105, 0.042]])
 DARKS: Final = np.array([[0.018, 0.012, 0.009], [0.04, 0.027, 0.02]])
-"""The two ends of the range of each color."""
+"""Two ends of the range of each color."""
 WAVES: Final = 12
 """Number of waves that form the pattern."""
 WAVE_RAD: Final = (1.5, 9.0)
@@ -33,7 +33,7 @@ BLUSH_EDGE: Final = 0.06
 SPOT_EDGE: Final = 0.012
 """Half width of a spot's edge, in rad."""
 FRAYED: Final = 0.12
-"""Amount by which the pattern shifts the edge of a spot, as a share of its radius."""
+"""Amount by which the pattern shifts the edge of a spot, as a fraction of its radius."""
 MOTTLED: Final = 0.1
 """Variation of the brightness of the skin."""
 SAMPLES: Final = 4000
@@ -48,7 +48,7 @@ class Skin(NamedTuple):
     red: FloatArray
     """Shape (3,)."""
     side: FloatArray
-    """Shape (3,). Direction of the side that faced the sun and turns red first."""
+    """Direction of the side that faced the sun and turns red first, shape (3,)."""
     waves: FloatArray
     """Shape (w, 5): wave vector, phase and amplitude."""
     level: float

@@ -1,4 +1,4 @@
-"""Pictures of apples on a table, without an arm: ``render``."""
+"""Draw images of apples on a table without an arm, with ``render``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ from sim_backend.scene.picture import Picture
 
 GRAY: Final = (0.80, 0.80, 0.78)
 AREA_M: Final = (0.16, 0.12)
-"""Half sizes, along x and y, of the area in which apples lie."""
+"""Half sizes, along x and y, of the area in which apples lie, in meters."""
 GAP_M: Final = 0.005
-"""Minimum distance between two apples."""
+"""Minimum distance between two apples, in meters."""
 TRIES: Final = 1000
 EYE_M: Final = np.array([-0.25, 0.0, 0.55])
 
@@ -46,7 +46,7 @@ class AppleTable:
     sensor: Sensor = field(default_factory=Sensor)
     """Settings of the camera's sensor."""
     smooth: bool = True
-    """Whether edges are smooth. Smooth pictures take four times as long."""
+    """Whether edges are smooth. Smooth images take four times as long."""
 
 
 def table_camera(focal_px: float = 600.0) -> PinholeCamera:
@@ -55,9 +55,9 @@ def table_camera(focal_px: float = 600.0) -> PinholeCamera:
 
 
 def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
-    """Return random apples at random places of the table. The same seed returns the same apples.
+    """Return random apples at random places on the table. The same seed returns the same apples.
 
-    Raises ValueError if the table has no place for this number of apples.
+    Raises ValueError if the table has no room for this number of apples.
     """
     random = np.random.default_rng((seed, 4))
     apples = [draw_apple(int(number), DIAMETERS_MM) for number in random.integers(1 << 31, size=count)]
@@ -75,14 +75,14 @@ def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
 
 
 def render(table: AppleTable, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:
-    """Return a picture (height, width, 3) of a table, and the true values of each apple in the order of
+    """Return an image (height, width, 3) of a table, and the true values of each apple in the order of
     ``table.apples``.
 
     Args:
         table: The table and its apples.
         camera: The camera, above the table.
         light: The light.
-        seed: Seed of the noise. The same arguments return the same picture.
+        seed: Seed of the noise. The same arguments return the same image.
     """
     model, geoms = _model(table)
     data: Any = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""True contents of a picture for each apple, as a reference for gradings."""
+"""True values of each apple in an image, as a reference for grading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from sim_backend.camera.skin import DEFECT, RED
 from sim_backend.camera.view import FixedView, Sight
 
 OCCLUDED: Final = 0.98
-"""Visible share below which an apple is occluded."""
+"""Visible fraction below which an apple counts as occluded."""
 
 
 @dataclass(frozen=True, slots=True)
 class AppleTruth:
-    """One apple in a picture. Shares are shares of the pixels that show the apple."""
+    """Apple in an image. Fractions refer to the pixels that show the apple."""
 
     position_m: tuple[float, float, float]
-    """Position of the center in the world."""
+    """Position of the center in the world, in meters."""
     diameter_mm: float
     red_ratio: float
-    """Share that is red, which is neither green nor a defect."""
+    """Fraction that is red, which is neither green nor a defect."""
     defect_score: float
-    """Share that is brown or dark."""
+    """Fraction that is brown or dark."""
     visible_share: float
-    """Share of the apple's outline that no other object hides; 0.0 if the apple is not in the picture."""
+    """Fraction of the apple's outline that no other object hides; 0.0 if the apple is not in the image."""
     cut: bool
-    """Whether the edge of the picture cuts the apple off."""
+    """Whether the edge of the image cuts the apple off."""
     box_px: tuple[int, int, int, int]
     """First column, first row, last column and last row of the pixels that show the apple (inclusive); all 0 if no
     pixel shows it."""
@@ -43,7 +43,7 @@ class AppleTruth:
 def truth_of(
     view: FixedView, camera: PinholeCamera, data: Any, sights: Sequence[Sight], geom: int, diameter_mm: float
 ) -> AppleTruth:
-    """Return the true values of the apple of a geom in a picture."""
+    """Return the true values of the apple that a geom represents in an image."""
     own = [sight.geom == geom for sight in sights]
     kinds = np.concatenate([sight.kind[mask] for sight, mask in zip(sights, own, strict=True)])
     count, alone = max(len(kinds), 1), max(view.alone(data, geom), 1)

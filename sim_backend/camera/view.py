@@ -1,6 +1,6 @@
 """View of the virtual camera onto a MuJoCo model. n is the number of pixels.
 
-Parts that never move are traced and shaded once for all pictures.
+Parts that never move are traced and shaded once for all images.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,9 +18,9 @@ from sim_backend.camera.skin import NO_SKIN, Skin, paint
 from sim_backend.scene.rays import FloatArray, Hits, cast, visible
 
 LAMP_M: Final = 20.0
-"""Distance of the lamp. The rays of the lamp are almost parallel."""
+"""Distance of the lamp, in meters. The rays of the lamp are almost parallel."""
 TOUCH_M: Final = 1e-4
-"""Distance from a point within which a hit counts as the point itself."""
+"""Maximum distance between a hit and a point that still counts as a hit of this point, in meters."""
 SKY: Final = np.array([0.75, 0.78, 0.82])
 """Color of pixels that show no geom."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -29,18 +29,18 @@ SHARP: Final = ((0.0, 0.0),)
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Hits of the rays of one picture."""
+    """Hits of the rays of one image."""
 
     radiance: FloatArray
-    """Shape (n, 3), linear RGB relative to a white surface in full light."""
+    """Linear RGB relative to a white surface in full light, shape (n, 3)."""
     geom: NDArray[np.int64]
-    """Shape (n,), -1 for none."""
+    """Geom hit by each ray, shape (n,); -1 for none."""
     kind: NDArray[np.int8]
-    """Shape (n,), kind of skin."""
+    """Kind of skin at each hit, shape (n,)."""
 
 
 def mean_radiance(sights: Sequence[Sight]) -> FloatArray:
-    """Return the radiances (n, 3) of a picture, computed from those of its passes."""
+    """Return the radiances (n, 3) of an image, computed from the radiances of its passes."""
     total = sights[0].radiance.copy()
     for sight in sights[1:]:
         total += sight.radiance
@@ -67,7 +67,7 @@ class FixedView:
             data: Any pose of the model, with updated kinematics.
             camera: The camera.
             light: The light.
-            skins: Skins of apples by geom. The apples can move.
+            skins: Skins of the apples, keyed by geom. The apples can move.
             smooth: Whether four rays form each pixel, which takes four times as long.
         """
         self.skins = dict(skins)

@@ -15,7 +15,7 @@ def handle_fault_command(
     """Start a fault, or end faults, and return the active and the scheduled faults.
 
     Times of the fault count from now on. The function ``other`` handles all other commands. Raises ValueError for an
-    unknown fault, or for a fault that these servos cannot have.
+    unknown fault, or for a fault that these servos do not support.
     """
     if command.get("do") != "fault":
         return other(command)

@@ -13,9 +13,9 @@ from sim_backend.faults.events import KINDS
 from sim_backend.faults.targets import Inventory, Since
 
 AT_THE_START: Final = 1 / 6
-"""Share of the faults whose times count from the start of the stack."""
+"""Fraction of the faults whose times count from the start of the stack."""
 AT_THE_END: Final = 1 / 6
-"""Share of the faults whose times count from the moment when the program begins to end."""
+"""Fraction of the faults whose times count from the moment when the program begins to exit."""
 TRIES: Final = 200
 """Number of draws after which a kind of fault is considered impossible."""
 
@@ -25,7 +25,7 @@ def draw(
 ) -> tuple[Event, ...]:
     """Draw ``how_many`` random faults over the whole life of a stack, in order of time.
 
-    By default, the faults are of all kinds; ``kinds`` restricts them. A fault that starts while the arm is up starts
+    By default, the faults are of all kinds; ``kinds`` limits the kinds. A fault that starts while the arm is up starts
     within ``seconds``.
 
     Each kind draws random bids from its own sequence, and the events with the lowest bids are used. The draws of one
@@ -41,8 +41,8 @@ def draw(
 
 
 def impossible(kind: str, there: Inventory) -> str:
-    """Return the reason why no target in the inventory can have a fault of this kind; an empty text if the fault is
-    possible."""
+    """Return the reason why no target in the inventory can have a fault of this kind, or an empty string if the fault
+    is possible."""
     why = ""
     for number in range(TRIES):
         try:

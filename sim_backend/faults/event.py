@@ -19,7 +19,7 @@ USUAL_S: Final = (0.05, 2.0)
 """Range of durations for half of the drawn faults, in seconds: from one cycle to more than every time-out of the
 stack."""
 STAYS: Final = 0.1
-"""Share of the drawn faults that do not end, among those that could end."""
+"""Fraction of the drawn faults that do not end, among the faults that can end."""
 
 
 class Event(BaseModel):
@@ -31,7 +31,7 @@ class Event(BaseModel):
     at_s: Time = 0.0
     """Time from the moment ``since`` to the start of the fault, in seconds."""
     since: Since = "up"
-    """Moment from which the start time counts. An emulator is up when it is ready, and knows no other moment."""
+    """Moment from which the start time counts. An emulator supports only ``up``, the moment when it is ready."""
     for_s: Duration | None = None
     """Duration in seconds; None if the fault does not end."""
 
@@ -39,7 +39,7 @@ class Event(BaseModel):
         """Raise FaultError with the reason if no target in the inventory can have this fault."""
         if self.since not in there.moments:
             does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
-            raise FaultError(f"no stack {does} here: leave out `since`, or play the fault with servoloop campaign")
+            raise FaultError(f"no stack {does} here: omit `since`, or play the fault with servoloop campaign")
 
     def acting(self, targets: FaultTargets) -> AbstractContextManager[None]:
         """Return a context in which the fault is active. The fault starts on entry and ends on exit."""
@@ -51,7 +51,7 @@ class Event(BaseModel):
         return self.for_s
 
     def stream(self) -> Random:
-        """Return the event's own random generator, which is independent of those of other events."""
+        """Return the event's own random generator, which is independent of the generators of other events."""
         return Random(f"{getattr(self, 'seed', 0)}/{self.kind}")
 
     @classmethod
@@ -86,7 +86,7 @@ class Momentary(Event):
     @classmethod
     def _over_at_once(cls, for_s: object) -> None:
         if for_s is not None:
-            raise ValueError(f"{cls.model_fields['kind'].default} has no duration: leave out for_s")
+            raise ValueError(f"{cls.model_fields['kind'].default} has no duration: omit for_s")
 
     @property
     def lasts_s(self) -> float | None:

@@ -51,9 +51,9 @@ FaultEvent = Annotated[
 ]  # fmt: skip
 
 EVENT: Final[TypeAdapter[Any]] = TypeAdapter(FaultEvent)
-"""Converts plain data to an event."""
+"""Converter from plain data to an event."""
 KINDS: Final[dict[str, type[Event]]] = {
     kind.model_fields["kind"].default: kind
     for kind in FaultEvent.__origin__.__args__  # type: ignore[attr-defined]
 }
-"""Class of each kind of fault, by name."""
+"""Class of each kind of fault, keyed by name."""

@@ -23,9 +23,9 @@ READ_IN_CYCLES: Final = (
 )
 """Registers, other than the position, that the stack reads in each cycle. No model has all of them."""
 AT_THE_START: Final = 1 / 2
-"""Share of the drawn false positions that are in every second or third reply while the stack starts."""
+"""Fraction of the drawn false positions that are in every second or third reply while the stack starts."""
 LEAP_COUNTS: Final = (400, 2000)
-"""Range of the distance between a true and a false position while the stack starts."""
+"""Range of the distance between a true and a false position while the stack starts, in counts."""
 
 
 class _FalseReplies(OfServo, Lasting):
@@ -88,8 +88,8 @@ class FalsePosition(_FalseReplies):
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """Draw a fault. Half of the faults are leaps to and fro while the stack starts, because a false reading could
-        become the first goal there."""
+        """Draw a fault. Half of the faults are leaps to and fro while the stack starts, because a false reading at the
+        start could become the first goal."""
         fault = super().drawn(random, there, at_s, since)
         if there.start_s is None or "start" not in there.moments or random.random() >= AT_THE_START:
             return fault

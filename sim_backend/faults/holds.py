@@ -8,7 +8,7 @@ from typing import Any
 class Holds:
     """Changes of shared values by faults.
 
-    The newest change is in effect. After the last change has ended, the usual value returns.
+    The latest change is in effect. After the last change has ended, the usual value is restored.
     """
 
     def __init__(self) -> None:

@@ -75,7 +75,7 @@ def _after(random: Random, there: Inventory) -> dict[str, Any]:
 
 
 class WeakSupply(OfBus, Lasting):
-    """The supply has a wrong voltage or thin leads. A servo whose controller gets too little voltage restarts."""
+    """The supply has a wrong voltage or thin leads. A servo whose controller has too little voltage restarts."""
 
     kind: Literal["weak_supply"] = "weak_supply"
     voltage_v: Volts | None = None
@@ -140,7 +140,7 @@ def _echoing(targets: FaultTargets, line: ServoLine[Any]) -> Iterator[None]:
 
 
 class AdapterUnplugged(OfBus, Lasting):
-    """The adapter is unplugged, and plugged in again under the same name or another. The servos keep their power."""
+    """The adapter is unplugged, and plugged in again under the same or another name. The servos keep their power."""
 
     kind: Literal["adapter_unplugged"] = "adapter_unplugged"
     back_as: str | None = None
@@ -178,8 +178,8 @@ class AdapterUnplugged(OfBus, Lasting):
 
 
 class ForeignPackets(OfServo, Lasting):
-    """Another program uses the line between the packets of the stack. The other program reads a servo or switches its
-    torque off."""
+    """Another program uses the line between the packets of the stack. The other program reads a servo or disables its
+    torque."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"
     every_s: Duration = 0.1

@@ -38,7 +38,7 @@ class Jammed(OfServo, Lasting):
 class Overload(OfServo, Lasting):
     """An external torque pulls at a servo's shaft.
 
-    By default, this torque exceeds that of the servo, whose protection then acts.
+    By default, this torque exceeds the torque of the servo, which triggers the servo's protection.
     """
 
     kind: Literal["overload"] = "overload"

@@ -24,7 +24,7 @@ class FaultPlayer:
         self.happened: list[Event] = []
         """Log of the faults that have begun or ended. A fault that has begun and ended appears twice."""
         self.targets = targets
-        """Lines, world, adapters and stack on which faults act."""
+        """Lines, world, adapters and stack that faults affect."""
         self._due: list[tuple[float, int, int, Event]] = []
         self._waiting: list[Event] = []
         """Events whose times count from a moment that has not been reached yet."""
@@ -100,8 +100,8 @@ class FaultPlayer:
         return due + self._waiting
 
     def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
-        """End all active faults that match, newest first, and cancel the scheduled faults that match. Return all of
-        them."""
+        """End all active faults that match, newest first, and cancel the scheduled faults that match. Return the ended
+        and canceled faults."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
         coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}

@@ -18,7 +18,7 @@ class _OnTheWire(Replies):
     """A fault that affects each reply with a probability."""
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
-        """Return the reply as it is changed by the fault."""
+        """Return the reply as changed by the fault."""
         raise NotImplementedError
 
     @contextmanager
@@ -45,7 +45,7 @@ class _OnTheWire(Replies):
 
 
 class LostReplies(_OnTheWire):
-    """Replies get lost on the wire."""
+    """Replies are lost on the wire."""
 
     kind: Literal["lost_replies"] = "lost_replies"
 

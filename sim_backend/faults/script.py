@@ -14,11 +14,11 @@ from sim_backend.faults.events import FaultEvent
 
 
 class _Script(RootModel[list[FaultEvent]]):
-    """Content of the file."""
+    """Contents of the file."""
 
 
 def read_script(path: Path) -> tuple[FaultEvent, ...]:
-    """Read the faults from the file at ``path``. Raises FaultError with a list of all mistakes, each with its line."""
+    """Read the faults from the file at ``path``. Raises FaultError with a list of all errors and their lines."""
     return tuple(load(path, _Script, FaultError).root)
 
 

@@ -38,7 +38,7 @@ class Silent(OfServo, Lasting):
 
 class BrownOut(Momentary, OfServo):
     """The voltage at a servo drops for a moment, and the servo restarts. The contents of the RAM are lost, the torque
-    is off, and the EEPROM is kept."""
+    is disabled, and the EEPROM is kept."""
 
     kind: Literal["brown_out"] = "brown_out"
 
@@ -49,7 +49,7 @@ class BrownOut(Momentary, OfServo):
 
 
 class LoosePlug(OfServo, Lasting):
-    """The plug of a servo has a loose contact. The power of the servo fails repeatedly for a moment."""
+    """The plug of a servo has a loose contact. The servo repeatedly loses power for a moment."""
 
     kind: Literal["loose_plug"] = "loose_plug"
     every_s: Duration = 1.0

@@ -23,9 +23,9 @@ from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
-"""Values of ``operating_mode`` by series. Other series have no such register."""
+"""Values of ``operating_mode``, keyed by series. Other series have no such register."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
-"""Registers whose wrong values have a separate kind of fault, with that kind."""
+"""Separate kind of fault for wrong values of a register, keyed by register name."""
 
 
 class _WrongSetting(OfServo, Lasting):
@@ -64,7 +64,7 @@ class WrongId(_WrongSetting):
 
 
 class WrongRate(_WrongSetting):
-    """The baud rate of a servo differs from that of the line."""
+    """The baud rate of a servo differs from the baud rate of the line."""
 
     kind: Literal["wrong_rate"] = "wrong_rate"
     baud: Baud
@@ -163,7 +163,7 @@ def _put(servo: Any, register: Register, value: int) -> None:
     """Write and save a value regardless of lock and torque, and apply the side effects of the write."""
     if isinstance(servo, VirtualServo):
         servo.write(register.address, register.encode(value, "little"))
-    elif series_of(servo.model).make == "dynamixel":  # The EEPROM of a Dynamixel is locked while the torque is on.
+    elif series_of(servo.model).make == "dynamixel":  # The EEPROM of a Dynamixel is locked while the torque is enabled.
         servo.memory.put(series_of(servo.model).torque_enable, 0)
     servo.memory.save(register, value)
     if not isinstance(servo, VirtualServo):
@@ -171,7 +171,7 @@ def _put(servo: Any, register: Register, value: int) -> None:
 
 
 def _rates(model: ServoModel) -> Mapping[int, int]:
-    """Return the values of ``baud_rate`` by baud rate."""
+    """Return the values of ``baud_rate``, keyed by baud rate."""
     series = series_of(model)
     if series is AX_MX:
         return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}

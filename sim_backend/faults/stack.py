@@ -58,7 +58,7 @@ class _OfController(_OfStack, Lasting):
             )
         able = self._able(there)
         if self.controller not in able:
-            which = f"name one of {', '.join(able)}" if able else "no controller here does"
+            which = f"specify one of {', '.join(able)}" if able else "no controller here does"
             raise FaultError(f"{self.controller} commands no joints: {which}")
 
     @classmethod
@@ -115,7 +115,7 @@ class ControllerJumps(_OfController):
 
 
 class _OfClient(Momentary, _OfStack):
-    """A client of the stack does something wrong."""
+    """A client of the stack misbehaves."""
 
     DOES: ClassVar[ClientFault]
     seed: Seed = 0

@@ -1,4 +1,4 @@
-"""Control tables of all models, by register name."""
+"""Look up registers of all models by name, and draw values for the registers."""
 
 from random import Random
 from typing import Final
@@ -9,7 +9,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.tails import either_way, log_uniform
 
 ZERO: Final = 0.15
-"""Share of the drawn values that are 0."""
+"""Fraction of the drawn values that are 0."""
 
 
 def register_of(model: ServoModel, name: str) -> Register:

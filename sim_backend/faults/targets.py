@@ -16,12 +16,12 @@ ControllerFault = Literal["raises", "nan", "jumps"]
 ClientFault = Literal["nonsense", "cancels", "dies"]
 """Kind of wrong action of a client."""
 Since = Literal["start", "up", "end"]
-"""Moment from which the time of a fault counts: before the hardware is configured, when the arm is up, or when the
-program begins to end."""
+"""Moment from which the time of a fault counts: before the hardware is configured, when the arm is active, or when the
+program begins to exit."""
 START_S: Final = 0.1
 """Time to configure and activate the included arms, in seconds: 0.04 s with STS servos, 0.1 s with Dynamixels."""
 HOLD_S: Final = 0.2
-"""Time until an arm that holds its position at the end of the program is at rest, in seconds."""
+"""Time an arm that holds its position at the end of the program takes to come to rest, in seconds."""
 
 
 class FaultyAdapter(Protocol):
@@ -52,7 +52,7 @@ class StackTarget(Protocol):
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Names of the controllers, and whether each of them commands joints."""
+        """Names of the controllers, with whether each controller commands joints."""
 
     def stall(self, seconds: float) -> None:
         """Stall the computer once for this time. The servos and the world continue."""
@@ -76,16 +76,16 @@ class Inventory:
     description, without the targets themselves."""
 
     servos: Mapping[str, Mapping[int, ServoModel]]
-    """Servo models of each line by ID, in the order of the chain."""
+    """Servo models of each line, keyed by ID, in the order of the daisy chain."""
     world: bool = True
     adapters: bool = True
     stack: bool = True
     controllers: Mapping[str, bool] = field(default_factory=dict)
-    """Known controllers of the stack, and whether each of them commands joints."""
+    """Known controllers of the stack, with whether each controller commands joints."""
     start_s: float | None = START_S
-    """Time that the stack needs to start, in seconds; None if it is already up."""
+    """Time the stack needs to start, in seconds; None if it is already up."""
     end_s: float | None = HOLD_S
-    """Time that the program needs to end, in seconds; None if the end is not part of the run."""
+    """Time the program needs to exit, in seconds; None if the end is not part of the run."""
 
     @property
     def moments(self) -> tuple[Since, ...]:

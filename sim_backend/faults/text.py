@@ -45,7 +45,7 @@ def usage(kind: type[Event]) -> str:
 
 
 def parse(text: str) -> Any:
-    """Parse one fault. Raises FaultError with a list of all mistakes."""
+    """Parse one fault. Raises FaultError with a list of all errors."""
     kind, name, parameters = _split(text)
     return _event(kind, name, text, parameters)
 

@@ -16,7 +16,7 @@ from sim_backend.mechanics.plant import Plant
 
 
 class PlantPart(Plant):
-    """Some of a plant's shafts. ``advance`` does nothing; the plant moves after all parts have set their torques."""
+    """Part of a plant's shafts. ``advance`` does nothing; the plant moves after all parts have set their torques."""
 
     def __init__(self, plant: Plant, places: Sequence[int]) -> None:
         couplings = [plant.couplings[i] for i in places]

@@ -54,12 +54,12 @@ class DelayedReply:
 
 
 class ServoLine(ABC, Generic[AnyServo]):
-    """A line of servos. Times are those of the caller's clock; the time of the rig starts at the first call."""
+    """A line of servos. Times are on the caller's clock. The time of the rig starts at the first call."""
 
     def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
         """Create a line.
 
-        With ``paced``, bytes take time on the wire; without it, they take no time, which is used to measure software.
+        If ``paced`` is true, bytes take time on the wire. If not, bytes take no time; use this to measure software.
         ``id_at`` is the index of the servo ID within a reply.
         """
         self.rig = rig

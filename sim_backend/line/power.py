@@ -1,8 +1,8 @@
 """Power of a line of servos: changes of the supply voltage, and plugs that are disconnected and connected.
 
-Below ``BROWN_OUT_V``, a servo's controller stops: it receives nothing, and its torque is off. When the voltage returns,
-it starts as after a reboot, without the values that were not saved. This behavior is known for STS servos and assumed
-for other servos.
+Below ``BROWN_OUT_V``, a servo's controller stops: the servo receives nothing, and its torque is off. When the voltage
+returns, the servo starts as after a reboot, without the values that were not saved. This behavior is known for
+STS servos and assumed for other servos.
 """
 
 from math import inf

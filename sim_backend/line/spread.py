@@ -11,7 +11,7 @@ from sim_backend.line.rig import Supply
 from sim_backend.mechanics.motor import MotorConstants
 
 SHARE: Final = 0.1
-"""Maximum deviation of a value, as a share of the value. All deviations up to this maximum are equally likely."""
+"""Maximum deviation of a value, as a fraction of the value. All deviations up to this maximum are equally likely."""
 
 
 class Quantity(IntEnum):

@@ -24,7 +24,7 @@ class JointGears:
     """Updates the friction of some degrees of freedom of one model."""
 
     def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
-        """Set ``gears``, by degree of freedom, in addition to the gears of ``before``."""
+        """Set ``gears``, keyed by degree of freedom, in addition to the gears of ``before``."""
         self._model, self._data = model, data
         self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
         self._dofs = np.array(sorted(self._gears))
@@ -48,8 +48,8 @@ class JointGears:
         self._model.dof_frictionloss[dofs] = self._friction
 
     def _friction_now(self) -> Any:
-        """Return the friction that the constraint forces contain, by degree of freedom. Friction must not depend on
-        itself, so it is subtracted."""
+        """Return the friction in the constraint forces for each degree of freedom. This friction is subtracted, because
+        friction must not depend on itself."""
         data = self._data
         rows = slice(data.ne, data.ne + data.nf)
         share = np.zeros(self._model.nv)

@@ -1,4 +1,4 @@
-"""The plant that the servos' shafts drive: the simulated arm or a test bench. SI units.
+"""Plant that the servos' shafts drive: the simulated arm or a test bench. All values are in SI units.
 
 A servo knows only its own shaft. A ``Coupling`` defines which joint the shaft moves, and how. Forces are converted with
 the inverse ratio, so energy is conserved.
@@ -67,7 +67,7 @@ class JointArrays:
     velocity: Floats
     effort: Floats
     position_at: Sequence[int]
-    """Indices of the joints in ``position``; the other two fields contain the indices for velocity and effort."""
+    """Indices of the joints in ``position``. The next two fields contain the indices for velocity and effort."""
     velocity_at: Sequence[int]
     effort_at: Sequence[int]
 

@@ -16,7 +16,7 @@ class Disturbance:
 
     ``drop``, ``flip`` and ``noise`` are the probabilities that a reply is lost, arrives with a flipped bit, or arrives
     after noise. ``miss`` is the probability that an instruction does not reach a servo. ``done`` counts the
-    disturbances by kind and servo ID, for comparison with a driver's counters.
+    disturbances, keyed by kind and servo ID, for comparison with a driver's counters.
     """
 
     seed: int
@@ -54,7 +54,7 @@ class Disturbance:
 
 
 class WireFaults:
-    """Fault switches that the bus checks when a servo receives or replies. Servos are named by ID."""
+    """Fault switches that the bus checks when a servo receives or replies. Servos are identified by ID."""
 
     def __init__(self) -> None:
         self.mute: set[Any] = set()
@@ -88,7 +88,7 @@ class WireFaults:
         self._corrupt[servo_id] = self._corrupt.get(servo_id, 0) + replies
 
     def delay_next(self, servo_id: int) -> None:
-        """Hold the servo's next reply back until the master has sent another instruction."""
+        """Delay the servo's next reply until the master has sent another instruction."""
         self._late.add(servo_id)
 
     def take_held(self) -> bytes:
@@ -104,7 +104,7 @@ class WireFaults:
     def hears(self, servo_id: int) -> bool:
         """Return whether the next instruction reaches the servo."""
         reached = not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
-        for reaches in self.on_instruction:  # Each one draws its own number, so all are called.
+        for reaches in self.on_instruction:  # Call all functions, because each draws its own random number.
             reached = reaches(servo_id) and reached
         return reached
 

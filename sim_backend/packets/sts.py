@@ -111,8 +111,8 @@ class StsParser(Parser):
         return None
 
     def _whole_packet(self) -> int:
-        """Return the size of the valid packet at the start of the buffer, or 0. This check at the start of the buffer
-        saves a check of each byte."""
+        """Return the size of the valid packet at the start of the buffer, or 0. This check avoids a check
+        of each byte."""
         buffer = self._buffer
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0

@@ -1,1 +1,1 @@
-"""The arm and its surroundings in MuJoCo, and pictures of them."""
+"""The arm and its surroundings in MuJoCo, and images of the scene."""

@@ -13,11 +13,11 @@ import mujoco
 from sim_backend.scene.scene_file import scene_spec
 
 OUTPUT_SHARE: Final = 0.1
-"""Share of the inertia and the friction of rotor and gears on the link's side of the gap: horn and last gear wheel
+"""Fraction of the inertia and the friction of rotor and gears on the link's side of the gap: horn and last gear wheel
 (assumed)."""
 TEETH_SOLREF: Final = (0.004, 1.0)
-"""Stiffness of the teeth, as a time constant (s) and a damping ratio. Both are equal to those of the other stiff parts
-of the scene."""
+"""Stiffness of the teeth, as a time constant (s) and a damping ratio. The other stiff parts of the scene have the same
+values."""
 _MASS_KG: Final = 0.001
 _INERTIA_KG_M2: Final = 1e-6
 """Mass and inertia that MuJoCo requires. These values are negligible compared with a rotor seen through its gears."""
@@ -37,7 +37,7 @@ def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
     spec: Any = scene_spec(scene)
     for joint, gap in gaps.items():
         _add_motor(spec, joint, gap)
-    if gaps:  # The joints of the motors come after all other joints.
+    if gaps:  # The motors' joints come after all other joints.
         for key in spec.keys:
             key.qpos = [*key.qpos, *(0.0 for _ in gaps)]
     return spec

@@ -1,6 +1,7 @@
 """Scene of a robot with several arms, generated from the scenes of its arms.
 
-All parts of an arm get its prefix, with its cube, stand and bins. The arms stand on one table, on the body `base_link`.
+The names of an arm's parts, cube, stand and bins begin with its prefix. The arms stand on one table, on
+the body `base_link`.
 Unlike links of one arm, links of two arms collide.
 """
 
@@ -32,7 +33,7 @@ CAMERA_REACHES: Final = 1.5
 """Distance of the camera, as a multiple of the size of the robot."""
 FOVY_DEG: Final = 35.0
 OPTIONS: Final = ("timestep", "integrator", "cone", "impratio", "gravity")
-"""Options of the physics, which are those of the first scene."""
+"""Options of the physics, copied from the first scene."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class PlacedArm:
     prefix: str
     scene: Path
     position_m: tuple[float, float, float]
-    """Position of the scene's origin in the new scene."""
+    """Position of the scene's origin in the new scene, in meters."""
     yaw_rad: float
 
 
@@ -59,7 +60,7 @@ def combined_scene(name: str, arms: Sequence[PlacedArm], table_m: float) -> str:
     Args:
         name: Name of the scene.
         arms: The arms with their scenes.
-        table_m: Height of the table.
+        table_m: Height of the table, in meters.
 
     Raises:
         ArmFileError: A scene cannot be read, or the scenes do not fit together.
@@ -73,7 +74,7 @@ def combined_scene(name: str, arms: Sequence[PlacedArm], table_m: float) -> str:
     base = spec.worldbody.add_body(name=BASE)
     _add_table(spec, table_m)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # The options of the first scene hold.
+        warnings.simplefilter("ignore")  # The options of the first scene apply.
         for number, arm in enumerate(arms):
             _add_arm(spec, base, arm, number)
         model = spec.compile()
@@ -120,7 +121,7 @@ def _reduced(scene: Path) -> Any:
 
 
 def _delete(spec: Any, element: Any) -> None:
-    """Delete an element and all that refer to it. Old supported versions of MuJoCo do not have ``MjSpec.delete``."""
+    """Delete an element and all elements that refer to it. The oldest supported MuJoCo has no ``MjSpec.delete``."""
     if hasattr(spec, "delete"):
         spec.delete(element)
     elif hasattr(element, "delete"):
@@ -156,7 +157,7 @@ def _has_key(model: Any, key: str) -> bool:
 
 
 def _pose(model: Any, arms: Sequence[PlacedArm], poses: Sequence[FloatArray], models: Sequence[Any]) -> FloatArray:
-    """Return MuJoCo's positions with all arms in their poses and each free object at its first place."""
+    """Return MuJoCo's positions with all arms in their poses and each free object at its initial place."""
     qpos: FloatArray = model.qpos0.copy()
     for arm, pose, own in zip(arms, poses, models, strict=True):
         for joint in range(own.njnt):
@@ -181,7 +182,7 @@ def _text(spec: Any) -> str:
 
 
 def keyframes(xml: str) -> dict[str, dict[str, float]]:
-    """Return the positions of the arms' joints in each keyframe of a scene, by its name."""
+    """Return the arms' joint positions in each keyframe of a scene, keyed by keyframe name."""
     model: Any = mujoco.MjModel.from_xml_string(xml)
     places = {model.joint(joint).name: model.jnt_qposadr[joint] for joint in _arm_joints(model)}
     keys = [model.key(number) for number in range(model.nkey)]
@@ -189,7 +190,7 @@ def keyframes(xml: str) -> dict[str, dict[str, float]]:
 
 
 def contacts_between(xml: str, pose: Mapping[str, float]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of parts of two arms that overlap in a pose, which has positions by joint.
+    """Yield pairs of parts of two arms that overlap in a pose, which has positions keyed by joint name.
 
     Joints without a position are at zero, or at the end of their range that is closest to zero.
     """

@@ -27,7 +27,7 @@ REST_RAD_S: Final = 0.1
 OFF_STAND_M: Final = 0.002
 """Distance of the cube's center beyond the edges of the stand at which the cube would topple."""
 LIFTED_M: Final = 0.006
-"""Difference in height from which the cube counts as not being on the stand."""
+"""Minimum height difference at which the cube counts as lifted from the stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Tray:
     seed: int
     """Seed of all apples."""
     diameters_mm: tuple[float, float]
-    """Smallest and largest diameter."""
+    """Smallest and largest diameter, in millimeters."""
 
 
 class CubeCell:
@@ -74,14 +74,14 @@ class CubeCell:
             arrays: Positions and velocities of the scene.
             of_arm: Whether each geom is part of an arm, (ngeom,).
             tray: Apples that take the place of the cube.
-            prefix: Beginning of all names of the cell, in a scene with several arms.
+            prefix: Prefix of all names of the cell, in a scene with several arms.
         """
         self.tray = tray
         self.prefix = prefix
         self.apple: Apple | None = None
-        """The apple that is being sorted; None for a cube."""
+        """Apple that is being sorted; None for a cube."""
         self.fed = 0
-        """Number of cubes or apples before this one."""
+        """Number of cubes or apples before the current one."""
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
         self.laid = True
         """Whether stand, bins and cube are present."""
@@ -114,16 +114,16 @@ class CubeCell:
         ]
 
     def poses(self) -> dict[str, BodyPose]:
-        """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", by their names in the scene.
+        """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", keyed by their names in the scene.
 
-        The pose of a bin is that of the center of its floor.
+        The pose of a bin is the pose of the center of its floor.
         """
         cube = self._data.qpos[self.qpos]
         return {self.name(CUBE): _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
         """Whether the cube is at rest, on a surface or in the hand."""
-        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # For six values, NumPy would be slower.
+        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # NumPy would be slower for six values.
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
     def cube_bin(self) -> str | None:
@@ -137,7 +137,7 @@ class CubeCell:
 
     def cube_on_stand(self) -> bool:
         """Whether the cube is at rest on the stand."""
-        place: list[float] = self._arrays.position[self.qpos].tolist()  # For three values, NumPy would be slower.
+        place: list[float] = self._arrays.position[self.qpos].tolist()  # NumPy would be slower for three values.
         apart = map(sub, place[:3], self.home.tolist())
         return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 

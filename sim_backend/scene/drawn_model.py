@@ -1,4 +1,4 @@
-"""Model for pictures: a scene in which the real shapes of the arm's links replace its boxes."""
+"""Model for drawing: a scene in which the real shapes of the arm's links replace its boxes."""
 
 from collections.abc import Iterable
 from typing import Any, Final

@@ -21,23 +21,26 @@ SLOW_RAD_S: Final = 0.05
 SLOW_HAND_1_S: Final = 0.1
 """Maximum speed of the hand at rest, in multiples of its travel per second."""
 STAYS_RAD: Final = 0.03
-"""Maximum motion of a joint that also counts as at rest. The value exceeds the backlash, within which a joint can
+"""Maximum motion of a joint that still counts as at rest. The value exceeds the backlash, within which a joint can
 oscillate."""
 STAYS_HAND: Final = 0.1
-"""Maximum motion of the hand at rest, as a share of its travel."""
+"""Maximum motion of the hand at rest, as a fraction of its travel."""
 AT_READY_RAD: Final = 0.15
 OPEN: Final = 0.1
-"""Maximum distance of an open hand from the ready pose, as a share of its travel. With a cube in the hand, the distance
-is much larger."""
+"""Maximum distance of an open hand from the ready pose, as a fraction of its travel. The distance is much larger with a
+cube in the hand."""
 REST_S: Final = 0.1
-"""Time at rest in the ready pose. A node that continues with the next job stays at rest only until its goal arrives."""
+"""Minimum time at rest in the ready pose, in seconds.
+
+Before the next job of a node, the arm stays at rest only until the goal arrives.
+"""
 SWINGING_REST_S: Final = 0.5
-"""Time at rest for an arm that oscillates in place. On the way to the ready pose, the arm never stays in one place for
-this time."""
+"""Minimum time at rest for an arm that oscillates in place, in seconds. On the way to the ready pose, the arm never
+stays in one place for this time."""
 LONG_REST_S: Final = 10.0
-"""Time at rest in other poses. This time is long, because the arm can also pause in another pose during a job."""
+"""Minimum time at rest in other poses, in seconds. It is long, because the arm can pause in a pose during a job."""
 SHOWN_S: Final = 1.5
-"""Time that the old apple stays in its bin before the next apple is placed."""
+"""Time the old apple stays in its bin before the next apple is placed, in seconds."""
 
 
 class Feeder:
@@ -66,7 +69,7 @@ class CellFeeder:
     """Places cubes in one cell. It records how long the arm has been at rest, and whether a cube is due."""
 
     def __init__(self, cell: CubeCell, joints: NDArray[np.int64]) -> None:
-        """``joints`` are the indices of the arm's joints in the order of the world. The last one is the hand."""
+        """``joints`` are the indices of the arm's joints in the order of the world. The last joint is the hand."""
         self._cell, self._joints = cell, joints
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at: FloatArray | None = None
@@ -114,7 +117,7 @@ class CellFeeder:
             self._lay_next()
 
     def _feed_apple(self, time_s: float) -> None:
-        """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
+        """Feed an apple when the last apple has been in its bin for a while, even if the arm rests in another pose.
 
         The arm of a failed job holds its pose. The next job starts by moving to the ready pose.
         """

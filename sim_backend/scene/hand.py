@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 from hal.plausible import range_mistake, without_truth
 
 STRONGEST_NM: Final = 2.0
-"""Maximum torque of the hand on a joint."""
+"""Maximum torque of the hand on a joint, in N m."""
 STIFFNESS_NM_RAD: Final = 40.0
 DAMPING_NM_S: Final = 1.0
 SPEED_RAD_S: Final = 1.0
@@ -40,8 +40,8 @@ class SceneHand:
     """A person's hand. Call ``update`` after every step of the world. Positions are in rad or m."""
 
     def __init__(self, world: Pushable, reach: Mapping[str, float]) -> None:
-        """Create a hand. ``reach`` contains the joint displacement per radian of the servo's shaft, by joint; it is 1
-        for revolute joints."""
+        """Create a hand. ``reach`` contains the joint displacement per radian of the servo's shaft, keyed by joint
+        name. The displacement is 1 for revolute joints."""
         self._world = world
         self._reach = dict(reach)
         self._grips: dict[str, GrippingJoint] = {}

@@ -14,12 +14,12 @@ Xyz = tuple[float, float, float]
 DEPTH: Final = 64
 """Size of the stack. Each level of the tree halves the number of triangles."""
 EDGE: Final = 1e-6
-"""Distance from a triangle within which a ray still hits it, as a share of the triangle's size.
+"""Maximum distance from a triangle at which a ray still hits it, as a fraction of the triangle's size.
 
 This tolerance closes gaps between triangles.
 """
 THICK_M: Final = 1e-9
-"""Thickness that is added to the boxes of the tree, because flat parts would have boxes without thickness."""
+"""Thickness added to the boxes of the tree, in meters, because flat parts would have boxes without thickness."""
 
 ASKEW: Final = 1e-12
 
@@ -32,7 +32,7 @@ class MeshParts(NamedTuple):
     faces: NDArray[np.int32]
     """Indices of the vertices of each face, shape (f, 3)."""
     normals: NDArray[np.float32]
-    """Shape (m, 3)."""
+    """Normals, shape (m, 3)."""
     face_normals: NDArray[np.int32]
     """Indices of the normals of each face, shape (f, 3)."""
     boxes: FloatArray
@@ -117,7 +117,7 @@ def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: 
 
 @compiled
 def _inverse(value: float) -> float:
-    """Return the inverse of one component of a direction. A component near 0 is replaced by a small one."""
+    """Return the inverse of one component of a direction. A component near 0 is replaced by a small value."""
     return 1.0 / value if abs(value) > ASKEW else (1.0 / ASKEW if value >= 0.0 else -1.0 / ASKEW)
 
 

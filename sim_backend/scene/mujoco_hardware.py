@@ -21,7 +21,7 @@ from sim_backend.scene.world import World
 IntArray = NDArray[np.int64]
 
 STIFFNESS = 15.0
-"""Share of the stall torque per radian of shaft error. The torque reaches its maximum at an error of four degrees."""
+"""Fraction of the stall torque per radian of shaft error. The torque is at its maximum at an error of four degrees."""
 LONGEST_CATCH_UP_S = 0.2
 """Maximum simulated time that is made up after the program was delayed, in seconds."""
 
@@ -45,7 +45,7 @@ def drive(
     """Pull the joints by springs toward their set-points, which are a ``share`` of the way from ``begin`` to ``end``.
 
     ``weight`` contains the efforts that compensate gravity and motion, for each degree of freedom. These efforts are
-    added to those of the springs.
+    added to the efforts of the springs.
     """
     for i in range(len(begin)):
         error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
@@ -55,8 +55,7 @@ def drive(
 
 
 class MujocoHardware:
-    """A component with the life cycle of hal.hardware.Hardware on a World. The time of the component is that of the
-    clock."""
+    """A component with the life cycle of hal.hardware.Hardware on a World. The component uses the time of the clock."""
 
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""The camera of a generated scene, from which the whole arm is in view."""
+"""Camera of a generated scene, with a view of the whole arm."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ def overview_camera(middle: FloatArray, toward: FloatArray, distance_m: float) -
     """Return the settings of a camera that looks at a point.
 
     Args:
-        middle: Point in the middle of the picture, shape (3,), in m.
+        middle: Point in the middle of the image, shape (3,), in m.
         toward: Direction from this point to the camera, shape (3,).
         distance_m: Distance of the camera from this point, in m.
     """

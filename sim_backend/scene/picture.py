@@ -1,7 +1,7 @@
-"""Pictures of the arm by ray casting. No OpenGL is needed, so pictures can be made on every machine.
+"""Images of the arm by ray casting. No OpenGL is needed, so images can be drawn on every machine.
 
-One ray per pixel is cast from the camera, and one from the lamp for shadows, with Lambert shading. A smooth picture is
-the mean of four, whose rays are shifted by a quarter of a pixel and whose lamps are in slightly different places.
+One ray per pixel is cast from the camera, and one from the lamp for shadows, with Lambert shading. A smooth image is
+the mean of four images, whose rays are shifted by a quarter of a pixel and whose lamps have slightly different places.
 Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
@@ -25,22 +25,22 @@ CAMERA: Final = "overview"
 SKY: Final = np.array([0.93, 0.95, 0.97])
 AMBIENT: Final = 0.48
 LAMP_M: Final = 0.02
-"""Distance by which the lamp is moved in each direction for soft shadows."""
+"""Distance by which the lamp is moved in each direction for soft shadows, in meters."""
 TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
-"""Distance at which the floor begins to fade into the sky, and distance at which it has disappeared."""
+"""Distance at which the floor begins to fade into the sky, and distance at which it has disappeared, in meters."""
 TOUCH_M: Final = 1e-4
-"""Distance from a point within which a hit counts as the point itself."""
+"""Maximum distance between a hit and a point that still counts as a hit of this point, in meters."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 class View:
-    """View of a fixed camera on one model. Parts that never move are traced and shaded once for all pictures."""
+    """View of a fixed camera on one model. Parts that never move are traced and shaded once for all images."""
 
     def __init__(
         self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
     ) -> None:
-        """Prepare the view. ``data`` contains any pose with updated kinematics. Smooth pictures take four times as
+        """Prepare the view. ``data`` contains any pose with updated kinematics. Smooth images take four times as
         long."""
         self._shape = (height, width, 3)
         view = data.cam(camera)
@@ -53,7 +53,7 @@ class View:
             self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
 
     def picture(self, data: Any) -> Picture:
-        """Return the picture of a pose with updated kinematics."""
+        """Return the image of a pose with updated kinematics."""
         total = sum(one.colors(data) for one in self._passes)
         shades = np.clip(total / len(self._passes), 0.0, 1.0)
         return (255.0 * shades + 0.5).astype(np.uint8).reshape(self._shape)
@@ -109,15 +109,15 @@ def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
-    """Return the share of the lamp's light that reaches each point.
+    """Return the fraction of the lamp's light that reaches each point.
 
-    The share is 0 if the ``first`` hit from the lamp is another point.
+    The fraction is 0 if the ``first`` hit from the lamp is another point.
     """
     return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
 
 
 def _light(normal: FloatArray, lit: FloatArray) -> FloatArray:
-    """Return all light on each point: that of the lamp, and ambient light that comes mostly from above."""
+    """Return all light on each point: the light of the lamp, and ambient light that comes mostly from above."""
     light: FloatArray = AMBIENT * (0.8 + 0.2 * normal[:, 2]) + (1.0 - AMBIENT) * lit
     return light
 
@@ -147,7 +147,7 @@ def _colors(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArr
 
 
 def save_png(path: Path, image: Picture) -> None:
-    """Save one picture as PNG."""
+    """Save an image as PNG."""
     Image.fromarray(image).save(path, optimize=True)
 
 

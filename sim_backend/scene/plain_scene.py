@@ -21,12 +21,12 @@ from sim_backend.scene.world import READY, place_followers
 
 TIMESTEP_S: Final = 0.001
 LIGHTEST_KG: Final = 1e-6
-"""Mass of a link whose description contains no mass. MuJoCo does not move a body without mass."""
+"""Mass of a link whose description contains no mass, in kg. MuJoCo does not move a body without mass."""
 SMALLEST_KG_M2: Final = 1e-12
 STICK_M: Final = 0.012
-"""Radius of a stick."""
+"""Radius of a stick, in meters."""
 SHORTEST_M: Final = 0.01
-"""Minimum length of a stick. Shorter sticks are omitted."""
+"""Minimum length of a stick, in meters. Shorter sticks are omitted."""
 PRIMITIVES: Final = ("box", "cylinder", "sphere")
 TABLE_RGBA: Final = (0.86, 0.87, 0.88, 1.0)
 ARM_RGBA: Final = (0.96, 0.76, 0.16, 1.0)
@@ -40,7 +40,7 @@ FOVY_DEG: Final = 40.0
 def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
     """Return the MJCF of a scene.
 
-    ``servos`` contains the joint displacement per radian of the servo's shaft, by driven joint; the joint of the hand
+    ``servos`` contains the joint displacement per radian of the servo's shaft, keyed by driven joint. The hand's joint
     is the last one. Raises DescriptionError if MuJoCo cannot read the description.
     """
     try:
@@ -145,7 +145,7 @@ def _finished(spec: Any, pose: FloatArray) -> Any:
 
 
 def _table_m(model: Any, data: Any) -> float:
-    """Return the height of the table: that of the base of the arm, or less if a moving link would otherwise start
+    """Return the height of the table: the height of the arm's base, or less if a moving link would otherwise start
     inside the table."""
     moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     lowest = (data.geom_xpos[moving, 2] - model.geom_rbound[moving]).min(initial=0.0)

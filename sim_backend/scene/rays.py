@@ -52,7 +52,7 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
         kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
         if kind not in DRAWN:
             raise ValueError(
-                f"pictures can show planes, spheres, ellipsoids, boxes, cylinders and meshes, but not geom type {kind}"
+                f"images can show planes, spheres, ellipsoids, boxes, cylinders and meshes, but not geom type {kind}"
             )
         away = data.geom_xpos[i] - origin
         half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]

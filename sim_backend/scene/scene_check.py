@@ -32,11 +32,11 @@ NEEDED: Final = {
     "body": tuple(f"bin_{name}" for name in BINS),
     "site": tuple(f"bin_{name}_inside" for name in BINS),
 }
-"""Names that a cell of the pick-and-place job needs, by kind. They begin with the prefix of the arm, if it has one."""
+"""Names that a cell of the pick-and-place job needs, keyed by kind. Each name begins with the arm's prefix, if any."""
 
 
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
-    """Return all mistakes of a scene.
+    """Return all errors in a scene.
 
     Args:
         scene: The MuJoCo file.
@@ -45,7 +45,7 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
         cell: Whether the scene must have the cell of the pick-and-place job.
 
     Returns:
-        One sentence per mistake. Mistakes in the file itself begin with its path.
+        One sentence per error. The text of an error in the file itself begins with its path.
     """
     try:
         model: Any = scene_model(scene)
@@ -67,12 +67,12 @@ def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> Non
     """Check that a world can be built from a scene. ``driven`` contains the joints that have servos.
 
     A scene that has any part of the pick-and-place cell, or for which ``cell`` is set, must have all parts. Raises
-    ArmFileError with all parts that the world needs and the scene lacks.
+    ArmFileError with all parts that the scene lacks.
     """
     model: Any = scene_model(scene)
     if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
         raise ArmFileError(
-            f"{scene} has no actuator for {', '.join(missing)}: name the arm whose scene has these joints with --arm"
+            f"{scene} has no actuator for {', '.join(missing)}: choose the arm that has these joints with --arm"
         )
     if problems := list(_needed(model, cell)):
         raise ArmFileError("\n".join(f"{scene}: {problem}" for problem in problems))
@@ -85,7 +85,7 @@ def described_model(urdf_xml: str) -> Any:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
     # No bodies are merged, and no values are corrected. Only missing masses are added, so that they do not hide other
-    # mistakes.
+    # errors.
     bounds = {"boundmass": str(NOTHING), "boundinertia": str(NOTHING**2)}
     as_it_is = {"fusestatic": "false", "balanceinertia": "false", **bounds}
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", as_it_is)
@@ -143,7 +143,7 @@ def _joints(model: Any, described: Any) -> Iterator[str]:
 
 
 def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return the offset and the multiplier of each coupling, by follower and leader."""
+    """Return the offset and the multiplier of each coupling, keyed by follower and leader."""
     rows = [i for i in range(model.neq) if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[i] >= 0]
     return {
         (model.joint(model.eq_obj1id[i]).name, model.joint(model.eq_obj2id[i]).name): tuple(

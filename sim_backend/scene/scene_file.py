@@ -1,4 +1,4 @@
-"""Read scenes, which are MuJoCo files written by users. Check their limits, and report mistakes with their lines."""
+"""Read scenes, which are MuJoCo files written by users. Check their limits, and report errors with line numbers."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ MOST_COPIES: Final = 10_000
 
 
 def scene_model(path: Path) -> Any:
-    """Return the compiled model of a scene. Raises ArmFileError with a list of all mistakes."""
+    """Return the compiled model of a scene. Raises ArmFileError with a list of all errors."""
     _check(path)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
@@ -56,7 +56,7 @@ def _check(path: Path) -> None:
 def _mistakes(element: Element) -> Iterator[str]:
     for key, text in element.attrib.items():
         numbers = list(_numbers(text))
-        if not all(abs(number) <= LARGEST for number in numbers):  # NaN is not, either
+        if not all(abs(number) <= LARGEST for number in numbers):  # also false for NaN
             yield f'{place(element)}: {element.tag} {key} must consist of numbers up to {LARGEST:g}, not "{text[:50]}"'
         if key == "count" and math.prod(numbers) > MOST_COPIES:
             yield f"{place(element)}: {element.tag} makes more than {MOST_COPIES} copies: lower its count"

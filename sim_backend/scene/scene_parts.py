@@ -1,4 +1,4 @@
-"""The files of a scene: included and attached scenes, meshes and textures. Each has a maximum size."""
+"""Files of a scene: included and attached scenes, meshes and textures. Each file has a maximum size."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -23,7 +23,7 @@ def scene_parts(path: Path) -> list[Element]:
     """Read a scene and all scenes to which it refers, and check the sizes of all other files.
 
     Returns:
-        Root elements of all scenes; the first one is that of the scene itself.
+        Root elements of all scenes. The first is the root of the scene itself.
 
     Raises:
         ArmFileError: A file is too large, or a scene is not well-formed XML. The message has file, line and remedy.
@@ -51,7 +51,7 @@ class _Parts:
         return roots
 
     def _named(self, element: Element, path: Path, home: Path) -> list[Element]:
-        """Return the scenes in the file to which an element refers, or none if the file has already been read."""
+        """Return the scenes in the file to which an element refers, or no scenes if the file has already been read."""
         if path.resolve() in self._read:
             return []
         try:

@@ -1,4 +1,4 @@
-"""Pictures of bodies on a floor, with the pixels of points in the picture, for labels."""
+"""Images of bodies on a floor, with the pixels of points in the image, for labels."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A picture of shape (height, width, 3), together with its camera."""
+    """Image of shape (height, width, 3), with its camera."""
 
     picture: Picture
     eye: FloatArray
     axes: FloatArray
-    """Shape (3, 3): the camera's x (right), y (up) and z (back) axes in the world, as columns."""
+    """Axes x (right), y (up) and z (back) of the camera in the world, as columns, shape (3, 3)."""
     focal_px: float
 
     def pixels(self, points: FloatArray) -> FloatArray:
@@ -52,13 +52,13 @@ class Still:
 def take(
     solids: Iterable[Solid], toward: FloatArray, size: tuple[int, int], filled: tuple[float, float] = (0.9, 0.9)
 ) -> Still:
-    """Take a picture of ``size`` that shows all solids.
+    """Draw an image of ``size`` that shows all solids.
 
     Args:
         solids: The solids. They stand on a floor below the lowest solid.
         toward: The direction (3,) from the solids to the camera.
-        size: Width and height of the picture, in pixels.
-        filled: Maximum share of the width and of the height that the solids fill.
+        size: Width and height of the image, in pixels.
+        filled: Maximum fraction of the width and of the height that the solids fill.
     """
     width, height = size
     spec: Any = mujoco.MjSpec()

@@ -1,4 +1,4 @@
-"""The simulated world in MuJoCo: one or several arms, each with a cube, its stand and three bins if the scene has them.
+"""Simulated world in MuJoCo: one or more arms, each with a cube, its stand and three bins if the scene has them.
 
 The world takes joint efforts and returns joint positions and velocities. It does not model servos, which convert goals
 to efforts, and it has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
@@ -39,7 +39,7 @@ JAMMED_KG_M2: Final = 1e8
 
 
 class World:
-    """One arm at work. The world is deterministic: the same efforts give the same positions, bit for bit."""
+    """World of one or more arms. It is deterministic: the same efforts give the same positions, bit for bit."""
 
     def __init__(
         self,
@@ -52,8 +52,8 @@ class World:
         """Load the scene with the cube on the stand and the arm at rest.
 
         Args:
-            scene: The MuJoCo file; by default that of this project.
-            initial_position: Joint positions in the order of `joints` (rad, m); by default those of `rest` or `ready`.
+            scene: The MuJoCo file; by default the scene of this project.
+            initial_position: Joint positions in the order of `joints` (rad, m); by default from `rest` or `ready`.
             spread: Deviations of this arm from the scene.
             backlash: Free travel of joints relative to their motors (rad, m).
             apples: Seed of the apples that replace the cube; None for the cube.
@@ -78,7 +78,7 @@ class World:
         self._find_joints()
         self._arm_geoms = self._of_arm()
         self.cells = tuple(self._cell(prefix) for prefix in cell_prefixes(self.model))
-        """The cubes with their stands and bins; empty if the scene has only the arm."""
+        """Cells with a cube, its stand and its bins; empty if the scene has only the arm."""
         cubes = [cell.name(CUBE) for cell in self.cells]
         self._cube_geoms = np.array([self.model.geom(geom).name in cubes for geom in range(self.model.ngeom)])
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
@@ -93,7 +93,7 @@ class World:
 
     @property
     def cell(self) -> CubeCell | None:
-        """The cell of the first arm that has one; None if no arm has one."""
+        """Cell of the first arm that has a cell; None if no arm has a cell."""
         return self.cells[0] if self.cells else None
 
     def joints_of(self, cell: CubeCell) -> NDArray[np.int64]:
@@ -165,7 +165,7 @@ class World:
             self._gears = JointGears(self.model, self.data, dofs, self._gears)
 
     def jam(self, joint: str) -> None:
-        """Block the joint's gears. Block a joint: it does not move under any load until ``free`` is called."""
+        """Block the joint's gears. The joint does not move under any load until ``free`` is called."""
         for dof in self._dofs(joint):
             self._built_armature.setdefault(dof, float(self.model.dof_armature[dof]))
             self.model.dof_armature[dof] = JAMMED_KG_M2
@@ -177,7 +177,7 @@ class World:
             self.model.dof_armature[dof] = self._built_armature.pop(dof)
 
     def _dofs(self, joint: str) -> list[int]:
-        """Return the degree of freedom of a joint and, if the joint has backlash, that of its motor."""
+        """Return the degrees of freedom of a joint and, if the joint has backlash, of its motor."""
         return [int(self.model.joint(name).dofadr[0]) for name in {joint, self._motors.get(joint, joint)}]
 
     def load(self, joint: str, effort: float) -> None:
@@ -215,7 +215,7 @@ class World:
         self.advance()
 
     def poses(self) -> dict[str, BodyPose]:
-        """Return the poses of the objects of all cells by name, or none without a cell."""
+        """Return the poses of the objects of all cells, keyed by name; empty if there is no cell."""
         return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 
     def cube_bin(self, joint: str = "") -> str | None:
@@ -228,7 +228,7 @@ class World:
         return None if cell is None else cell.cube_bin()
 
     def cube_bins(self) -> dict[str, str | None]:
-        """Return the bin in which each cube is at rest, by the name of the cube; None if it moves or is in no bin."""
+        """Return the bin in which each cube is at rest, keyed by cube name; None if the cube moves or is in no bin."""
         return {cell.name(CUBE): cell.cube_bin() for cell in self.cells}
 
     def arm_contacts(self) -> set[str]:
@@ -260,12 +260,12 @@ class World:
             cell.lay()
 
     def configuration(self) -> FloatArray:
-        """Return a copy of MuJoCo's positions of arm and cube, which is all that a picture needs."""
+        """Return a copy of MuJoCo's positions of arm and cube. Drawing an image needs no other data."""
         everything: FloatArray = self.data.qpos.copy()
         return everything
 
     def drawn_model(self) -> Any:
-        """Return a model with the same positions for pictures, with the real shapes of the links if these exist."""
+        """Return a model for drawing with the same positions, and with the real shapes of the links if these exist."""
         spec = with_gaps(self._scene, self._gaps)
         if self._tray is not None:
             replace_cube(spec, self._tray.diameters_mm)
@@ -279,7 +279,7 @@ class World:
 
 
 def place_followers(model: Any, qpos: FloatArray) -> None:
-    """Move each joint that an equality couples to another one, such as a second finger, to its coupled position."""
+    """Move each joint that an equality couples to another joint, such as a second finger, to its coupled position."""
     for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
         moved = qpos[leader] - model.qpos0[leader]

@@ -1,7 +1,7 @@
 """Poses of the virtual arm and its surroundings, as a camera would see them, on a Unix socket next to the bus.
 
-The control stack reaches the arm only over the bus. This feed serves pictures, transforms and tests. Each client gets
-one JSON line per publication, and is disconnected if it does not keep up with them.
+The control stack reaches the arm only over the bus. This feed serves images, transforms and tests. Each client receives
+one JSON line per publication, and is disconnected if it reads too slowly.
 """
 
 import contextlib
@@ -21,8 +21,8 @@ CONNECT_S: Final = 2.0
 """Maximum time to connect, in seconds. If an emulator hangs and its queue is full, a client would otherwise wait
 forever."""
 SEND_BUFFER_BYTES: Final = 1 << 20
-"""Size of the send buffer, in bytes. The buffer holds the publications of about ten seconds for a client that does not
-read them."""
+"""Size of the send buffer, in bytes. If a client does not read, the buffer holds the publications of about ten
+seconds."""
 
 
 class SeenPose(Protocol):
@@ -76,7 +76,7 @@ def snapshot(
 ) -> dict[str, Any]:
     """Return one publication: world time, poses, bins of the cubes, joint positions (rad, m), and time lost to stalls.
 
-    A world with apples also publishes seed and diameter of the apple, whose pose and bin are those of the cube.
+    A world with apples also publishes seed and diameter of the apple, whose pose and bin replace those of the cube.
     ``trace`` contains the motion of the joints since the last publication: pairs of the emulator's clock (s; the same
     for every process on one machine) and the positions in the order of ``joints``. ``contacts`` contains the contacts
     of the arm since the last publication, except for those with the cube.
@@ -147,8 +147,8 @@ class WorldFeed:
 
 
 def _sent(client: socket.socket, line: bytes) -> bool:
-    """Send a line and return whether it was sent completely. If it was not sent completely, the client is slow or has
-    disconnected, and it is closed."""
+    """Send a line and return whether it was sent completely. If not, the client is slow or has disconnected, and its
+    connection is closed."""
     with contextlib.suppress(OSError):
         if client.send(line) == len(line):
             return True

@@ -44,10 +44,10 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no number as timeout": ({"elbow_flex": 0.1}, {"timeout": math.nan}, "timeout must be a time in seconds, not nan"),
     "short array": ([0.0, 0.0], {}, "needs 6 values, one for each of shoulder_pan"),
     "number": (0.5, {}, "0.5 is not a target"),
-    "nothing": ({}, {}, "no joint is named"),
+    "nothing": ({}, {}, "no joint is specified"),
     "no time": ({"elbow_flex": 0.1}, {"duration": 0.0}, "duration must be a finite time above 0 s, not 0.0"),
     "infinite time": ({"elbow_flex": 0.1}, {"duration": math.inf}, "duration must be a finite time above 0 s, not inf"),
-    "too fast": ({"elbow_flex": 0.1}, {"speed": 1.5}, "speed must be a share of the velocity limits"),
+    "too fast": ({"elbow_flex": 0.1}, {"speed": 1.5}, "speed must be a fraction of the velocity limits"),
     "both": ({"elbow_flex": 0.1}, {"speed": 0.5, "duration": 1.0}, "duration and speed cannot be combined"),
 }
 PAN = "shoulder_pan"

@@ -183,7 +183,7 @@ def test_a_recording_without_motion_is_refused(loaded: LoadedArm) -> None:
 def test_the_torque_stays_on_if_the_park_pose_is_not_reached(loaded: LoadedArm) -> None:
     loaded.move_to({PAN: 1.0}, speed=0.5)
     loaded.push(PAN, 8.0)
-    with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays on"):
+    with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays enabled"):
         loaded.torque(False)
     loaded.torque(False, park=False)
 
@@ -290,7 +290,7 @@ def test_callbacks_cannot_wait_and_their_errors_do_not_end_the_arm(
 ) -> None:
     loaded.on_state(lambda state: loaded.sleep(1.0))
     loaded.step(3)
-    assert caplog.text.count("an on_state callback failed") == 1 and "cannot wait on simulated time" in caplog.text
+    assert caplog.text.count("an on_state callback failed") == 1 and "cannot wait in simulated time" in caplog.text
 
 
 def test_signals_end_a_program_through_its_context_managers() -> None:

@@ -155,7 +155,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "a calibration without a joint": (
         ("arm.yaml", "start: {shoulder_lift", "start: {shoulder: 0.0, shoulder_lift"),
-        ": calibration names shoulder, which has no servo",
+        ": calibration lists shoulder, which has no servo",
     ),
     "a mistake in arm.yaml": (("arm.yaml", "description:", "descriptive:"), "arm.yaml:1: descriptive"),
 }

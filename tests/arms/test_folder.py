@@ -70,7 +70,7 @@ def test_arm_may_copy_values_of_another_arm(tmp_path: Path) -> None:
     assert high.robot != low.robot and high.file.calibration == low.file.calibration != type(low.file.calibration)()
     assert (high.file.source, high.file.license) == (low.file.source, low.file.license)
     (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {high.folder}\n")
-    with pytest.raises(ArmFileError, match=r"so101_12v itself copies \.\./so101; name \.\./so101 here instead"):
+    with pytest.raises(ArmFileError, match=r"so101_12v itself copies \.\./so101: specify \.\./so101 here instead"):
         find_arm(str(tmp_path))
 
 

@@ -223,7 +223,7 @@ def test_a_servo_at_an_invalid_goal_position_gets_no_goal(model: str, caplog: py
         )
     )
     assert set(stand_still(bus, IDS, MODELS[model])) == set(IDS) - {3}
-    assert "servo 3 is sent no goal, because its position 1500 is outside the goal range" in caplog.text
+    assert "servo 3 is not sent a goal because its position 1500 is outside the goal range" in caplog.text
 
 
 class Numberless(WatchedPort):

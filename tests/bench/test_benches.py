@@ -85,7 +85,7 @@ def test_the_other_benchmarks_print_their_figures(arguments: tuple[str, ...], wo
         ("benchmarks.simulator new --silence 3", "argument --silence: must be an ID with two times"),
         ("benchmarks.simulator taken", "argument link: taken exists and is not a link: choose another path"),
         ("benchmarks.two_ports --serve taken", "argument --serve: taken exists and is not a link: choose another path"),
-        ("benchmarks.simulator no/where", "no/where cannot be made: No such file or directory"),
+        ("benchmarks.simulator no/where", "no/where cannot be created: No such file or directory"),
         ("benchmarks.bus --make sts3215", "argument --make: invalid choice: 'sts3215'"),
         ("benchmarks.bus --cycles -1", "argument --cycles: must be a whole number of at least 1, not '-1'"),
         ("benchmarks.bus --rounds 0", "argument --rounds: must be a whole number of at least 1, not '0'"),

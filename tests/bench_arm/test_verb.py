@@ -33,7 +33,7 @@ def test_without_confirmation_nothing_moves(tmp_path: Path) -> None:
         done = CliRunner().invoke(
             app, ["bench", "arm", "--port", port, "--out", str(tmp_path / "page.html")], input="n\n"
         )
-        assert done.exit_code == 1 and "Make sure that it has room. Continue?" in done.output
+        assert done.exit_code == 1 and "Make sure that the arm has room. Continue?" in done.output
         assert not any(servo.memory.get(sts.torque_enable) for servo in line.servos)
     assert not (tmp_path / "page.html").exists()
 

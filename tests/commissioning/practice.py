@@ -39,7 +39,7 @@ def do(link: Path, text: str, prefix: str = "") -> str:
         return "\n"
     if "take your hands off" in text:
         tell(link, "release")
-    if "Torque will be released" in text:
+    if "torque will be disabled" in text:
         tell(link, "hold")
     if "press Enter when done" not in text:
         return ""

@@ -201,7 +201,7 @@ def test_reset_and_reboot_are_refused_while_torque_is_on(model: ServoModel) -> N
     line = line_of(model)
     switched_on(line, 3)
     for function in (factory_reset, reboot):
-        with pytest.raises(CommissioningError, match="because what it holds falls without torque"):
+        with pytest.raises(CommissioningError, match="because its load falls when the torque is disabled"):
             told(line, function, 3)
     assert line.held(3, series_of(model).torque_enable) == 1
 

@@ -70,7 +70,7 @@ def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
 def test_stopping_lets_the_arm_sink_and_releases_it() -> None:
     arm = UnalignedArm(1)
     stop_s = arm.clock.now() + 12.0
-    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is disabled"):
         by_itself(arm, stopped=lambda: arm.clock.now() > stop_s).run()
     assert is_limp_with_its_limits(arm)
     assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"

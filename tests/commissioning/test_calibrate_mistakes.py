@@ -74,7 +74,7 @@ def test_a_short_sweep_is_requested_again_with_the_measured_share(share: float) 
     joints, found = calibrated(arm, hands, "elbow_flex")
     sweeps = hands.asked("sweep", "elbow_flex")
     assert len(sweeps) == 2, "the same ends twice are stops"
-    assert sweeps[1].startswith("Not yet from stop to stop: elbow_flex. Move it to both stops (elbow_flex: ")
+    assert sweeps[1].startswith("Not yet moved from stop to stop: elbow_flex. Move it to both stops (elbow_flex: ")
     assert "of 3.380 in the URDF" in sweeps[1]
     joint, made = joints["elbow_flex"], found["elbow_flex"]
     assert "Was a stop missed" in travel_warnings(joint, made)

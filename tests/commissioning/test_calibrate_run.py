@@ -120,8 +120,8 @@ def test_an_unswept_joint_is_requested_again_by_name_and_flagged(robot: Path) ->
     owner = Owner(arm, no=(STORE,))
     owner.skipped = {"joint3"}
     calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
-    assert any("Not yet from stop to stop: joint3." in text for text in owner.heard)
-    assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
+    assert any("Not yet moved from stop to stop: joint3." in text for text in owner.heard)
+    assert ["did not reach both stops" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
 
 def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robot: Path) -> None:
@@ -131,7 +131,7 @@ def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robo
     def stopped() -> bool:
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
-    with pytest.raises(StoppedError, match="the torque of the arm is released") as left:
+    with pytest.raises(StoppedError, match="the torque of the arm is disabled") as left:
         calibrate(
             task(robot),
             lambda: arm.open_bus(JOINTS),

@@ -219,7 +219,7 @@ def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> No
 
 def test_only_port_requires_exactly_one_adapter(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
-    with pytest.raises(CommissioningError, match=r"no USB adapter was found: plug one in, or name the port$"):
+    with pytest.raises(CommissioningError, match=r"no USB adapter was found: plug in an adapter or specify the port$"):
         only_port(small.machine)
     small.plug(ACM)
     assert only_port(small.machine) == ACM

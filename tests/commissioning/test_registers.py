@@ -100,7 +100,7 @@ def test_only_the_torque_switch_is_written_while_torque_is_on(model: ServoModel)
     write(line, "torque_enable", 1, torque=True)
     line.sent.clear()
     for name in ("led" if series_of(model).make == "dynamixel" else "acceleration", "return_delay"):
-        with pytest.raises((CommissioningError, ServoError), match=f"{name} cannot be written while the torque is on"):
+        with pytest.raises((CommissioningError, ServoError), match=f"{name} cannot be written while the torque is"):
             write(line, name, 1)
     assert (writes(line), line.held(3, held)) == (0, 1)
     write(line, "torque_enable", 0, torque=True)
@@ -110,7 +110,7 @@ def test_only_the_torque_switch_is_written_while_torque_is_on(model: ServoModel)
 @every_make
 def test_the_torque_switch_needs_confirmation(model: ServoModel) -> None:
     line = line_of(model)
-    with pytest.raises(CommissioningError, match="its torque is switched only if you confirm it"):
+    with pytest.raises(CommissioningError, match="its torque is changed only if you confirm it"):
         write(line, "torque_enable", 1)
     assert (writes(line), line.held(3, series_of(model).torque_enable)) == (0, 0)
 

@@ -230,7 +230,7 @@ def test_a_servo_with_torque_on_is_not_changed() -> None:
     hands.instead = stay
     with pytest.raises(KeyboardInterrupt):
         bench.set_up(hands).run()
-    assert "the torque of servo 1 is on" in hands.problems[0]
+    assert "the torque of servo 1 is enabled" in hands.problems[0]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -46,7 +46,7 @@ def test_gains_are_not_written_without_a_park_pose() -> None:
 def test_stopping_parks_and_releases_the_arm() -> None:
     bench = TuneBench()
     report_at_s = bench.clock.now() + 6.0
-    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is disabled"):
         tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
     assert bench.torque == [False] * 3
     assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)

@@ -61,8 +61,8 @@ def test_the_first_command_asks_measures_and_writes_nothing(
     assert not any(torque(arm)) and not list(Path("out/tune").iterdir())
     assert typed(monkeypatch, REAL[0], answer="y\n") == 0
     said = capsys.readouterr()
-    assert "shoulder_lift (servo 2) will move under torque" in said.err
-    assert "At the end the arm moves to its park pose and its torque is switched off." in said.err
+    assert "shoulder_lift (servo 2) will move with torque enabled" in said.err
+    assert "At the end the arm moves to its park pose and its torque is disabled." in said.err
     assert "the arm is in its park pose, and its torque is off" in said.err
     assert "overshoot" in said.out and "P 32" in said.out and "Plot: out/tune/shoulder_lift.svg" in said.out
     assert [servo.memory.read(4, 36) for servo in arm.line.servos] == before
@@ -78,8 +78,8 @@ def test_written_gains_are_shown_with_both_measurements(
     assert typed(monkeypatch, REAL[1], answer="y\n") == 0
     said = capsys.readouterr()
     assert (
-        "P=24 D=32 will be written to servo 2 after the first measurement. For that, the torque of the arm is switched "
-        "off" in said.err
+        "P=24 D=32 will be written to servo 2 after the first measurement. Before the write, the torque of the arm is "
+        "disabled" in said.err
     )
     words = " ".join(said.out.split())
     assert "servo 2: P (position_p) changed from 32 to 24" in words

@@ -163,7 +163,7 @@ def test_commands_that_ask_first_do_nothing_without_an_answer(
 
 
 @pytest.mark.parametrize(
-    ("value", "asks"), [("01", "holds its position"), ("+1", "holds its"), ("00", "loses its torque")]
+    ("value", "asks"), [("01", "holds its position"), ("+1", "holds its"), ("00", "disables its torque")]
 )
 def test_the_torque_switch_asks_for_what_it_does(
     value: str,

@@ -337,7 +337,7 @@ def test_an_activated_component_without_a_measurement_is_deactivated_again() -> 
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand._position[:] = np.nan
-    with pytest.raises(Exception, match="not activated: no measurement of finger"):
+    with pytest.raises(Exception, match="not activated: could not measure finger"):
         two.set(ACTIVE).result()
     assert two.hand.changes()[-1] == "relax"
 
@@ -347,7 +347,7 @@ def test_a_component_that_cannot_be_deactivated_again_does_not_stop_the_loop(cap
     two.set(UNCONFIGURED).result()
     two.hand._position[:] = np.nan
     two.hand.failing["relax"] = RuntimeError("stuck")
-    with pytest.raises(Exception, match="no measurement of finger"):
+    with pytest.raises(Exception, match="could not measure finger"):
         two.set(ACTIVE).result()
     assert "torque may still be on: could not switch hand off: stuck" in caplog.text
     two.cycle(3)

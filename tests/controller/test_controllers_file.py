@@ -177,7 +177,7 @@ MISTAKES = {
         ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
-    "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: is missing: add it"]),
+    "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: is missing: add the key"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
     "an unknown interface": (
         ("interface_name: position", "interface_name: effort"),

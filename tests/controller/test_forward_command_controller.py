@@ -19,7 +19,8 @@ def hand_commands(bench: Bench) -> list[float]:
     [
         (
             [0.01, 0.02],
-            "command size (2) does not match number of interfaces (1): dropped, send one value for each of finger",
+            "command size (2) does not match number of interfaces (1): the command is dropped. "
+            "Send one value for each of finger",
         ),
         ([NAN], "Non-finite value received. Dropping message"),
         ([INF], "Non-finite value received. Dropping message"),

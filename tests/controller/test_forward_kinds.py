@@ -194,8 +194,8 @@ def test_deactivation_resets_the_command_to_zero() -> None:
     [
         (
             [1.0],
-            "command size (1) does not match number of interfaces (2): dropped, "
-            "send one value for each of shoulder, elbow",
+            "command size (1) does not match number of interfaces (2): the command is dropped. "
+            "Send one value for each of shoulder, elbow",
         ),
         ([1.0, NAN], "Non-finite value received. Dropping message"),
         ([-INF, 1.0], "Non-finite value received. Dropping message"),
@@ -219,6 +219,6 @@ def test_a_setting_restores_ros2_controls_reaction_to_a_wrong_length(interface: 
     )
     made: Any = ForwardCommandController.build("strict", parameters, context())
     made.activate(STANDING, np.zeros(2))
-    assert "send one value for each" in made.submit([1.0])
+    assert "Send one value for each" in made.submit([1.0])
     with pytest.raises(ValueError, match=r"command size \(1\) does not match number of interfaces \(2\)"):
         made.update(STANDING, 0.0, PERIOD_S)

@@ -251,7 +251,7 @@ def test_the_loop_does_not_start_with_an_unmeasured_joint() -> None:
     bench = Bench()
     bench.hardware._position = np.array([0.3, NAN, 0.0])
     bench.hardware.configure()
-    with pytest.raises(ActivationError, match="no measurement of elbow"):
+    with pytest.raises(ActivationError, match="could not measure elbow"):
         bench.loop.activate()
     assert bench.hardware.calls[-1] == "relax"
     assert bench.hardware.state is LifecycleState.INACTIVE
@@ -437,7 +437,7 @@ def test_the_log_contains_the_delay_of_a_late_wake_up(caplog: pytest.LogCaptureF
 
 def test_joints_without_torque_are_still_measured() -> None:
     _, loop, hardware, _ = puppet_loop()
-    hardware.faults = dict.fromkeys(JOINTS, JointFault("no_torque", "servo 1 came back without torque"))
+    hardware.faults = dict.fromkeys(JOINTS, JointFault("no_torque", "servo 1 returned with its torque disabled"))
     loop.step()
     assert loop.figures.summary == "every cycle on time"
 
@@ -510,7 +510,7 @@ def test_all_unmeasured_joints_are_named() -> None:
     components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
     configure_all(components)
-    with pytest.raises(ActivationError, match=r"^not activated: no measurement of shoulder, elbow"):
+    with pytest.raises(ActivationError, match=r"^not activated: could not measure shoulder, elbow"):
         loop.activate()
 
 
@@ -522,7 +522,7 @@ def test_an_unmeasured_joint_is_named_in_full() -> None:
     limits = {"left/arm": ARM_LIMITS}
     loop = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
     configure_all(components)
-    with pytest.raises(ActivationError, match=r"^not activated: no measurement of left/arm"):
+    with pytest.raises(ActivationError, match=r"^not activated: could not measure left/arm"):
         loop.activate()
 
 

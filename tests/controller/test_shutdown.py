@@ -148,7 +148,7 @@ def final_state(bench: Bench, caplog: pytest.LogCaptureFixture, relax: bool = Fa
 @pytest.mark.parametrize(
     ("relax", "hurry", "expected"),
     [
-        (False, False, "scripted holds its position under torque (on_exit: hold)"),
+        (False, False, "scripted holds its position with torque enabled (on_exit: hold)"),
         (True, False, "scripted is in its park pose, and its torque is off"),
         (True, True, "scripted is where it stopped, and its torque is off"),
     ],
@@ -169,14 +169,14 @@ def test_an_arm_that_cannot_be_parked_is_not_logged_as_parked(caplog: pytest.Log
 def test_torque_that_may_still_be_on_is_logged(caplog: pytest.LogCaptureFixture, relax: bool) -> None:
     bench = moving_bench()
     bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
-    assert final_state(bench, caplog, relax) == "scripted may still be under torque: servo 3: does not answer"
+    assert final_state(bench, caplog, relax) == "the torque of scripted may still be enabled: servo 3: does not answer"
 
 
 def test_a_joint_that_lost_its_torque_is_not_logged_as_holding(caplog: pytest.LogCaptureFixture) -> None:
     bench = moving_bench()
     bench.hardware.without_torque = frozenset({"elbow"})  # type: ignore[attr-defined]
     bench.hardware.reactivate = frozenset  # type: ignore[attr-defined]
-    expected = "scripted holds its position under torque (on_exit: hold), except elbow, which had no torque"
+    expected = "scripted holds its position with torque enabled (on_exit: hold), except elbow, whose torque was off"
     assert final_state(bench, caplog) == expected
 
 
@@ -190,7 +190,7 @@ def test_a_joint_that_lost_its_torque_just_now_is_not_logged_as_holding(caplog: 
         return frozenset()
 
     hardware.ask_for_torque = ask_for_torque
-    expected = "scripted holds its position under torque (on_exit: hold), except elbow, which had no torque"
+    expected = "scripted holds its position with torque enabled (on_exit: hold), except elbow, whose torque was off"
     assert final_state(bench, caplog) == expected
 
 
@@ -203,8 +203,8 @@ def test_an_arm_that_was_never_active_is_logged_as_unchanged(caplog: pytest.LogC
 @pytest.mark.parametrize(
     ("relax", "expected"),
     [
-        (False, "scripted was lost: its servos hold their last goal if they are under torque"),
-        (True, "scripted may still be under torque: could not switch off: the port was unplugged"),
+        (False, "scripted was lost: its servos hold their last goal if their torque is enabled"),
+        (True, "the torque of scripted may still be enabled: could not switch off: the port was unplugged"),
     ],
 )
 def test_a_lost_arm_is_logged_as_lost(caplog: pytest.LogCaptureFixture, relax: bool, expected: str) -> None:

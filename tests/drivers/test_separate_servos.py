@@ -67,7 +67,7 @@ def test_a_lost_acknowledgment_is_counted_and_the_next_cycle_works() -> None:
     assert isinstance(line.bus.read_states(IDS, line.clock.now() + BUDGET_S)[2], ServoState)
 
 
-@pytest.mark.parametrize(("plain", "subject"), [((2,), "servo 2 supports"), (IDS, "servos 1, 2, 3 support")])
+@pytest.mark.parametrize(("plain", "subject"), [((2,), "servo 2 does"), (IDS, "servos 1, 2, 3 do")])
 def test_a_warning_names_the_servos_and_the_highest_rate(
     plain: tuple[int, ...], subject: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -75,7 +75,7 @@ def test_a_warning_names_the_servos_and_the_highest_rate(
         line = ready(PlainLine(MODELS, plain))
         line.bus.read_states(IDS)
     (said,) = [message for message in caplog.messages if "single requests" in message]
-    pattern = rf"{subject} no group reads and writes, .* of 3 servos takes ([\d.]+) ms .* to (\d+) Hz"
+    pattern = rf"{subject} not support group reads and writes, .* of 3 servos takes ([\d.]+) ms .* to (\d+) Hz"
     found = re.search(pattern, said)
     assert found is not None, said
     cycle_s, rate_hz = float(found[1]) * 1e-3, int(found[2])
@@ -131,7 +131,7 @@ def test_a_servo_without_group_writes_gets_single_writes(caplog: pytest.LogCaptu
         hardware.configure()
         hardware.activate()
     assert line.servos.servo(2).memory.get(x.goal_position) > 0
-    assert any("servo 2 supports no group writes, so" in message for message in caplog.messages)
+    assert any("servo 2 does not support group writes, so" in message for message in caplog.messages)
     assert line.bus.read_together
 
 

@@ -69,11 +69,11 @@ DYNAMIXEL = {
     "silent id=3 at=0.2s for=1s": ["joint3: servo 3 does not answer", "servo 3 answers again"],
     "brown_out id=3 at=0.2s": [
         "servo 3 has lost the map of its indirect registers",
-        "servo 3 came back without torque",
+        "servo 3 returned with its torque disabled",
     ],
     "cable_cut after=5": ["joint6: servo 6 does not answer", "servo 7 does not answer"],
     "weak_supply voltage=6": ["joint1: alarm: voltage", "goal: SUCCEEDED"],
-    "weak_supply voltage=2 for=0.5s": ["no servo answers on", "joint1: servo 1 came back without torque"],
+    "weak_supply voltage=2 for=0.5s": ["no servo answers on", "joint1: servo 1 returned with its torque disabled"],
     "flipped_replies id=3": ["servo 3 answered with a wrong checksum"],
     "echo": ["goal: SUCCEEDED"],
     "overload id=3 torque=6": ["joint3: alarm: overload", "servo 3 has lost its torque"],

@@ -98,7 +98,7 @@ def test_controller_faults_are_drawn_for_every_possible_controller(kind: str, co
 
 def test_a_controller_that_commands_no_joints_cannot_command_nan() -> None:
     with pytest.raises(
-        FaultError, match="joint_state_broadcaster commands no joints: name one of arm_controller, hand"
+        FaultError, match="joint_state_broadcaster commands no joints: specify one of arm_controller, hand"
     ):
         FaultRig().play(parse("controller_nan controller=joint_state_broadcaster"))
 

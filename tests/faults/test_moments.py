@@ -109,8 +109,8 @@ def test_servos_without_a_stack_have_no_start_or_end() -> None:
     with pytest.raises(FaultError) as refused:
         player.play([parse("silent id=1 since=start"), parse("silent id=2 at=1s since=end"), parse("silent id=2")])
     assert str(refused.value).splitlines() == [
-        "silent at 0 s since start: no stack starts here: leave out `since`, or play the fault with servoloop campaign",
-        "silent at 1 s since end: no stack ends here: leave out `since`, or play the fault with servoloop campaign",
+        "silent at 0 s since start: no stack starts here: omit `since`, or play the fault with servoloop campaign",
+        "silent at 1 s since end: no stack ends here: omit `since`, or play the fault with servoloop campaign",
     ]
 
 

@@ -71,4 +71,4 @@ def test_torque_stays_off_after_a_loose_plug() -> None:
     assert rig.bus.servo(3).deaf
     rig.endure(1.5)
     assert not rig.bus.servo(3).deaf and rig.bus.servo(3).memory.get(sts.torque_enable) == 0
-    assert rig.made[0].state is LifecycleState.ACTIVE and rig.says("servo 3 came back without torque")
+    assert rig.made[0].state is LifecycleState.ACTIVE and rig.says("servo 3 returned with its torque disabled")

@@ -39,7 +39,7 @@ def test_a_servo_that_has_shut_down_is_reported_to_need_a_reboot(victim: Joint) 
         faults = fault_texts(hardware.read())
     assert re.search(rf"{victim.name}: servo {victim.servo_id} has lost its torque {remedy}", faults[victim.name])
     hardware.deactivate(relax=False)
-    with pytest.raises(ServoRefused, match=rf"servo {victim.servo_id}: refuses torque {remedy}"):
+    with pytest.raises(ServoRefused, match=rf"servo {victim.servo_id}: refuses to enable torque {remedy}"):
         hardware.activate()
 
 
@@ -61,7 +61,7 @@ def test_a_reset_servo_is_reported_checked_and_can_be_activated_again(victim: Jo
     (text,) = faults().values()
     assert text.startswith(f"{called} has lost the map of its indirect registers")
     for _ in range(20):
-        assert faults() == {victim.name: f"{called} came back without torque (power dip?): activate again"}
+        assert faults() == {victim.name: f"{called} returned with its torque disabled (power dip?): activate again"}
     assert hardware.state is LifecycleState.ACTIVE
     hardware.deactivate(relax=False)
     hardware.activate()
@@ -76,5 +76,7 @@ def test_a_refused_torque_is_reported_with_all_alarms() -> None:
     hardware.configure()
     protection = servos.servo(2).firmware.protection
     protection.status, protection.released = 1 << 5 | 1 << 2, True
-    with pytest.raises(ServoRefused, match=r"servo 2: refuses torque \(temperature, overload alarm\): reboot it"):
+    with pytest.raises(
+        ServoRefused, match=r"servo 2: refuses to enable torque \(temperature, overload alarm\): reboot it"
+    ):
         hardware.activate()

@@ -107,7 +107,7 @@ def test_dropped_turns_are_not_reported_as_a_leap(caplog: pytest.LogCaptureFixtu
     with caplog.at_level(logging.INFO):
         arm.activate()
     assert [message for message in caplog.messages if "whole turns" in message] == [
-        "wrist (servo 1) has counted whole turns while it was limp: it is restarted"
+        "wrist (servo 1) has counted whole turns while it was limp: restarting it"
     ]
     assert not [message for message in caplog.messages if "from the previous reading" in message]
     assert arm.hardware.read().faults == {}

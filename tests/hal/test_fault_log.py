@@ -123,7 +123,10 @@ def test_servos_that_answer_again_without_torque_are_one_event(log_lines: pytest
         bench.wait()
     _, limp = log_lines.messages
     assert limp == (
-        "shoulder (servo 1), elbow (servo 2), finger (servo 7) came back without torque (power dip?): activate again"
+        "shoulder (servo 1), elbow (servo 2), finger (servo 7) returned with their torque disabled (power dip?): "
+        "activate again"
     )
     bench.hardware.reactivate()
-    assert log_lines.messages[2:] == ["shoulder, elbow, finger have torque again and hold their positions"]
+    assert log_lines.messages[2:] == [
+        "shoulder, elbow, finger: torque is enabled again, and the joints hold their positions"
+    ]

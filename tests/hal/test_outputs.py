@@ -79,7 +79,7 @@ def test_registers_that_move_a_servo_are_refused_by_name(register: str, reason: 
 
 def test_an_output_without_a_servo_is_refused(tmp_path: Path) -> None:
     files = with_elements(tmp_path, '<gpio name="a"><command_interface name="led"/></gpio>')
-    with pytest.raises(HalError, match=r'the output a/led .* has no servo: name a joint as <param name="joint">'):
+    with pytest.raises(HalError, match=r'the output a/led .* has no servo: specify a joint in <param name="joint">'):
         SimulatedStack(files=files).up()
 
 

@@ -100,7 +100,7 @@ def test_the_arm_itself() -> None:
         ("servo_id: 1,", "servo_id: 254,", 4, "joints.elbow.servo_id: must be at most 253, not 254"),
         ("servo_id: 1,", "servo_id: -1,", 4, "joints.elbow.servo_id: must be at least 0, not -1"),
         ("servo_id: 1,", "servo_id: one,", 4, "joints.elbow.servo_id: must be a whole number, not 'one'"),
-        ("servo_id: 1, ", "", 4, "joints.elbow.servo_id: is missing: add it"),
+        ("servo_id: 1, ", "", 4, "joints.elbow.servo_id: is missing: add the key"),
         (
             "    model: sts3215",
             "    model: sts9999",
@@ -183,7 +183,7 @@ def test_duplicate_keys_are_refused(tmp_path: Path, right: str, wrong: str, mess
         ("", "must be a mapping"),
         ("- a list", "must be a mapping"),
         ("just a word", "must be a mapping"),
-        ("bus: {}", "joints: is missing: add it"),
+        ("bus: {}", "joints: is missing: add the key"),
         ("joints: [1, 2]", "joints: must be a mapping"),
         ("joints: {elbow: 3}", "joints.elbow: must be"),
     ],

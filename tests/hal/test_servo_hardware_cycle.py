@@ -262,10 +262,10 @@ def test_a_servo_that_answers_again_without_torque_keeps_its_fault(
     for _ in range(5):
         state = bench.cycle(HERE)
         assert fault_texts(state) == {
-            "elbow": "elbow: servo 2 came back without torque (power dip?): activate again",
+            "elbow": "elbow: servo 2 returned with its torque disabled (power dip?): activate again",
         }
-    messages = [r.getMessage() for r in caplog.records if "came back without torque" in r.getMessage()]
-    assert messages == ["elbow: servo 2 came back without torque (power dip?): activate again"]
+    messages = [r.getMessage() for r in caplog.records if "returned with its torque disabled" in r.getMessage()]
+    assert messages == ["elbow: servo 2 returned with its torque disabled (power dip?): activate again"]
     assert bench.torque() == [1, 7], "only activate enables torque"
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()

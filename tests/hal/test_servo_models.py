@@ -101,11 +101,11 @@ REGISTER = "a:\n  like: sts3215\n  number: 1545\n  registers:\n    {}\n"
         ("a:\n  like: sts9999\n  number: 1\n", "servo_models.yaml:2: unknown model sts9999: use one of "),
         (
             "a:\n  like: sts3215\n  number: 2825\n",
-            "servo_models.yaml:3: number 2825 is that of sts3250: write `like: sts3250` for a variant of it",
+            "servo_models.yaml:3: number 2825 belongs to sts3250: write `like: sts3250` for a variant of it",
         ),
-        ("sts3215:\n  like: sts3250\n  number: 1\n", "servo_models.yaml:3: sts3215 is a model of servoloop"),
+        ("sts3215:\n  like: sts3250\n  number: 1\n", "servo_models.yaml:3: servoloop already has a model sts3215"),
         ("a:\n  like: sts3215\n  number: -1\n", "servo_models.yaml:3: a.number: "),
-        ("a:\n  number: 5\n", "a.like: is missing: add it"),
+        ("a:\n  number: 5\n", "a.like: is missing: add the key"),
         (
             "a:\n  like: sts3215\n  number: 1\n  stall_current_a: 2.0\n",
             "servo_models.yaml:4: sts3215 has no stall_current_a: remove it",
@@ -124,7 +124,7 @@ REGISTER = "a:\n  like: sts3215\n  number: 1545\n  registers:\n    {}\n"
         ),
         (
             REGISTER.format("extra: {address: 90, size: 3}"),
-            "servo_models.yaml:5: a.registers.extra.size: 3 is not a size of a register: write 1, 2 or 4 (bytes)",
+            "servo_models.yaml:5: a.registers.extra.size: 3 is not a valid register size: write 1, 2 or 4 (bytes)",
         ),
         (
             REGISTER.format("extra: {address: 90, size: 1, values: [5, 3]}"),

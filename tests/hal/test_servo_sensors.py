@@ -40,7 +40,8 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
     [
         (
             f'<sensor name="a">{VALUES}<command_interface name="led"/></sensor>',
-            r"<sensor name='a'> has a <command_interface> \(.*line \d+\): write <gpio>, or remove it",
+            r"<sensor name='a'> has a <command_interface> \(.*line \d+\): "
+            r"use <gpio>, or remove the <command_interface>",
         ),
         (f'<gpio name="gripper">{VALUES}</gpio>', "<gpio name='gripper'> has the name of another element"),
         (f'<gpio name="a"><param name="joint">knee</param>{VALUES}</gpio>', "names joint 'knee', which its block does"),
@@ -49,7 +50,7 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
             "state interface mood .*, but the servo of gripper reports voltage, temperature, current, load, alarms",
         ),
         (f'<gpio name="a">{VALUES}{VALUES}</gpio>', "<state_interface name='voltage'> twice"),
-        (f'<gpio name="a">{VALUES}</gpio>', r"the sensor a \(.*line \d+\) has no source: name a joint"),
+        (f'<gpio name="a">{VALUES}</gpio>', r"the sensor a \(.*line \d+\) has no source: specify a joint"),
     ],
     ids=["output", "name", "joint", "interface", "twice", "no source"],
 )

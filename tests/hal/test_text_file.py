@@ -119,15 +119,15 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
         (MERGES, "values after its aliases"),
         ("joints: [" + ", ".join(["1.25"] * 200_000) + "]", "has more than 150000 values: shorten it"),
         ("joints: [" + "1.25, " * 900_000 + "]", "is larger than 2 MB"),
-        ("".join(f"k{number}: 1\n" for number in range(20_000)), "and 19951 more mistakes"),
+        ("".join(f"k{number}: 1\n" for number in range(20_000)), "and 19951 more errors"),
         ("".join(f"k{number % 9}: 1\n" for number in range(20_000)), "duplicate key"),
         ("a: " + "[" * 90_000, "contains itself or is nested too deeply"),
         ("a: &a [*a]", "contains itself or is nested too deeply"),
         ("a: &a0 x\n" + "".join(f"k{n}: &a{n + 1} [*a{n}]\n" for n in range(3000)), "nested too deeply"),
-        ("a: " + "1" * 5000, "(line 1): correct it"),
-        ("a: !!bool maybe", "(line 1): correct it"),
-        ("a: !!timestamp soon", "(line 1): correct it"),
-        ("a: !!int ''", "(line 1): correct it"),
+        ("a: " + "1" * 5000, "(line 1): correct this line"),
+        ("a: !!bool maybe", "(line 1): correct this line"),
+        ("a: !!timestamp soon", "(line 1): correct this line"),
+        ("a: !!int ''", "(line 1): correct this line"),
         ("a: !!python/object:os.system x", "is not YAML: could not determine a constructor"),
         ("a: \x00", "is not YAML: "),
     ],
@@ -170,7 +170,7 @@ def test_json_with_many_keys_is_refused_quickly(tmp_path: Path) -> None:
     path = tmp_path / "lerobot.json"
     for text, message in (
         ("{" + ",".join(['"a": 1'] * 200_000) + "}", "duplicate key: a"),
-        ("{" + ",".join(f'"a{number}": 1' for number in range(100_000)) + "}", "and 99950 more mistakes"),
+        ("{" + ",".join(f'"a{number}": 1' for number in range(100_000)) + "}", "and 99950 more errors"),
     ):
         path.write_text(text)
         with pytest.raises(CalibrationError, match=message):

@@ -121,7 +121,7 @@ def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
 def test_running_goal_is_not_replaced_and_stop_ends_it(robot: LiveRobot) -> None:
     with client(robot) as moving, arm_client() as arm:
         future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
-        with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
+        with pytest.raises(HandlingError, match="arm_controller is executing a goal: stop the goal first"):
             for _ in range(40):
                 time.sleep(0.05)
                 moving.jog(JOINT, 0.01)

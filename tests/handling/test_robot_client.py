@@ -72,7 +72,7 @@ def test_running_goal_of_another_program_is_not_replaced_and_stop_cancels_it(rig
     with mover(rig) as client, rig.client("other") as other:
         goal = rig.stack.go(READY, 3000.0)
         eventually(lambda: rig.stack.arm.newest_goal is goal)
-        with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
+        with pytest.raises(HandlingError, match="arm_controller is executing a goal: stop the goal first"):
             hold(client, JOINT)
         other.request("stop")
         eventually(lambda: goal.done)

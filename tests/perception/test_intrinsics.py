@@ -50,7 +50,7 @@ def test_a_file_of_camera_calibration_is_read_and_survives_writing(tmp_path: Pat
         ("data: [601.5,", "data: [-601.5,", "camera.yaml:1: camera_matrix has a focal length that is not above 0"),
         ("data: [601.5,", "data: [.nan,", "camera.yaml:7: camera_matrix.data.0: must be a finite number"),
         ("plumb_bob", "equidistant", "camera.yaml:8: distortion_model: must be 'plumb_bob' or 'rational_polynomial'"),
-        ("image_width: 640\n", "", "image_width: is missing: add it"),
+        ("image_width: 640\n", "", "image_width: is missing: add the key"),
         ("data: [0.05, -0.11, 0.0011, -0.0007, 0.02]", "data: [0.05]", "has 1 values instead of 1 × 5"),
     ],
 )

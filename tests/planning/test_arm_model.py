@@ -45,7 +45,7 @@ def test_a_scene_of_the_project_has_its_cube_stand_and_bins_as_objects():
 @pytest.mark.parametrize(
     ("joints", "code", "words"),
     [
-        (["three"], "INVALID_ROBOT_STATE", 'no joint "three"; its joints: one, two, right, left'),
+        (["three"], "INVALID_ROBOT_STATE", 'no joint "three": choose one of one, two, right, left'),
         (["left"], "INVALID_ROBOT_STATE", "left follows right: plan for right instead"),
     ],
 )
@@ -68,5 +68,5 @@ def test_positions_outside_the_limits_are_described(positions, words):
 
 
 def test_an_unknown_link_is_refused_with_the_links_that_exist():
-    with pytest.raises(PlanningError, match='no link "hand"; its links: base, upper'):
+    with pytest.raises(PlanningError, match='no link "hand": choose one of base, upper'):
         planar().link_pose("hand")

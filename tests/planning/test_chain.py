@@ -130,7 +130,7 @@ def test_an_arm_without_a_fixed_body_stands_on_the_world() -> None:
         (["ball"], "tip", None, "INVALID_ROBOT_STATE", "ball is neither a hinge nor a slide"),
         (["first"], "slide", None, "INVALID_LINK_NAME", "joint first does not move slide"),
         (["rail"], "tip", "slide", "INVALID_LINK_NAME", "joint rail does not move tip"),
-        (["rail"], "tip", "ball", "INVALID_LINK_NAME", "tip is not part of the arm that stands on ball"),
+        (["rail"], "tip", "ball", "INVALID_LINK_NAME", "tip is not part of the arm that is mounted on ball"),
     ],
 )
 def test_wrong_names_are_refused(names: list[str], tool: str, base: str | None, code: str, text: str) -> None:

@@ -126,7 +126,7 @@ STATE = '<group_state name="s" group="a">{}</group_state>'
         ('<group name="b"><chain base_link="link1" tip_link="up"/></group>', "line 3: the URDF has no link up"),
         ('<group name="b"/>', "line 3: group b has no joint that moves"),
         ('<group name="b"><tip/></group>', "line 3: group b has an unknown tag <tip>: remove it"),
-        ("<group/>", "line 3: a <group> has no name: add it"),
+        ("<group/>", "line 3: a <group> has no name: add a name"),
         ('<group name="a"><joint name="joint2"/></group>', "line 3: there are two <group> named a: rename one"),
         ('<group_state name="s" group="b"/>', "line 3: there is no group b: choose one of a"),
         ('<group_state group="a"/>', "line 3: a state of a has no name, or the name of another state"),

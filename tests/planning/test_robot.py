@@ -120,7 +120,7 @@ def test_a_state_is_checked_for_contacts_and_limits() -> None:
 def test_names_that_do_not_exist_are_refused_with_those_that_do() -> None:
     with pytest.raises(PlanningError, match="no joint elbow: choose from joint1"):
         ROBOT.state({**READY, "elbow": 0.0})
-    with pytest.raises(PlanningError, match="no position of joint6: add one"):
+    with pytest.raises(PlanningError, match="no position of joint6: add the position"):
         ROBOT.state({name: 0.0 for name in READY if name != "joint6"})
     with pytest.raises(PlanningError, match="position of joint1 is nan"):
         ROBOT.state({**READY, "joint1": float("nan")})
@@ -128,7 +128,7 @@ def test_names_that_do_not_exist_are_refused_with_those_that_do() -> None:
         ROBOT.frame_pose("camera", READY)
     with pytest.raises(PlanningError, match="no group legs: choose one of arm, hand"):
         ROBOT.group("legs")
-    with pytest.raises(PlanningError, match="group hand has no tip: name a link"):
+    with pytest.raises(PlanningError, match="group hand has no tip: specify a link"):
         ROBOT.group("hand").chain(None, READY)
     with pytest.raises(PlanningError, match="no joint of the group hand moves link3"):
         ROBOT.group("hand").chain("link3", READY)

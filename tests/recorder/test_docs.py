@@ -107,5 +107,5 @@ def test_documented_repair_of_a_truncated_file(
 
 def test_figures_in_the_docs_match_the_code() -> None:
     assert f"keeps the last {KEPT_S:.0f} s in memory" in PROSE
-    assert f"At most the newest {FILES} files are kept" in PROSE
+    assert f"Only the latest {FILES} files are kept" in PROSE
     assert f"that {WAITING:,} cycles wait" in PROSE

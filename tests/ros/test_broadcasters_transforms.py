@@ -167,7 +167,7 @@ def test_parameters_match_robot_state_publisher(client: Onlooker) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("robot_description", "<robot/>", "restart it with the other URDF"),
+        ("robot_description", "<robot/>", "restart the stack with the other URDF"),
         ("publish_frequency", 0.0, "publish_frequency: must be above 0"),
         ("publish_frequency", 1001.0, "publish_frequency: must be 0 to 1000 Hz, not 1001"),
     ],

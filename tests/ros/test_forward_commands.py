@@ -105,7 +105,7 @@ def test_command_of_wrong_length_is_ignored(
     client.send(controller, *sound)
     client.arrives(**dict(zip(joints, sound, strict=True)))
     client.send(controller, *wrong)
-    words = f"command size ({len(wrong)}) does not match number of interfaces ({len(sound)}): dropped, send one"
+    words = f"command size ({len(wrong)}) does not match number of interfaces ({len(sound)}): the command is dropped."
     until(lambda: words in stack.words)
     client.stays(**dict(zip(joints, sound, strict=True)))
     assert client.states()[controller] == "active"

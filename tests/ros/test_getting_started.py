@@ -122,4 +122,4 @@ def _sort(arm: Path, link: Path) -> None:
             node.end()
         stack.end()
         feed.close()
-    assert "so101 holds its position under torque (on_exit: hold)" in stack.words
+    assert "so101 holds its position with torque enabled (on_exit: hold)" in stack.words

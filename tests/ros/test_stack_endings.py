@@ -71,7 +71,7 @@ def test_signal_during_a_motion_stops_and_holds_the_arm(ros_domain: int, tmp_pat
             assert answer.status == ABORTED
             assert answer.result.error_string == "Current goal cancelled during deactivate transition."
             assert stack.process.wait(60.0) == 0, stack.words
-        assert stack.words.splitlines()[-1].endswith("holds its position under torque (on_exit: hold)")
+        assert stack.words.splitlines()[-1].endswith("holds its position with torque enabled (on_exit: hold)")
         assert torque(link) == [1] * 7
         goals = read_all(link, sts.goal_position.address, 2)
         until(lambda: not any(read_all(link, sts.moving.address, 1)))

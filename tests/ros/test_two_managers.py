@@ -61,7 +61,7 @@ def test_new_stack_that_discovers_another_late_stops_its_arm_and_ends(ros_domain
         assert stack.process.wait(60.0) == 1
         assert f"the stack ends: another node is named /{MANAGER}" in stack.words
         assert REMEDY in stack.words and "Traceback" not in stack.words
-        assert "holds its position under torque" in stack.words
+        assert "holds its position with torque enabled" in stack.words
 
 
 def test_old_stack_reports_another_one_and_goes_on(ros_domain: int, tmp_path: Path) -> None:

@@ -127,13 +127,13 @@ def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess)
     hanging.process.send_signal(signal.SIGINT)
     hanging.process.send_signal(signal.SIGTERM)
     assert hanging.process.wait(20.0) in AT_ONCE
-    assert "ended at once by a second signal: servos under torque hold their last goal" in hanging.words
+    assert "ended at once by a second signal: servos with torque enabled hold their last goal" in hanging.words
 
 
 def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     assert hanging.end(signal.SIGINT) == 1
     assert (
-        "the control loop is blocked by its hardware and could not be stopped: servos under torque hold"
+        "the control loop is blocked by its hardware and could not be stopped: servos with torque enabled hold"
         in hanging.words
     )
 

@@ -25,7 +25,7 @@ def test_a_momentary_fault_with_a_duration_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "seconds: 2\nfaults:\n- kind: brown_out\n  servo_id: 3\n  for_s: 1.0\n")
     with pytest.raises(ScheduleError) as refused:
         read_schedule(path)
-    assert str(refused.value) == f"{path}:5: faults.0.brown_out.for_s: brown_out has no duration: leave out for_s"
+    assert str(refused.value) == f"{path}:5: faults.0.brown_out.for_s: brown_out has no duration: omit for_s"
 
 
 def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_a_promise_that_some_run_can_keep_is_accepted(tmp_path: Path) -> None:
         ),
         (
             "arm: koch\nlimits: {elbow_flex: [-0.5, 0.1]}\n",
-            "2: elbow_flex parks at -0.808, outside -0.5 to 0.1: include it",
+            "2: elbow_flex parks at -0.808, outside -0.5 to 0.1: widen the range",
         ),
         ("seconds: 2\nspeed: 2\n", "2: speed: is not a known key"),
         ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: Input tag 'moves' found using 'kind' does not match"),

@@ -84,7 +84,7 @@ def test_a_run_whose_simulated_time_never_ends_is_ended_and_reported(handled: st
     (violation,) = report.violations
     assert violation.invariant == NO_HANG and violation.time_s == report.simulated_s
     assert supervised.MARGIN_S + 1.0 < violation.time_s < supervised.MARGIN_S + 3.0
-    assert violation.text == "it took longer than 121 s of simulated time"
+    assert violation.text == "the program took longer than 121 s of simulated time"
 
 
 def loops() -> None:

@@ -277,9 +277,9 @@ def test_a_missing_library_is_reported_with_the_command_that_installs_it(
 def test_exactly_one_of_scenario_and_schedule_is_needed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "give one file: --scenario" in complaint(capsys, monkeypatch, "campaign")
+    assert "specify one file: --scenario" in complaint(capsys, monkeypatch, "campaign")
     both = ("campaign", "--scenario", "a.yaml", "--schedule", "b.yaml")
-    assert "give one file: --scenario" in complaint(capsys, monkeypatch, *both)
+    assert "specify one file: --scenario" in complaint(capsys, monkeypatch, *both)
 
 
 def test_every_fault_is_counted_by_its_kind_and_its_time() -> None:

@@ -178,9 +178,9 @@ def test_servos_stay_in_the_range_while_calibration_uses_the_whole_travel(tmp_pa
             urdf(interface(min=0.5, max=0.5)),
             "lift/position: min 0.5 equals max 0.5 (arm.urdf, line 4): widen the range.",
         ),
-        (urdf(interface(min="low")), "lift/position: min must be a number, not 'low' (arm.urdf, line 4): write one"),
-        (urdf(interface(max="nan")), "lift/position: max must be a number, not 'nan' (arm.urdf, line 4): write one"),
-        (urdf(interface(max="")), "lift/position: max must be a number, not '' (arm.urdf, line 4): write one"),
+        (urdf(interface(min="low")), "lift/position: min must be a number, not 'low' (arm.urdf, line 4): write a"),
+        (urdf(interface(max="nan")), "lift/position: max must be a number, not 'nan' (arm.urdf, line 4): write a"),
+        (urdf(interface(max="")), "lift/position: max must be a number, not '' (arm.urdf, line 4): write a"),
         (
             urdf(interface(min=2, max=3)),
             "lift/position: min 2.0 and max 3.0 (arm.urdf, line 4) are outside the joint's limits -1.0 to 1.0: correct",

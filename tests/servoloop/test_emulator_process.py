@@ -112,7 +112,7 @@ def test_an_arm_that_is_not_in_the_scene_is_refused(
     said = complaint(capsys, monkeypatch, *verb.split(), *files).splitlines()
     assert said == [
         f"servoloop: {find_arm().scene} has no actuator for shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, "
-        "wrist_roll, gripper: name the arm whose scene has these joints with --arm"
+        "wrist_roll, gripper: choose the arm that has these joints with --arm"
     ]
 
 

@@ -65,7 +65,7 @@ def test_the_robot_file_can_disable_gravity_compensation(tmp_path: Path) -> None
 def test_the_command_line_overrides_all_components(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
     assert [type(one) for one in made(files, HardwareKind.MOCK)] == [MockHardware, MockHardware]
-    with pytest.raises(DescriptionError, match="hand has servos but no robot file: name the file"):
+    with pytest.raises(DescriptionError, match="hand has servos but no robot file: specify the file"):
         made(files, HardwareKind.SERVOS)
     with pytest.raises(DescriptionError, match="only one component can run in MuJoCo"):
         made(files, HardwareKind.MUJOCO)

@@ -29,13 +29,13 @@ def test_several_buses_can_be_given_in_any_order() -> None:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        (["/dev/a"], "--port /dev/a does not name a bus; bus arm has no --port; bus hand has no --port"),
+        (["/dev/a"], "--port /dev/a does not specify a bus; bus arm has no --port; bus hand has no --port"),
         (["arm=/dev/a"], "bus hand has no --port. The robot file has the buses arm, hand: use --port arm=PATH --port"),
-        (["arm=/dev/a", "foot=/dev/b"], "--port foot=/dev/b does not name a bus; bus hand has no --port"),
+        (["arm=/dev/a", "foot=/dev/b"], "--port foot=/dev/b does not specify a bus; bus hand has no --port"),
         (["arm=/dev/a", "arm=/dev/b", "hand=/dev/c"], "--port arm= is given twice"),
         (["arm=/dev/a", "hand=/dev/a"], "two buses cannot share /dev/a"),
-        (["arm=", "hand=/dev/a"], "--port arm= does not name"),
-        (["arm=/", "hand=/dev/a"], "--port arm=/ does not name"),
+        (["arm=", "hand=/dev/a"], "--port arm= does not specify"),
+        (["arm=/", "hand=/dev/a"], "--port arm=/ does not specify"),
     ],
 )
 def test_missing_unknown_and_repeated_buses_are_reported(values: list[str], says: str) -> None:

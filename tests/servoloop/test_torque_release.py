@@ -29,7 +29,7 @@ SO101 = read_arm_files(find_arm("so101")).robot
 IDS = tuple(joint.servo_id for joint in SO101.joints)
 ALL = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in SO101.joints)
 FALL = "and the arm may fall"
-FALLS = "what it holds falls"
+FALLS = "its load falls"
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ ROWS = {
     ),
     "teach record": Row("teach record wave --arm {arm} --port {held} --limp", [ALL, FALL]),
     "calibrate": Row("calibrate --arm {arm} --port {held}", [ALL, FALL]),
-    "register write": Row("register write torque_enable 0 --id 3 --port {held}", ["servo 3", FALLS]),
+    "register write": Row("register write torque_enable 0 --id 3 --port {held}", ["servo 3", "drops its load"]),
     "reboot": Row("reboot 3 --port {held}", ["servo 3", FALL]),
     "tune": Row("tune wrist_roll --arm {arm} --port {held} --out {folder}/one.svg", [ALL, FALL]),
     "factory-reset": Row("factory-reset 3 --port {held} --yes", ["servo 3", FALLS], asks=False),

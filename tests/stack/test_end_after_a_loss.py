@@ -59,7 +59,7 @@ def test_reconnected_arm_with_a_silent_servo_is_released_where_it_is(caplog: pyt
     stack = ended("adapter_unplugged at=0.5s for=0.2s", "silent id=3 at=0.6s")
     on = {servo.servo_id for servo in stack.bus.servos if servo.memory.get(sts.torque_enable)}
     assert on == {3}
-    assert caplog.messages[-1].startswith("robot_arm was lost and may still be under torque: servo 3")
+    assert caplog.messages[-1].startswith("robot_arm was lost, and its torque may still be enabled: servo 3")
 
 
 def test_second_signal_releases_a_reconnected_arm_at_once() -> None:

@@ -49,7 +49,7 @@ def test_one_request_reactivates_a_reset_servo_without_motion(arm: str, servo_id
     before = rig.world.position().copy()
     activated(rig).result()
     assert controllers(rig) == running, "those that ended meanwhile have begun again"
-    assert rig.says("has torque again and holds its position")
+    assert rig.says("torque is enabled again, and the joint holds its position")
     rig.endure(1.0)
     np.testing.assert_allclose(rig.world.position()[:6], before[:6], atol=0.03)  # it sags a little
     assert rig.hardware.read().faults == {}
@@ -94,7 +94,7 @@ def test_servo_with_wrong_settings_stays_limp_and_others_hold(register: Register
     handle = rig.go([0.1] * 6, 1.5)
     rig.endure(1.0)
     assert handle.status is GoalStatus.ABORTED
-    assert "servo 3 came back without torque" in handle.error_text
+    assert "servo 3 returned with its torque disabled" in handle.error_text
 
 
 def test_reactivation_reports_silent_servo_and_changes_nothing_else() -> None:
@@ -118,7 +118,7 @@ def test_request_detects_torque_lost_just_before(arm: str, servo_id: int, after_
     servo.power_cycle()
     rig.endure(after_s)
     activated(rig).result()
-    assert rig.says("has torque again and holds its position")
+    assert rig.says("torque is enabled again, and the joint holds its position")
     assert servo.memory.get(series_of(servo.model).torque_enable) == 1
     rig.endure(1.0)
     assert rig.hardware.read().faults == {}
@@ -142,7 +142,7 @@ def test_lost_reply_to_torque_check_costs_one_cycle_but_no_torque() -> None:
     rig.bus.faults.corrupt_next(3)
     activated(rig).result()
     assert controllers(rig) == running
-    assert not rig.says("has torque again")
+    assert not rig.says("torque is enabled again")
 
 
 def test_component_without_faults_is_unchanged() -> None:

@@ -179,7 +179,7 @@ def test_monitor_detects_unsafe_writes() -> None:
         ["goal", "leaps"],
         ["goal", f"{joint.counts_range()[1] + 1}"],
         ["goal", "leaps"],
-        ["torque", "on"],
+        ["torque", "enabled"],
     ]
 
 

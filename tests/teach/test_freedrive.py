@@ -176,7 +176,7 @@ def test_arm_without_gravity_compensation_is_not_made_soft() -> None:
 
     def refused(joints: tuple[Joint, ...]) -> str:
         stack = replace(rig.stack, files=replace(SO101, robot=replace(SO101.robot, joints=joints)))
-        with pytest.raises(ArmError, match=r"release its torque instead .*, and hold the arm") as error:
+        with pytest.raises(ArmError, match=r"disable its torque instead .*, and hold the arm") as error:
             Freedrive(stack, rig.arm.joints, lambda action: action()).begin()
         return str(error.value)
 
@@ -193,7 +193,7 @@ def test_arm_without_servos_is_not_made_soft() -> None:
     component.hardware = MockHardware("mock", rig.names, rig.clock)
     component.hardware.configure()
     component.hardware.activate()
-    with pytest.raises(ArmError, match="gripper have no servo: release"):
+    with pytest.raises(ArmError, match="gripper have no servo: disable"):
         rig.backend.begin_freedrive()
 
 
@@ -263,7 +263,7 @@ def test_servo_that_is_silent_at_the_end_gets_its_torque_back_once_it_answers() 
     rig.backend.begin_freedrive()
     line.faults.silence(3)
     rig.run(0.5)
-    with pytest.raises(ArmError, match="the torque of elbow_flex is still reduced"):
+    with pytest.raises(ArmError, match="the torque of elbow_flex stays reduced"):
         rig.backend.end_freedrive()
     assert [one == all_ for one, all_ in zip(limits(rig), full, strict=True)] == [True, True, False, True, True, True]
     line.faults.restore(3)

@@ -188,4 +188,4 @@ def test_commands_play_on_the_arm_of_a_running_stack_without_ros(rig: SocketRig)
     assert (done.returncode, done.stdout) == (0, "mine holds its position: done\n"), done.stderr
     assert at_rest(rig)[0] == pytest.approx(0.2, abs=0.02)
     done = without_ros("replay", str(path), "--running", "--port", "x", "--hands-free")
-    assert done.returncode == 1 and "leave out --port" in done.stderr
+    assert done.returncode == 1 and "omit --port" in done.stderr

@@ -122,7 +122,7 @@ def test_sorted_keys_do_not_change_the_meaning_of_a_file(motions: MotionStore, t
 @pytest.mark.parametrize(
     ("head", "message"),
     [
-        ("joints: [wrist, wrist]\nunits: {wrist: rad}", "names a joint twice"),
+        ("joints: [wrist, wrist]\nunits: {wrist: rad}", "lists a joint twice"),
         ("joints: [wrist]\nunits: {}", "units has no joint"),
         ("joints: [wrist]\nunits: {arm: rad}", "units has arm, but joints has wrist"),
     ],
@@ -260,6 +260,6 @@ def test_overwriting_needs_confirmation_and_invalid_names_are_refused_first(arm:
     run = CliRunner().invoke
     words = ["teach", "record", "wave", "--arm", str(arm), "--port", "./no_such_port"]
     asked = run(app, words, input="n\n")
-    assert asked.exit_code == 1 and "The motion wave exists already. Replace it?" in asked.output
+    assert asked.exit_code == 1 and "The motion wave already exists. Replace it?" in asked.output
     with pytest.raises(TeachError, match="is not a valid name"):
         run(app, ["teach", "record", "a b", *words[3:]], catch_exceptions=False)

@@ -31,7 +31,7 @@ def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Module
 
 
 def test_a_command_that_hangs_is_killed_and_named(commands: ModuleType) -> None:
-    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*It hangs: check the end"):
+    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*The command hangs: check"):
         commands.Commands(limit_s=0.2).run("log", "sleep", "99")
 
 
@@ -79,7 +79,7 @@ def test_the_wait_for_another_set_up_is_limited(other: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-B", "-c", program, str(other)], cwd=TOOLS, capture_output=True, text=True, timeout=60
     )
-    assert done.stdout == "Another make setup is running in this checkout; waiting for its end.\n"
+    assert done.stdout == "Another make setup is running in this checkout; waiting until it ends.\n"
     assert done.stderr.endswith("SetUpError: the other make setup has not ended within 0 minutes: end it first.\n")
 
 

@@ -25,4 +25,4 @@ def test_robots_come_up_or_are_refused_with_the_message(tmp_path: Path) -> None:
     done = subprocess.run(tool, capture_output=True, text=True, timeout=100)
     bad, good = done.stdout.splitlines()
     assert good == "good: comes up" and bad.startswith("bad: ") and "joint3" in bad
-    assert done.returncode == 0 and "1 of 2 came up" in done.stderr
+    assert done.returncode == 0 and "1 of 2 started" in done.stderr

@@ -157,7 +157,7 @@ def signal_all(pids: list[int], number: int) -> None:
 def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
     """A goal of another client is not overridden, and a click on the stop button ends it."""
     future = arm.send([at(robot) + 0.5, *PICK[1:]], 60)
-    hold(shown, ON, says(shown, "arm_controller has a goal under way: stop it first"))
+    hold(shown, ON, says(shown, "arm_controller is executing a goal: stop the goal first"))
     shown.page.mouse.up()
     shown.page.get_by_role("button", name="Stop everything").click()
     assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]

@@ -54,7 +54,7 @@ def test_goal_of_another_program_is_named_and_the_stop_button_ends_it(rig: Socke
     goal = rig.stack.go(READY, 3000.0)
     eventually(lambda: rig.stack.arm.newest_goal is goal)
     hold(mover, 1.0)
-    assert "arm_controller has a goal under way: stop it first" in mover.message
+    assert "arm_controller is executing a goal: stop the goal first" in mover.message
     mover.stop()
     eventually(lambda: goal.done and mover.message == STOPPED)
     hold(mover, 1.5)

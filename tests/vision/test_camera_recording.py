@@ -54,7 +54,7 @@ def test_a_damaged_recording_leaves_the_pictures(recording: Path) -> None:
     recording.write_bytes(recording.read_bytes()[:40])
     pictures = CameraRecording(recording, TOPIC)
     pictures.add(50, picture(50))
-    with pytest.raises(RecordingError, match=r"they remain in .*run\.camera\.mcap"):
+    with pytest.raises(RecordingError, match=r"the images remain in .*run\.camera\.mcap"):
         pictures.finish()
     assert pictures.pictures.exists() and recording.exists()
 

@@ -73,5 +73,5 @@ def test_an_arm_without_apples_is_refused_before_anything_starts(tmp_path: Path)
 @pytest.mark.parametrize("also", [["--grades", "A"], ["--repeat", "2"], ["--poses"]])
 def test_options_for_cubes_are_refused_with_a_camera(also: list[str], tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["demo", "--vision", "--out", str(tmp_path), *also])
-    assert "leave out --grades, --repeat and --poses" in str(result.exception)
+    assert "omit --grades, --repeat and --poses" in str(result.exception)
     assert list(tmp_path.iterdir()) == []

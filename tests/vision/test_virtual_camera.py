@@ -94,7 +94,7 @@ def test_every_end_is_reported(camera: VirtualCamera, clock: WorldClock) -> None
     camera.open()
     camera.read(1.0)
     clock.runs = False
-    with pytest.raises(CameraSilent, match=r"in 0\.5 s"):
+    with pytest.raises(CameraSilent, match=r"for 0\.5 s"):
         camera.read(0.5)
     clock.runs = True
     assert camera.read(1.0).number == 2

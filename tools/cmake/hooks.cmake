@@ -1,9 +1,10 @@
-# Runs inside every message package that tools/set_up.py builds (CMAKE_PROJECT_INCLUDE), after its CMakeLists.txt.
-# The packages themselves stay as they would be in any ROS workspace, and so do the files that pip installed: a patch of
-# those would be undone by the next pip, and would not be seen by anyone.
+# CMake runs this file in every message package that tools/set_up.py builds (CMAKE_PROJECT_INCLUDE), after the package's
+# CMakeLists.txt.
+# The packages and the files that pip installed are not changed. A patch of the installed files would be undone by the
+# next run of pip without a notice.
 
-# The ROS wheels' targets name include folders of the machine that built them. CMake refuses targets with folders that
-# do not exist, though nobody needs these: FindPython3 adds this machine's own.
+# The targets of the ROS wheels list include folders of the machine that built the wheels. CMake refuses targets with
+# folders that do not exist, although no target needs them: FindPython3 adds the folders of this machine.
 function(drop_missing_include_directories)
   get_property(targets DIRECTORY PROPERTY IMPORTED_TARGETS)
   foreach(target IN LISTS targets)
@@ -19,8 +20,8 @@ function(drop_missing_include_directories)
   endforeach()
 endfunction()
 
-# The generated C++ is many small files that include the same large headers. Compiled sixteen at a time it takes two
-# thirds of the time. The other libraries' files can not share a translation unit.
+# The generated C++ code consists of many small files that include the same large headers. Compiling sixteen files at a
+# time takes two thirds of the time. The files of the other libraries cannot share a translation unit.
 function(compile_many_at_a_time)
   foreach(kind IN ITEMS c cpp fastrtps_c fastrtps_cpp)
     set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
@@ -30,8 +31,9 @@ function(compile_many_at_a_time)
   endforeach()
 endfunction()
 
-# The libraries in C++ take more than half of the time, and nothing in .venv uses them: rclpy needs those in C. A package
-# in the place of a generator generates nothing. It has only the library of the generator, to which others link.
+# The C++ libraries take more than half of the build time, and no program in .venv uses them, because rclpy needs the C
+# libraries. Each package here replaces a generator and generates nothing. It has only the generator's library, to which
+# other packages link.
 function(leave_out_libraries_in_cpp)
   foreach(package IN ITEMS rosidl_typesupport_cpp rosidl_typesupport_fastrtps_cpp rosidl_typesupport_introspection_cpp)
     file(CONFIGURE OUTPUT "${CMAKE_FIND_PACKAGE_REDIRECTS_DIR}/${package}-config.cmake" @ONLY CONTENT [[

@@ -25,7 +25,7 @@ def check_arm(snapshot: ArmSnapshot) -> Iterator[Finding]:
             yield from _calibrated(place_of(bus, servo), servo, snapshot.calibration, calibrate)
     if snapshot.calibration is None and any(servo.answers for bus in snapshot.buses for servo in bus.servos):
         cause = (
-            "There is no calibration file beside the robot file, so the zeros in the robot file are used. Unless they "
+            "There is no calibration file next to the robot file, so the zeros in the robot file are used. Unless they "
             "were measured on this arm, its pose differs from the pose in RViz. Calibrate the arm"
         )
         yield finding("not_calibrated", FindingPlace(), "the pose of the arm differs from RViz or the simulator", cause,

@@ -1,4 +1,4 @@
-"""Check the health of the servos: alarms, temperature, lost torque, resets, and stalled servos."""
+"""Check the health of the servos: alarms, temperature, limp servos, resets, and stalled servos."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -9,9 +9,9 @@ from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapsho
 from drivers.servos.catalog import series_of
 
 WARM_C: Final = 8
-"""Distance from the temperature limit at which a servo counts as hot."""
+"""Maximum distance from the temperature limit at which a servo counts as hot, in °C."""
 PRESSES: Final = 0.95
-"""Drive at which a motionless servo counts as stalled, as a share of its torque limit."""
+"""Minimum drive at which a motionless servo counts as stalled, as a fraction of its torque limit."""
 ALARMS: Final = {
     "overload": "alarm_overload",
     "current": "alarm_current",
@@ -22,7 +22,7 @@ CAUSES: Final = {
     "alarm_overload": (
         "overload error: the servo drives with a fraction of its force",
         "The servo drove with high force for seconds without moving: something is in its way, or its goal lies beyond "
-        "a stop or an object. Support the arm, remove the load, and release the servo's torque once to clear the alarm",
+        "a stop or an object. Support the arm, remove the load, and disable the servo's torque once to clear the alarm",
     ),
     "alarm_current": (
         "the servo went limp under load",
@@ -32,8 +32,8 @@ CAUSES: Final = {
     ),
     "alarm_temperature": (
         "the servo is hot and loses force",
-        "The servo is above its temperature limit and reduces its drive until it has cooled down. Let it rest without "
-        "torque, "
+        "The servo is above its temperature limit and reduces its drive until it has cooled down. Let it rest with "
+        "its torque disabled, "
         "then reduce the load that it holds permanently",
     ),
     "alarm_voltage": (
@@ -69,7 +69,7 @@ def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """Return the command that clears an alarm.
 
     A Feetech servo clears most alarms when their cause is gone, but clears an overload only when its torque is
-    released. A Dynamixel needs a reboot.
+    disabled. A Dynamixel needs a reboot.
     """
     if series_of(servo.joint.model).make == "dynamixel":
         return on(servo.port, "reboot", servo.joint.servo_id)
@@ -82,19 +82,20 @@ def _heat(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     limit = servo.registers.get("max_temperature", servo.registers.get("temperature_limit"))
     hottest = max(state.temperature_c for state in servo.states)
     if limit is not None and hottest > limit - WARM_C:
-        cause = f"The servo has {hottest:.0f} °C, close to its limit of {limit} °C. Let it rest without torque"
+        cause = f"The servo is at {hottest:.0f} °C, near its limit of {limit} °C. Let it rest with its torque disabled"
         yield finding("hot", place, "the servo is hot and will soon lose force", cause)
 
 
 def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
-    """Find a servo that has full drive at standstill in all states, such as a gripper on an object."""
+    """Find a servo that is at full drive without moving in all states, such as a gripper on an object."""
     limit = series_of(servo.joint.model).torque_limit
     allowed = servo.registers.get(limit.name, 0) / series_of(servo.joint.model).full_torque if limit else 0.0
     still = all(state.velocity_counts_s == 0 for state in servo.states)
     if servo.holds and still and allowed and all(abs(state.load) >= PRESSES * allowed for state in servo.states):
         cause = (
-            f"It drives with {100 * abs(servo.states[0].load):.0f} % and does not move, because its goal lies beyond a "
-            "stop or an object. This heats the servo. Move the goal back, or lower torque_limit in the robot file"
+            f"The servo drives with {100 * abs(servo.states[0].load):.0f} % and does not move, because its goal lies "
+            "beyond a stop or an object. This heats the servo. Move the goal back, or lower torque_limit in the robot "
+            "file"
         )
         yield finding("stalled", place, "a joint or gripper hums, gets hot and does not move", cause)
 
@@ -106,20 +107,20 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
         place, held = place_of(bus, servo), servo.registers["torque_enable"]
         if held == 2:
             yield finding("damped", place, "the joint is hard to turn by hand",
-                          "The servo is in damping mode: it brakes its motor but does not hold a position. Release its "
+                          "The servo is in damping mode: it brakes its motor but does not hold a position. Disable its "
                           "torque", release(servo))  # fmt: skip
         elif not servo.holds and len(holding) > len(known) / 2:
             cause = (
-                f"Torque is enabled at {len(holding)} of {len(known)} servos, but not at this servo. It was reset by a "
-                "power dip, released its torque to protect itself, or was switched off by another program. Support "
-                "the arm, release the torque of all servos, and start the arm again"
+                f"Torque is enabled on {len(holding)} of {len(known)} servos, but not on this servo. The servo was "
+                "reset by a power dip or released its torque to protect itself, or another program disabled its "
+                "torque. Support the arm, disable the torque of all servos, and start the arm again"
             )
             yield finding("torque_lost", place, "one joint is limp while the others hold", cause)
     yield from (_reset(bus, servo) for servo in holding if _has_forgotten(servo, holding))
 
 
 def _has_forgotten(servo: ServoSnapshot, holding: list[ServoSnapshot]) -> bool:
-    """Whether the servo has its power-on torque limit, although the stack set a lower limit in most servos."""
+    """Return whether the servo has its power-on torque limit, although the stack set a lower limit in most servos."""
     series = series_of(servo.joint.model)
     if series.torque_limit is None or not _is_full(servo):
         return False
@@ -141,7 +142,7 @@ def _reset(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     cause = (
         "The servo has its power-on torque limit, not the lower limit that was set. It was therefore reset by a power "
         "dip, and the next goal enabled its torque "
-        "again. Check the supply and the plugs. Then support the arm, release the torque "
+        "again. Check the supply and the plugs. Then support the arm, disable the torque "
         "of all servos, and start the arm again"
     )
     return finding("was_reset", place_of(bus, servo), "a joint jerks, or is stronger than its torque limit", cause)

@@ -14,7 +14,7 @@ SHAKES_COUNTS: Final = 12.0
 GIVES_WAY: Final = 2.0
 """Maximum position error, as a multiple of the error that stiffness, dead band and friction explain."""
 SPEED_FACTOR: Final = 1.5
-"""Speed per drive that indicates a different gear, as a multiple of the model's value.
+"""Minimum speed per drive that indicates a different gear, as a multiple of the model's value.
 
 The other gears of an STS3215 are 1.8 times (1:191) and 2.3 times (1:147) faster than 1:345.
 """
@@ -46,8 +46,8 @@ def _way(place: FindingPlace, motion: TrialMotion) -> Iterator[Finding]:
 def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
     cause = (
         f"The joint was commanded to move by {motion.asked:+.3f}, but it moved by {motion.moved:+.3f}. Check whether "
-        "something is in its way, it is at a stop, or its horn is loose. It may also lack force: check its torque "
-        "limit and the supply"
+        "something is in its way, whether it is at a stop, and whether its horn is loose. The servo may also lack "
+        "force: check its torque limit and the supply"
     )
     return finding("does_not_move", place, "the joint does not follow commands", cause)
 

@@ -68,7 +68,7 @@ def _gone(bus: BusSnapshot, place: FindingPlace, report: PortsReport | None) -> 
             "change"
         )
         command = f"servoloop doctor --port {lasting}"
-        yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} any more", cause, command)
+        yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} anymore", cause, command)
 
 
 def _complaint(place: FindingPlace, complaint: Complaint) -> Finding:

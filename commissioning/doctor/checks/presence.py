@@ -152,8 +152,8 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
             servo = silent[0]
             wanted = servo.joint.servo_id
             cause = (
-                f"No servo has ID {wanted}, but an {stranger.model} with ID {stranger.servo_id}, which belongs to no "
-                f"joint, is on the bus. It is probably the servo of {servo.joint.name}: set its ID to {wanted}"
+                f"No servo has ID {wanted}, but an {stranger.model} with ID {stranger.servo_id} is on the bus and does "
+                f"not belong to a joint. It is probably the servo of {servo.joint.name}: set its ID to {wanted}"
             )
             command = on(bus.port, "set-id", stranger.servo_id, wanted)
             yield finding("id_not_set", FindingPlace(bus.name), f"missing motor ID {wanted}", cause, command)
@@ -165,5 +165,8 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
 
 
 def _fits(stranger: Stranger, servo: ServoSnapshot) -> bool:
-    """Whether the servo may be the missing servo. Variants with different gears or voltages share one model number."""
+    """Return whether the servo may be the missing servo.
+
+    Variants with different gears or voltages share one model number.
+    """
     return stranger.model is not None and stranger.model.partition("_")[0] == servo.joint.model.name.partition("_")[0]

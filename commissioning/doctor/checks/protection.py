@@ -59,7 +59,7 @@ def _gaps(held: Mapping[str, int], is_sts: bool) -> Iterator[str]:
     if mask is not None:
         off = [name for name, bit in ACTING.items() if not mask >> bit & 1]
         if off:
-            yield f"unloading_condition {mask} does not stop it at {' and '.join(off)}"
+            yield f"unloading_condition {mask} does not stop the servo at {' and '.join(off)}"
     if held.get("protection_current") == 0 or held.get("overcurrent_time") == 0:
         yield "its current is not limited (protection_current or overcurrent_time is 0)"
     if held.get("protective_torque", 0) >= 100:

@@ -18,9 +18,9 @@ from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wa
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
 SLOW_COUNTS_S2: Final = 20
-"""Smallest good ``max_acceleration``, in units of 100 counts/s2: a fifth of the acceleration of the goals."""
+"""Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: a fifth of the acceleration of the goals."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
-"""Return delay above which a finding is reported, in units of 2 us. The factory value of a Dynamixel, 250, costs half a
+"""Maximum return delay without a finding, in units of 2 us. The factory value of a Dynamixel, 250, costs half a
 millisecond per servo and cycle.
 """
 
@@ -149,7 +149,7 @@ def _gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 def _others(
     joint: Joint, assumed: Mapping[str, int], named: Mapping[str, int], has: Mapping[str, int]
 ) -> Mapping[str, int]:
-    """Return the gains that affect the sag or the lag of the joint and are missing in the robot file."""
+    """Return the gains that affect the sag or the lag of the joint and are missing from the robot file."""
     unnamed = {name: value for name, value in has.items() if name not in named}
     if compliance_of(joint.model, settings={**named, **unnamed}) == compliance_of(joint.model, settings=dict(named)):
         return {}
@@ -178,7 +178,7 @@ def _lock(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     if lock is not None and servo.registers.get(lock.name) == 0:
         cause = (
             "The EEPROM is unlocked, so an accidental write is permanent, and every write wears the EEPROM. Restart "
-            "the servo to lock it"
+            "the servo to lock the EEPROM"
         )
         command = on(servo.port, "reboot", servo.joint.servo_id)
         yield finding("lock_open", place, "settings change unexpectedly", cause, command)

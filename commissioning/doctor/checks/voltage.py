@@ -10,7 +10,7 @@ from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
-"""Share of the rated voltage. A supply sags if its voltage drops by more than this share and by more than ``SAG_V``."""
+"""Fraction of the rated voltage. A supply sags if its voltage drops by more than this and by more than ``SAG_V``."""
 DROP_V: Final = 0.8
 """Maximum difference between two servos of one bus at rest. A larger difference shows a cable or plug with high
 resistance.
@@ -110,7 +110,7 @@ def _sag(bus: BusSnapshot, servos: list[ServoSnapshot], moving_v: Mapping[str, f
         if max(volts) - lowest > max(SAG_V, SAG_SHARE * servo.joint.model.rated_voltage_v):
             cause = (
                 f"The voltage at {servo.joint.name} dropped from {max(volts):.1f} V to {lowest:.1f} V. The supply is "
-                "too weak, or its cables are too thin. Below a minimum voltage, a servo resets and loses its torque "
+                "too weak, or its cables are too thin. Below a minimum voltage, a servo resets and goes limp "
                 "without an alarm"
             )
             yield finding("supply_sags", FindingPlace(bus=bus.name), "servos reset or go limp under load", cause)

@@ -25,7 +25,7 @@ class AllowedCollisions:
         if len(names) != len(rows) or any(len(row.enabled) != len(names) for row in rows):
             raise RequestError(
                 "INVALID_OBJECT_NAME",
-                f"the allowed collision matrix has {len(names)} names: give as many rows and columns",
+                f"the allowed collision matrix has {len(names)} names: send the same number of rows and columns",
             )
         if len(defaults) != len(values):
             raise RequestError(

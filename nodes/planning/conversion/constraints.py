@@ -22,7 +22,7 @@ from planning.robot import PlanningRobot
 from planning.scene import Pose
 
 FREE_RAD: Final = math.pi
-"""Tolerance from which on an orientation counts as free, in rad."""
+"""Minimum tolerance at which an orientation counts as free, in rad."""
 ANYWHERE_M: Final = 900.0
 """Radius of the region of positions if a constraint has no position, in m."""
 SMALLEST_M: Final = 1e-4
@@ -35,13 +35,13 @@ Region = tuple[Pose, PositionSphere | PositionBox]
 
 
 class ConstraintReader:
-    """Reads constraints. Poses are converted with the frames in one state of the robot."""
+    """Reader of constraints. Poses are converted with the frames in one state of the robot."""
 
     def __init__(self, robot: PlanningRobot, frames: Frames, tip: str | None) -> None:
         self._robot = robot
         self._frames = frames
         self.tip = tip
-        """Tip of the group, for which constraints without a link are meant."""
+        """Tip of the group. Constraints without a link apply to the tip."""
 
     def goals(self, message: Constraints) -> list[Goal]:
         """Return goals, each of which satisfies the constraints.
@@ -104,7 +104,7 @@ class ConstraintReader:
     def _joints(
         self, constraints: Sequence[JointConstraint]
     ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-        """Return positions and tolerances by joint."""
+        """Return positions and tolerances, keyed by joint name."""
         positions, tolerances = dict[str, float](), dict[str, tuple[float, float]]()
         for one in constraints:
             name = one.joint_name
@@ -129,7 +129,7 @@ class ConstraintReader:
         if len(positions) > 1 or len(orientations) > 1:
             raise _invalid("a goal has several poses: send the pose of one link, or several goals")
         if not positions and not orientations:
-            raise _invalid("a goal has no constraint: give positions of joints or a pose")
+            raise _invalid("a goal has no constraint: send joint positions or a pose")
         regions = self._position_regions(positions[0]) if positions else [_anywhere()]
         yield from product(regions, positions or [None], orientations or [None])
 
@@ -185,7 +185,7 @@ def _region(shape: SolidPrimitive, center: Pose) -> Region:
     kind, count = shape.type, len(sizes)
     if kind == SolidPrimitive.SPHERE and count == 1:
         return center, PositionSphere(sizes[0])
-    if kind == SolidPrimitive.CYLINDER and count == 2:  # the box inside
+    if kind == SolidPrimitive.CYLINDER and count == 2:  # A box that fits in the cylinder replaces it.
         side_m = sizes[1] * math.sqrt(2.0)
         return center, PositionBox((side_m, side_m, sizes[0]), _quaternion(center))
     if kind == SolidPrimitive.BOX and count == 3:

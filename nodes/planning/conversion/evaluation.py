@@ -26,7 +26,7 @@ class Evaluation:
 
 
 class ConstraintChecks:
-    """Checks states against the constraints of a message, in MoveIt's order: joints, positions, orientations.
+    """Checks of states against the constraints of a message, in MoveIt's order: joints, positions, orientations.
 
     Raises:
         RequestError, PlanningError: A constraint is invalid.
@@ -45,7 +45,7 @@ class ConstraintChecks:
         ]
 
     def broken(self, state: State, frames: Frames) -> str:
-        """Describe the first constraint that a state violates, or return an empty text."""
+        """Describe the first constraint that a state violates, or return an empty string."""
         return next((one.text for one in self.results(state, frames) if one.text), "")
 
     def _joint(self, message: Constraints, path: PathConstraints, state: State) -> Evaluation:

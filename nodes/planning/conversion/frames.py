@@ -63,7 +63,7 @@ class Frames:
         return self._robot.origin.inverse() @ self.in_scene(name)
 
     def point(self, name: str) -> LinkPoint | None:
-        """Return a frame as a frame of the link with which it moves; None for links and for frames of the world.
+        """Return a frame relative to the link with which it moves; None for links and for frames of the world.
 
         The frame is a link that exists only in the URDF, an attached object or a subframe of such an object.
         """

@@ -46,8 +46,7 @@ def _add_group(root: ET.Element, robot: PlanningRobot, group: Group) -> None:
 
 
 def _chain_base(robot: PlanningRobot, group: Group, tip: str) -> str:
-    """Return the link at which the chain of a group begins that ends at a tip; empty if the group is not such a
-    chain."""
+    """Return the first link of a group's chain that ends at ``tip``; empty if the group is not such a chain."""
     if tip not in robot.description.links:
         return ""
     path = path_to(robot.description, tip)

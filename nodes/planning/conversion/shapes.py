@@ -18,7 +18,7 @@ from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
 PLANE_M: Final = 20.0
 """Side of the box that replaces a plane, in m."""
 PLANE_DEPTH_M: Final = 0.1
-"""Depth of this box below the plane, in m."""
+"""Depth of the box that replaces a plane, in m. The box lies below the plane."""
 
 _LISTS: Final = (("primitives", "primitive_poses"), ("meshes", "mesh_poses"), ("planes", "plane_poses"))
 """Fields of a collision object with its shapes, and with their poses."""
@@ -32,8 +32,8 @@ _SOLIDS: Final[Mapping[int, tuple[str, int, Callable[..., Shape]]]] = {
     SolidPrimitive.CYLINDER: ("cylinder", 2, Cylinder),
     SolidPrimitive.CONE: ("cone", 2, Cone),
 }
-"""Type name, number of dimensions and message type of each solid. The dimensions are in the order in which the message
-has them."""
+"""Type name, number of dimensions and message type of each solid. The dimensions are in the order of the
+message."""
 
 
 def shapes_of(item: CollisionObject) -> Shapes:
@@ -78,7 +78,7 @@ def copied(item: CollisionObject) -> CollisionObject:
 
 
 def joined(item: CollisionObject, added: CollisionObject) -> CollisionObject:
-    """Return a copy of an object that also has the shapes and subframes of another one."""
+    """Return a copy of an object that also has the shapes and subframes of another object."""
     changed = copied(item)
     for shapes, poses in _LISTS:
         missing = len(getattr(item, shapes)) - len(getattr(item, poses))
@@ -104,7 +104,7 @@ def with_shape_poses(item: CollisionObject, message: CollisionObject) -> Collisi
     if len(poses) != count:
         raise _invalid(
             f'MOVE of object "{item.id}" has {len(poses)} poses of shapes, but the object has {count} shapes: '
-            "give as many, or none"
+            "send one pose for each shape, or none"
         )
     for shapes, field in _LISTS:
         own = len(getattr(item, shapes))
@@ -120,7 +120,7 @@ def solid(owner: str, message: SolidPrimitive) -> tuple[Shape, Pose]:
         raise _invalid(f'object "{owner}" has a shape of type {message.type}: use {known}')
     name, count, shape = _SOLIDS[message.type]
     if len(message.dimensions) != count:
-        raise _invalid(f'{name} of object "{owner}" has {len(message.dimensions)} dimensions: give {count}')
+        raise _invalid(f'{name} of object "{owner}" has {len(message.dimensions)} dimensions: send {count}')
     return shape(*message.dimensions), Pose()
 
 
@@ -143,7 +143,7 @@ def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
     *normal, offset = map(float, message.coef)
     length = math.hypot(*normal)
     if not math.isfinite(length + offset) or length == 0.0:
-        raise _invalid(f'plane of object "{owner}" has the coefficients {[*normal, offset]}: give it a normal')
+        raise _invalid(f'plane of object "{owner}" has the coefficients {[*normal, offset]}: send a normal')
     z = np.array(normal) / length
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x /= np.linalg.norm(x)

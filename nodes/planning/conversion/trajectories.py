@@ -59,7 +59,7 @@ def checked_points(message: JointTrajectory) -> None:
             raise _invalid(f"point {number} has {len(point.positions)} positions for {len(message.joint_names)} joints")
         for what, values in (("velocities", point.velocities), ("accelerations", point.accelerations)):
             if len(values) not in (0, len(message.joint_names)) or not all(map(math.isfinite, values)):
-                raise _invalid(f"point {number} has invalid {what}: send a finite one for each joint, or none")
+                raise _invalid(f"point {number} has invalid {what}: send a finite value for each joint, or none")
         for joint, position in zip(message.joint_names, point.positions, strict=True):
             if not math.isfinite(position):
                 raise _invalid(f"point {number}: the position of {joint} is {position}: send finite numbers")

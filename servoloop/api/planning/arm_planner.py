@@ -13,7 +13,7 @@ from servoloop.api.planning.pose import ArmPose
 from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
 
 MOVED: Final = 0.01
-"""Maximum distance of a joint from the start of a plan that is accepted, as a share of the joint's range."""
+"""Maximum accepted distance of a joint from the start of a plan, as a fraction of the joint's range."""
 
 
 class ArmPlanner:
@@ -24,8 +24,8 @@ class ArmPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            limits: Limits of the joints by name.
-            state: Function that returns the newest state of the arm.
+            limits: Limits of the joints, keyed by joint name.
+            state: Function that returns the latest state of the arm.
 
         Raises:
             ArmSetupError: The extra ``planning`` is not installed, or the files of the arm are invalid.

@@ -30,7 +30,7 @@ SEARCH: Final = threading.Lock()
 """Lock that is held during a search, because OMPL's random generator is global in the process."""
 
 Positions = Mapping[str, float]
-"""Joint positions by joint name, in rad or m."""
+"""Joint positions in rad or m, keyed by joint name."""
 
 
 class MotionPlanner:
@@ -45,7 +45,7 @@ class MotionPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            tool: Link or site of the scene file that is moved to a pose goal. None: the tip of the arm's group.
+            tool: Link or site of the scene file that is moved to a pose goal. If None, the group's tip is moved.
             seed: Seed of all random numbers, at least 1.
 
         Raises:
@@ -63,12 +63,12 @@ class MotionPlanner:
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
         self.scene: Scene = self.robot.scene
-        """Objects, and pairs that may touch.
+        """Objects, and pairs that may touch each other.
 
         To change them, assign a changed copy, for example from ``scene.with_object``.
         """
         self.joints = self._group.joints
-        """Names of the planned joints; of the first arm, if the robot has several."""
+        """Names of the planned joints. If the robot has several arms, the joints of its first arm."""
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
@@ -116,7 +116,7 @@ class MotionPlanner:
             goal: Positions of planned joints, or a region of tool poses in the frame of the base. Planned joints
                 without a position keep their start position. If a robot has several arms, the goal may be for one arm
                 or for all arms.
-            speed: Share of the limits, above 0 and at most 1.
+            speed: Fraction of the limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
         Returns:
@@ -183,7 +183,7 @@ class MotionPlanner:
             known = ", ".join(self.plannable)
             raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {known}")
         if not any(set(group.joints).issuperset(goal) for group in self._groups):
-            raise ArmInputError(f"no planning group has all of the joints {', '.join(goal)}: add one to the SRDF")
+            raise ArmInputError(f"no planning group has all of the joints {', '.join(goal)}: add a group to the SRDF")
         _check_finite("the goal", goal)
         return JointGoal(goal)
 

@@ -12,7 +12,7 @@ class ArmPose:
     position_m: Sequence[float]
     """Position (3,), in m."""
     quaternion_xyzw: Sequence[float] | None = None
-    """Orientation (4,), as a unit quaternion; None: any orientation."""
+    """Orientation (4,), as a unit quaternion. If None, any orientation is accepted."""
     tolerance_m: float = 0.005
     """Maximum distance from the position, in m."""
     tolerance_rad: float | Sequence[float] = 0.05
@@ -21,7 +21,7 @@ class ArmPose:
     A value of pi or more leaves the rotation about an axis free, which suits arms with five joints.
     """
     tool: str | None = None
-    """Link or site that is moved to the pose; None: the tool of the arm."""
+    """Link or site that is moved to the pose. If None, the tool of the arm is moved."""
 
     def tolerances_rad(self) -> tuple[float, float, float]:
         """Return the tolerance about each axis (3,), in rad."""

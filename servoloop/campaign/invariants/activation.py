@@ -28,7 +28,8 @@ CHANGES: Final = frozenset(
 )
 """Faults after which a servo's registers may differ from the values written by the activation."""
 OUTSIDE_SHARE: Final = 0.06
-"""Distance from the limits up to which a joint may be activated, as a fraction of its range: 0.05, and backlash."""
+"""Maximum distance outside the limits at which a joint may be activated, as a fraction of its range: 0.05 plus
+backlash."""
 WRONG_SETTING: Final = "wrong_setting"
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
@@ -39,7 +40,7 @@ class ActivatedAsConfigured(Invariant):
 
     A joint that was far outside its limits has not been activated.
 
-    This also holds for a single servo that has lost its power and is activated again.
+    Both conditions also hold for a single servo that has lost its power and is activated again.
     """
 
     name = "activated as configured"
@@ -65,7 +66,7 @@ class ActivatedAsConfigured(Invariant):
                 self._examine(joint, self._reference[joint.name])
 
     def _corrected(self, joint: Joint) -> set[str]:
-        """Return the kinds of faults of a joint that began before the stack started. Activation corrects them."""
+        """Return the kinds of faults of a joint that began before the stack started, which activation corrects."""
         faults = (*self.stack.player.active.values(), *self.stack.player.happened)
         own = [one for one in faults if joint.name in touched_joints(one, self.joints)]
         early = {one.kind for one in own if one.kind == WRONG_SETTING and one.since == "start" and one.at_s == 0.0}
@@ -90,4 +91,4 @@ class ActivatedAsConfigured(Invariant):
             limits = f"{wanted.lower:.4f} to {wanted.upper:.4f}"
             self.say(f"{joint.name} was activated at {position:.4f}, far outside its limits {limits}")
         if not self.torque(joint):
-            self.say(f"{joint.name} is active, but its servo has no torque")
+            self.say(f"{joint.name} is active, but its torque is off")

@@ -16,33 +16,34 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9
 RETURN_SHARE: Final = 0.1
-"""Speed at which a joint outside its limits returns, as a share of its velocity limit."""
+"""Speed at which a joint outside its limits returns, as a fraction of its velocity limit."""
 TAKEN_OVER_S: Final = 0.02
 """Maximum age of the measured position from which a controller takes over a moving joint, in seconds."""
 OFF_CYCLES: Final = 6
-"""Number of cycles within which the stack detects a servo that switched its torque off.
+"""Maximum number of cycles until the stack detects a servo that disabled its own torque.
 
 A servo without power is silent for longer.
 """
 FOUND_CYCLES: Final = 12
-"""Number of cycles within which the stack detects lost torque if a goal does not enable the torque of the servo.
+"""Maximum number of cycles until the stack detects lost torque if a goal does not enable the torque of the servo.
 
 On a bad bus, the torque of such servos is read less often.
 """
 SHARED_ID: Final = frozenset({"wrong_id", "collision", "eeprom_gone"})
 """Faults after which another servo may have answered for a servo that had lost its torque."""
 LEAP_COUNTS: Final = 300
-"""Difference between two readings of a position, in counts, from which the stack must not use any of them."""
+"""Minimum difference between two position readings, in counts, at which the stack must use neither of them."""
 
 
 class SafeWire(Invariant):
     """No goal is outside the limits or jumps, and torque is enabled only with the goal at the measured position.
 
-    At an activation, the stack must have read the position at least twice before. The invariant examines the bytes on
-    the bus, not the commands of the layers above. Any goal enables the torque of an STS servo. As soon as the stack can
+    Before an activation, the stack must have read the position at least twice. The invariant examines the bytes on the
+    bus, not the commands of the layers above. Any goal enables the torque of an STS servo. As soon as the stack can
     know that a servo has lost its torque, it may send the servo only goals at its own position. Two servos with the
     same ID are skipped, because it is unknown which of them reports its torque. Servos that report false positions are
-    skipped too, except at an activation if every second position is true. The stack must compare two readings there.
+    also skipped, except at an activation if every second position is true. At an activation, the stack must compare two
+    readings.
     """
 
     name = "safe wire"

@@ -31,7 +31,7 @@ class EndsAsChosen(Invariant):
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
-        """Whether a client had deactivated the hardware by the last cycle. The torque is then left unchanged."""
+        """Whether a client had deactivated the hardware by the last cycle, so that the torque is left unchanged."""
         self._happened = 0
         """Number of faults that had begun or ended by the last cycle."""
 
@@ -55,7 +55,7 @@ class EndsAsChosen(Invariant):
         reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
         if not self._cannot_return() and not self._inactive and len(reached) == len(self.joints):
             self.examined += len(reached)
-            self._report("still under torque", on & reached)
+            self._report("torque still enabled", on & reached)
         if len(driven) == len(self.joints):
             self._report("not parked", self._not_parked())
 

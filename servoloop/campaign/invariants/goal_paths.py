@@ -14,26 +14,26 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 PASSES: Final = 0.03
-"""Distance within which a sampled reference counts as passing through a point, in rad or m.
+"""Maximum distance at which a sampled reference counts as passing through a point, in rad or m.
 
 Paths cut corners by a few thousandths.
 """
 JOINED_S: Final = 0.3
 """Time after which a path that starts in motion must pass through the points of the client, in seconds."""
 EARLY_CYCLES: Final = 2.0
-"""Number of cycles by which a goal may end before the time of its last point: its start is rounded to a cycle."""
+"""Number of cycles by which a goal may end before its last point's time, because its start is rounded to a cycle."""
 ENDS_EARLY_CYCLES: Final = 4
-"""Number of cycles by which a reference may stand at the last point before its time, because a path ends slowly."""
+"""Number of cycles by which a reference may rest at the last point before its time, because a path ends slowly."""
 AT_POINT: Final = 1e-4
-"""Distance within which a reference stands at a point, in rad or m."""
+"""Maximum distance at which a reference counts as at rest at a point, in rad or m."""
 FORWARDED_S: Final = 0.5
-"""Time within which a joint with a forward controller starts and stops, in seconds."""
+"""Time allowed for a joint with a forward controller to start and stop, in seconds."""
 FORWARDED_FACTOR: Final = 1.2
-"""Allowed factor on the time for the whole range of the joint at its velocity limit."""
+"""Allowed factor on the time that the joint takes over its whole range at its velocity limit."""
 FORWARDED_SHARE: Final = 0.01
-"""Allowed distance from the value that was sent, as a share of the joint's range."""
+"""Allowed distance from the value that was sent, as a fraction of the joint's range."""
 REPLACED_CYCLES: Final = 2
-"""Number of cycles within which a replaced goal ends."""
+"""Maximum number of cycles until a replaced goal ends."""
 
 
 class PathIsAsSent(Invariant):
@@ -65,7 +65,7 @@ class PathIsAsSent(Invariant):
                 self._examine(logged, np.array(path), begun_s)
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
-        """Examine that an open goal with one point does not stand at this point before its time."""
+        """Check that an open goal with one point does not rest at this point before its time."""
         goal = logged.goal
         early_s = logged.sent_s + goal.delay_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
         if len(goal.points) > 1 or early_s <= ENDS_EARLY_CYCLES * self.stack.loop.period_s or len(path) < 2:
@@ -136,14 +136,14 @@ class ReplacedGoalsEnd(Invariant):
 
 
 class ForwardedIsFollowed(Invariant):
-    """The command of a joint reaches in time the latest value that a client sent to its forward controller."""
+    """The command of a joint promptly reaches the latest value that a client sent to its forward controller."""
 
     name = "forwarded values are followed"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
-        """Latest values of each forward controller, and the time for which they have been valid."""
+        """Latest values of each forward controller, and the time since which they have been valid."""
 
     def on_state(self, state: JointState) -> None:
         for name, controller in self.stack.controllers.items():

@@ -20,9 +20,9 @@ OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allow
 DEVIATION: Final = 0.1
 """Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
 DEVIATES_S: Final = 0.6
-"""Time within which a goal with a larger deviation ends, in seconds."""
+"""Maximum time until a goal with a larger deviation ends, in seconds."""
 OWN_S: Final = 0.4
-"""Time within which a goal ends if a reported position deviates by more than the goal's own tolerance, in seconds."""
+"""Maximum time until a goal ends if a reported position deviates by more than the goal's tolerance, in seconds."""
 READING: Final = 0.003
 """Deviation of a reported position allowed in addition to the goal's own tolerance, in rad or m."""
 HISTORY: Final = 150
@@ -109,7 +109,7 @@ class DeviationEnds(Invariant):
     """A goal ends if a joint deviates from the path by more than its tolerance for some time.
 
     The deviation is measured in the simulated world. The allowed lag of a moving joint is added to its tolerance.
-    Tolerances that a client has set may be small, and are compared with the reported positions.
+    Tolerances that a client has set may be small, so they are compared with the reported positions.
     """
 
     name = "deviation ends a goal"
@@ -119,7 +119,7 @@ class DeviationEnds(Invariant):
         super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
         self._own_s = defaultdict[str, float](float)
-        """Seconds that the reported position has been outside the goal's own tolerance, keyed by joint."""
+        """Seconds that the reported position has been outside the goal's own tolerance, keyed by joint name."""
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:

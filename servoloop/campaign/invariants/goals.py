@@ -21,28 +21,28 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 REST_S: Final = 1.5
-"""Time within which the joints come to rest at the end of a goal, in seconds."""
+"""Maximum time until the joints are at rest at the end of a goal, in seconds."""
 FAULT_ENDS_S: Final = 1.5
-"""Time within which a goal with an unmeasured joint ends, in seconds: the fault timeout and one second to stop."""
+"""Maximum time until a goal with an unmeasured joint ends, in seconds: the fault timeout and one second to stop."""
 RELIEF_S: Final = 6.0
-"""Time within which a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
+"""Maximum time until a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
 BEYOND: Final = 0.01
-"""Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
+"""Margin around a limit in which a goal may be accepted or rejected, as a fraction of the joint's range."""
 RESTS: Final = 0.02
-"""Velocity of a reference that counts as rest, as a share of the velocity limit."""
+"""Maximum velocity of a reference that counts as rest, as a fraction of the velocity limit."""
 SILENT_CYCLES: Final = 2
-"""Number of cycles within which a stream ends after its newest target has become too old."""
+"""Maximum number of cycles until a stream ends after its latest target has become too old."""
 
 
 class GoalsEnd(Invariant):
     """Every goal ends in time.
 
     The time of a goal on its path is the sum of the time of its points, the goal time tolerance and the time to come to
-    rest. Joint limits may extend the time of the points. Before and after its path a goal may wait for other
-    controllers and stop. Cycles in which a joint is not measured do not count, but the goal ends after the fault
-    timeout.
+    rest. Joint limits may extend the time of the points. A goal may also take time before its path to wait for other
+    controllers, and after its path to stop. Cycles in which a joint is not measured do not count, but the goal ends
+    after the fault timeout.
 
-    A stream of targets over the command socket ends soon after its newest target.
+    A stream of targets over the command socket ends soon after its latest target.
     """
 
     name = "every goal ends"
@@ -96,7 +96,7 @@ class GoalsEnd(Invariant):
             self.say(f"a goal sent at {logged.sent_s:.2f} s did not end within {due_s:.1f} s")
 
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
-        """Return the time within which a goal on its path must end, in seconds."""
+        """Return the maximum time until a goal on its path must end, in seconds."""
         goal_time_s = max(logged.goal.tolerances.goal_time_s, self.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
@@ -132,7 +132,7 @@ class CancelsAreFollowed(Invariant):
         """Report an arm that still moves at the end of a canceled goal, because clients continue from there."""
         tracking = self.arm.tracking
         own = [one for one in self.stack.goals.goals if one.controller == self.arm.name]
-        if tracking is None or not own or own[-1] is not logged:  # a newer goal ends a canceled one at once
+        if tracking is None or not own or own[-1] is not logged:  # A newer goal ends a canceled goal immediately.
             return
         limits = np.array([self.stack.loop.limits[self.commanded.index(joint)].velocity for joint in self.arm.joints])
         moving = np.abs(tracking.reference.velocity) > RESTS * limits
@@ -157,7 +157,7 @@ class CancelsAreFollowed(Invariant):
 class GoalsAreJudged(Invariant):
     """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted.
 
-    A joint outside its limits may also get goals between its position and the limit.
+    A goal for a joint outside its limits may also be between the joint's position and the limit.
     """
 
     name = "goals are judged"
@@ -193,7 +193,7 @@ class GoalsAreJudged(Invariant):
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
                 if known is None and share > 0.0 and any(joint in arm.joints for arm in self.stack.arms):
-                    continue  # The reference reader cannot read its limits.
+                    continue  # The reference reader cannot read the limits of this joint.
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
                 slack = share * (known.upper - known.lower)

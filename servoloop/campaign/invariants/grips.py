@@ -12,21 +12,21 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.grips import GripperClient, LoggedGrip
 
 LATE_S: Final = 2.0
-"""Time allowed in addition to the stall timeout, in seconds, because goals may begin with standing fingers."""
+"""Time allowed in addition to the stall timeout, in seconds, because the fingers may be at rest when a goal begins."""
 FAULT_ENDS_S: Final = 1.0
-"""Time within which a goal ends if its joint is not measured, in seconds."""
+"""Maximum time until a goal ends if its joint is not measured, in seconds."""
 ANSWER_CYCLES: Final = 2
-"""Number of cycles within which a canceled or replaced goal ends."""
+"""Maximum number of cycles until a canceled or replaced goal ends."""
 OFF_SHARE: Final = 0.03
-"""Deviation allowed in addition to the goal tolerance, as a share of the joint's range, because of backlash."""
+"""Deviation allowed in addition to the goal tolerance, as a fraction of the joint's range, because of backlash."""
 CREEP_SHARE: Final = 0.05
 """Maximum speed at which fingers count as at rest, in goal tolerances per second."""
 STANDS_S: Final = 0.5
-"""Time before the end of a stalled goal in which the fingers must stand, in seconds."""
+"""Minimum time the fingers must be at rest before a stalled goal ends, in seconds."""
 
 
 class GripsAreFollowed(Invariant):
-    """A gripper goal ends in time with a true result. A canceled or replaced goal ends at once.
+    """A gripper goal ends in time with a true result. A canceled or replaced goal ends immediately.
 
     Positions are those of the simulated world. Cycles in which the joint moves or is not measured do not count toward
     the end, but the goal ends after the fault timeout.
@@ -38,7 +38,7 @@ class GripsAreFollowed(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._open: dict[int, float] = {}
-        """Time for which the joint has been measured and has stood during each open goal, in seconds, by index."""
+        """Time the joint has been measured at rest during each open goal, in seconds, keyed by goal index."""
         self._unmeasured_s: dict[int, float] = {}
         """Seconds since the joint was last measured, for each open goal, keyed by goal index."""
         self._seen = 0
@@ -85,10 +85,10 @@ class GripsAreFollowed(Invariant):
         stands = len(self._positions) > 1 and abs(self._positions[-1] - self._positions[-2]) < self._creep(client)
         self._open[index] += period_s * stands
         if self._open[index] > self._due_s(client):
-            self.say(f"a gripper goal continues although {joint} has stood for {self._open[index]:.1f} s")
+            self.say(f"a gripper goal continues although {joint} has been at rest for {self._open[index]:.1f} s")
 
     def _creep(self, client: GripperClient) -> float:
-        """Return the distance that a joint may move in a cycle and still stand, in rad or m."""
+        """Return the distance that a joint at rest may move in a cycle, in rad or m."""
         return CREEP_SHARE * client.parameters.goal_tolerance * self.stack.loop.period_s
 
     @staticmethod
@@ -97,7 +97,7 @@ class GripsAreFollowed(Invariant):
 
     @staticmethod
     def _due_s(client: GripperClient) -> float:
-        """Return the time for which fingers may stand before a goal ends, in seconds."""
+        """Return the maximum time the fingers may be at rest before a goal ends, in seconds."""
         return client.parameters.stall_timeout + LATE_S
 
     def _judge(self, client: GripperClient, logged: LoggedGrip) -> None:
@@ -108,7 +108,7 @@ class GripsAreFollowed(Invariant):
         slack = OFF_SHARE * (client.limits.upper - client.limits.lower)
         off = abs(self._positions[-1] - handle.goal.position)
         if handle.status is GoalStatus.SUCCEEDED and off > client.parameters.goal_tolerance + slack:
-            self.say(f"a gripper goal succeeded with {joint} {off:.4f} away from it")
+            self.say(f"a gripper goal succeeded although {joint} is {off:.4f} away from its goal")
         travel = max(self._positions) - min(self._positions)
         if handle.state.stalled and travel > slack:
             self.say(f"a gripper goal ended as stalled, but {joint} moved by {travel:.4f} in the last {STANDS_S} s")

@@ -52,7 +52,7 @@ class Invariant:
     ``examined``, and calls ``say`` with a description of each violation.
 
     Args:
-        stack: The stack, not yet up.
+        stack: The stack, before it is up.
         say: Function that reports a violation. Only the first violation of an invariant is kept.
         arm: Trajectory controller of the arm.
     """
@@ -62,7 +62,7 @@ class Invariant:
     promised = True
     """Whether a campaign without ``promises`` fails if this invariant never examined its condition."""
     of_each_arm = False
-    """Whether the watch has one such invariant for each arm of the robot. Otherwise there is one for the robot."""
+    """Whether each arm of the robot has its own invariant of this class. If False, the robot has only one."""
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         self.stack = stack
@@ -92,20 +92,20 @@ class Invariant:
         return [logged for logged in self.stack.goals.open if logged.controller not in others]
 
     def true_positions(self) -> dict[str, float]:
-        """Return the joint positions of the simulated world, in rad or m, by name.
+        """Return the joint positions of the simulated world, in rad or m, keyed by joint name.
 
         The positions do not come from servos.
         """
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
     def reported_positions(self, state: JointState) -> dict[str, float]:
-        """Return the positions that the stack reports in a cycle, in rad or m, by joint name."""
+        """Return the positions that the stack reports in a cycle, in rad or m, keyed by joint name."""
         return dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
 
     def end_of_goal(self, joint: str, position: float) -> float:
         """Return the position at which a goal ends.
 
-        A joint outside its limits may get goals at its own position. Such goals end at the limit.
+        A joint outside its limits may be sent goals at its own position. Such goals end at the limit.
         """
         lower, upper = self.stack.narrowed.get(joint, (-math.inf, math.inf))
         return min(max(position, lower), upper)
@@ -115,8 +115,11 @@ class Invariant:
         return bool(DECEIVING & self.stack.touches.kinds(joint))
 
     def never_confirmed(self, joint: str, leap_counts: float) -> bool:
-        """Return whether two readings of a joint can never confirm a false position, because no two false readings are
-        in a row and all of them are further from the true position than ``leap_counts``."""
+        """Return whether two readings of a joint can never confirm a false position.
+
+        This is the case if no two consecutive readings are false and all false readings are further from the true
+        position than ``leap_counts``.
+        """
         turn = next(one.model.counts_per_turn for one in self.joints if one.name == joint)
         faults = (*self.stack.player.active.values(), *self.stack.player.happened)
         false = [one for one in faults if one.kind in DECEIVING and joint in touched_joints(one, self.joints)]
@@ -139,7 +142,7 @@ class Invariant:
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def released(self, state: JointState) -> set[str]:
-        """Return the joints that the stack reports and whose servos have no torque. Only an activation enables it."""
+        """Return the reported joints whose torque is off. Only an activation enables their torque."""
         if not state.faults or not self.active:
             return set()
         return {joint.name for joint in self.joints if joint.name in state.faults and not self.torque(joint)}

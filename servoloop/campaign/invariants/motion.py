@@ -15,7 +15,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 OVER_STEPS: Final = 100
 """Time over which a distance is measured, in ms. A servo moves to each goal at its own speed and waits there."""
 LAG_S: Final = 0.03
-"""Time by which a servo may lag behind its goal and then catch up, in seconds. Soft servos lag more
+"""Time by which a servo may lag behind its goal before it catches up, in seconds. Soft servos lag more
 (hal/compensation/servo_compliance.py)."""
 OVERSHOOT_RAD: Final = 0.1
 """Overshoot of a joint that stops, in rad (0.05 in benchmarks.fidelity), or that comes free of an obstacle at full
@@ -23,7 +23,7 @@ drive."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 AFTER_STEPS: Final = 500
-"""Time within which a joint springs back after a fault in ``NOT_ITS_OWN``, in ms."""
+"""Maximum time until a joint has sprung back after a fault in ``NOT_ITS_OWN``, in ms."""
 
 
 class NoFasterThanAllowed(Invariant):

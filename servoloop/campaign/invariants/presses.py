@@ -11,12 +11,13 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 REDUCED_S: Final = 1.7
-"""Time after which the drive of a joint that presses without motion must have been reduced, in seconds. The overload
-protection of an STS would reduce the drive after 2 s.
+"""Maximum time until the drive of a joint that presses without motion is reduced, in seconds. The overload protection
+of an STS would reduce the drive after 2 s.
 """
 PRESSES: Final = 0.9
-"""Drive of a joint that presses, as a share of its torque limit. The stack reduces the drive from 0.8 on. The reported
-drive must be as large, because a strong motor has up to 1.2 times the torque that its servo reports.
+"""Minimum drive at which a joint counts as pressing, as a fraction of its torque limit. The stack reduces the drive
+from 0.8 on. The reported drive must be as large, because a strong motor has up to 1.2 times the torque that its servo
+reports.
 """
 STILL_TURNS: Final = 0.003
 """Largest motion of a joint, or change of its command, during a press, in turns of its servo."""

@@ -32,9 +32,9 @@ class ReferenceJoint:
     upper: float
     velocity: float
     torque_limit: float
-    """Share of the full torque."""
+    """Fraction of the full torque."""
     registers: dict[str, int]
-    """Values of servo registers that the robot file sets, by name."""
+    """Values of servo registers that the robot file sets, keyed by register name."""
 
     def position(self, counts: int) -> float:
         """Return the position of the joint at a reading of its servo, in counts."""
@@ -65,10 +65,10 @@ def read_reference(
 
     Args:
         files: Files of the arm.
-        narrowed: Limits (lower, upper) that replace those of the files, in rad or m, by joint name.
+        narrowed: Limits (lower, upper) that replace those of the files, in rad or m, keyed by joint name.
 
     Returns:
-        The joints by name.
+        The joints, keyed by joint name.
     """
     limits, gears = _limits(files.description.xml), _gears(files.description.xml)
     joints: dict[str, ReferenceJoint] = {}

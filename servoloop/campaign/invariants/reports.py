@@ -21,9 +21,9 @@ from sim_backend.servos.sts.servo import VirtualServo
 _POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
 
 CYCLES_TO_NAME: Final = 2
-"""Number of cycles within which a silent servo is reported."""
+"""Maximum number of cycles until a silent servo is reported."""
 FOUND_S: Final = 0.5
-"""Time within which silently lost torque is detected at 20 Hz, in seconds."""
+"""Maximum time until silently lost torque is detected at 20 Hz, in seconds."""
 SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
 """Faults during which a servo does not answer."""
 PASSING: Final = frozenset(
@@ -31,7 +31,7 @@ PASSING: Final = frozenset(
 )
 """Faults that leave a servo unchanged when they end."""
 TAKEN_BACK_S: Final = 2.0
-"""Time within which a servo that answers again returns to the cycle, in seconds."""
+"""Maximum time until a servo that answers again returns to the cycle, in seconds."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a turning servo between two samples of its position, in counts."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
@@ -44,7 +44,7 @@ class NamedAlone(Invariant):
     """A silent servo is reported within two cycles. No joint with a working servo and bus is reported.
 
     A fault of another servo does not excuse a violation, but a component that loses one of its buses is lost as a
-    whole. Two servos with the same ID are skipped: either may have answered.
+    whole. Two servos with the same ID are skipped, because either of them may have answered.
     """
 
     name = "silent servo is reported"
@@ -169,7 +169,7 @@ def _own_count(servo: Any) -> float:
 
 
 class LimpIsFound(Invariant):
-    """A servo without torque is detected within half a second, because the next goal would enable its torque."""
+    """A servo whose torque is off is detected within half a second, because the next goal would enable its torque."""
 
     name = "limp joints are found"
 
@@ -186,4 +186,4 @@ class LimpIsFound(Invariant):
                 continue
             limp_s = state.stamp_s - self._limp_since_s.setdefault(joint.name, state.stamp_s)
             if limp_s > FOUND_S + 2.0 * self.stack.loop.period_s:
-                self.say(f"{joint.name} has had no torque for {limp_s:.2f} s but is not reported")
+                self.say(f"{joint.name} has been limp for {limp_s:.2f} s but is not reported")

@@ -17,19 +17,19 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
-"""Largest change of a command after the joints of an ended goal are at rest, as a share of the joint's range."""
+"""Largest change of a command after the joints of an ended goal are at rest, as a fraction of the joint's range."""
 RESTS: Final = 0.1
 """Speed below which a joint counts as at rest, in rad/s."""
 CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
-"""Factor on the shortest braking time of the slowest joint: all other joints brake with that joint along the path."""
+"""Factor on the shortest braking time of the slowest joint, because all joints brake together along the path."""
 PRESSES_SHARE: Final = 0.03
-"""Allowed distance between command and joint, as a share of its range: servos yield, and relief is not exact."""
+"""Allowed distance between command and joint, as a fraction of its range. Servos yield, and relief is not exact."""
 RELIEVED_S: Final = 0.3
-"""Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
+"""Maximum time a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
-"""Time for which a joint may press after a fault or a deactivation has ended a goal, in seconds.
+"""Maximum time a joint may press after a fault or a deactivation has ended a goal, in seconds.
 
 The result of such a goal does not wait for relief.
 """
@@ -46,12 +46,12 @@ class _End:
     """Joint positions in the previous cycle."""
 
     def extend(self, here: FloatArray, reported: FloatArray, period_s: float) -> None:
-        """Extend the range to the positions of joints at rest: they may be blocked, and their commands may give way.
+        """Extend the range to the positions of joints at rest, which may be blocked and whose commands may yield.
 
         Args:
             here: True positions, shape (n,).
             reported: Lowest and highest position that the servos may report for the joints, shape (2, n).
-            period_s: Time since the previous cycle.
+            period_s: Time since the previous cycle, in seconds.
         """
         rests = np.abs(here - self.here) < RESTS * period_s
         self.lowest = np.where(rests, np.minimum(self.lowest, reported[0]), self.lowest)
@@ -97,7 +97,7 @@ class NothingTravels(Invariant):
             joint = self.arm.joints[int(np.flatnonzero(away)[0])]
             after_s = state.stamp_s - self._end.since_s
             self.say(
-                f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last one"
+                f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last goal"
             )
 
     def _streams(self) -> bool:
@@ -140,7 +140,7 @@ class NothingTravels(Invariant):
 class NothingPresses(Invariant):
     """Some time after a goal has failed, no joint of the arm is driven against an obstacle.
 
-    The relief of one joint may move another joint, which is then relieved next.
+    The relief of one joint may move another joint, which is relieved next.
     """
 
     name = "nothing presses after the end"
@@ -154,9 +154,9 @@ class NothingPresses(Invariant):
             for joint, place in self._places.items()
         }
         self._off_s = defaultdict[str, float](float)
-        """Time for which each joint has pressed against an obstacle while no joint was relieved."""
+        """Time each joint has pressed against an obstacle while no joint was relieved, in seconds."""
         self._pressed_s = defaultdict[str, float](float)
-        """Time for which each joint has pressed against an obstacle, even while other joints were relieved."""
+        """Time each joint has pressed against an obstacle, even while other joints were relieved, in seconds."""
         self._before: dict[str, tuple[float, float]] = {}
         """Position and command of each joint in the last cycle."""
         self._guided = False

@@ -16,24 +16,26 @@ from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 
 MOVES: Final = 0.15
-"""Minimum speed at which a reported velocity is examined, as a share of the joint's velocity limit."""
+"""Minimum speed at which a reported velocity is examined, as a fraction of the joint's velocity limit."""
 STANDS: Final = 0.03
-"""Maximum speed at which a reported effort is examined, as a share of the joint's velocity limit."""
+"""Maximum speed at which a reported effort is examined, as a fraction of the joint's velocity limit."""
 PULLS: Final = 0.3
 """Minimum effort at which a reported effort is examined, in N m or N."""
 PULLS_SHARE: Final = 0.05
-"""The same minimum as a share of the full effort, because friction in the gears hides a smaller effort from the servo.
+"""Minimum effort at which a reported effort is examined, as a fraction of the full effort. Friction in the gears hides
+a smaller effort from the servo.
 """
 CYCLES: Final = 5
 """Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
 FACTOR: Final = 2.0
 """Factor by which a reported velocity may be outside the range of the true values in the latest cycles."""
 EFFORT_FACTOR: Final = 8.0
-"""The same factor for a reported effort, which the servo estimates from its drive (0.2 to 1.8 measured)."""
+"""Factor by which a reported effort may be outside the range of the true values. The servo estimates the effort from
+its drive (0.2 to 1.8 measured)."""
 STEADY: Final = 1.5
 """Largest ratio of two true values in the latest cycles at which the reported magnitude is examined."""
 WRONG_CYCLES: Final = 2
-"""Number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
+"""Maximum number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
 TEMPERATURES: Final = ("present_temperature",)
 VOLTS: Final = 0.1
@@ -43,7 +45,7 @@ OFF_V: Final = 1.0
 OFF_C: Final = 3.0
 """Allowed difference between a reported temperature and the servo's register, in degrees Celsius."""
 LATE_S: Final = 1.0
-"""Time after which a change of a servo's health must be reported, in seconds."""
+"""Maximum time until a change of a servo's health is reported, in seconds."""
 
 
 class MotionIsTrue(Invariant):
@@ -98,7 +100,7 @@ class MotionIsTrue(Invariant):
 
 
 def _near(reported: float, true: FloatArray, factor: float) -> bool:
-    """Return whether a magnitude is near the true ones, or whether these differ too much to compare."""
+    """Return whether a magnitude is near the true magnitudes, or these differ too much for a comparison."""
     lowest, highest = true.min(), true.max()
     return bool(highest > STEADY * lowest or lowest / factor <= reported <= highest * factor)
 

@@ -17,26 +17,26 @@ LATE: Final = 1.5
 SHARE: Final = 1.02
 """Tolerance factor on a limit, for derivatives computed as differences of the sampled reference."""
 STOP_JERK_SHARE: Final = 3.0
-"""Allowed jerk of a stop or of a change of speed on a path, as a factor on the limit: the jerk of the path adds to that
-of braking."""
+"""Allowed jerk of a stop or of a change of speed on a path, as a factor on the limit. The jerk of the path adds to the
+jerk of braking."""
 RELIEF_SHARE: Final = 2.0
-"""Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
+"""Allowed acceleration at the end if joints are relieved, as a factor on the limit. Commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
 """Allowed acceleration at the end if no joints are relieved, as a factor on the limit.
 
 A command applies to the end of its period.
 """
 AT_END: Final = 1e-9
-"""Distance from a limit within which a command counts as at the limit, in rad or m."""
+"""Maximum distance from a limit at which a command counts as at the limit, in rad or m."""
 UPSET_S: Final = 3.0
-"""Time after a fault of a controller in which commands at the end are not examined, in seconds."""
+"""Duration after a controller's fault during which commands at the end are not examined, in seconds."""
 
 
 class SmoothReference(Invariant):
     """The reference of a jerk-limited trajectory controller keeps the limits of velocity, acceleration and jerk.
 
-    The limits apply to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
-    periods.
+    The limits apply to motions and to stops. Late cycles are skipped, because the reference advances by up to two
+    periods in a late cycle.
     """
 
     name = "smooth reference"
@@ -54,7 +54,7 @@ class SmoothReference(Invariant):
 
     def on_state(self, state: JointState) -> None:
         arm, tracking = self.arm, self.arm.tracking
-        waits = all(joint in state.faults for joint in arm.joints)  # The reference stands still until a joint answers.
+        waits = all(joint in state.faults for joint in arm.joints)  # The reference waits until a joint answers.
         late = state.stamp_s - self._times[-1] > LATE * self.stack.loop.period_s if self._times else False
         if tracking is None or waits or late or arm.parameters.interpolation_method != "ruckig":
             self._times.clear()
@@ -106,10 +106,10 @@ class SmoothEnd(Invariant):
 
     A joint that has lost its controller stops within its acceleration limit, too.
 
-    If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
-    joints without torque are not examined either, because they follow joints that fall. A command leads its reference
-    by the servo lag. The command stays at a limit of the joint while the reference still brakes before the limit, and
-    is not examined there.
+    Commands are not examined after a controller with a fault has made them jump, because only their speed is limited.
+    Commands of limp joints are not examined either, because they follow falling joints. A command leads its reference
+    by the servo lag. At a joint limit, the command is not examined, because it stays at the limit while the reference
+    still brakes before the limit.
     """
 
     name = "smooth end"
@@ -152,7 +152,7 @@ class NanHolds(Invariant):
     """While a controller commands NaN, its joints hold: their commands do not change.
 
     A joint outside its limits returns to its limits.
-    A controller commands its joints only after these have come to rest from the motion of another controller.
+    A controller commands its joints only after the joints have come to rest from the motion of another controller.
     """
 
     name = "nan holds"

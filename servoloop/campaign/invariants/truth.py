@@ -18,34 +18,34 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 READING_COUNTS: Final = 4.0
-"""Tolerance of a servo's reading for resolution and noise, in counts."""
+"""Tolerance for the resolution and noise of a servo's reading, in counts."""
 READING_AGE_S: Final = 0.004
 """Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
-"""Largest compensation offset between goal and command, as a share of the joint's range."""
+"""Largest compensation offset between goal and command, as a fraction of the joint's range."""
 OFFSET: Final = 0.006
 """Smallest compensation offset whose direction is examined, in rad or m: several counts of a servo."""
 LOADED: Final = 0.15
-"""Holding effort from which the direction of the offset is examined, as a share of the full effort. A lighter joint may
-also have an offset against friction.
+"""Minimum holding effort at which the direction of the offset is examined, as a fraction of the full effort. A joint
+with a smaller holding effort may also have an offset against friction.
 """
 NEAR_COMMAND: Final = 0.05
-"""Distance from its command up to which a joint counts as free, in rad or m."""
+"""Maximum distance from its command at which a joint counts as free, in rad or m."""
 CONTACT: Final = 0.5
 """Maximum effort of contacts and friction on a free joint, as a fraction of the effort that holds it."""
 BLOCKED_CYCLES: Final = 5
 """Minimum number of cycles for which a joint rests off its goal before the distance to the goal is examined."""
 LEAD: Final = 0.05
-"""Distance of a goal from a blocked joint allowed in addition to that of full drive and two cycles, in rad or m."""
+"""Allowed distance between a goal and a blocked joint beyond that of full drive and two cycles, in rad or m."""
 STANDS: Final = 0.01
 """Speed below which a joint is at rest, in rad/s or m/s."""
 STANDS_CYCLES: Final = 10
-"""Number of cycles for which a joint is at rest before the direction of its offset is examined."""
+"""Minimum number of cycles for which a joint is at rest before the direction of its offset is examined."""
 RECENT_S: Final = 0.5
-"""Time for which a joint is skipped after a false position, or after it was reported and the stack has no former
-reading to compare with, in seconds."""
+"""Time a joint is skipped after a false position, or after it was reported and the stack has no previous reading for a
+comparison, in seconds."""
 LEAP_S: Final = 0.1
-"""Maximum time between two readings of a joint that was not reported, in seconds, with the margin of the stack."""
+"""Maximum time between two readings of a joint that was not reported, in seconds, including the stack's margin."""
 REPORTED: Final = 0.002
 """Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
 ARRIVED: Final = 0.02
@@ -96,7 +96,7 @@ class ReportedTruly(Invariant):
     def _believes(self, name: str, now_s: float) -> bool:
         """Return whether the stack may believe a false position of a joint.
 
-        A leap that no second reading confirms must be reported. The first reading after a fault has no former one.
+        A leap that no second reading confirms must be reported. The first reading after a fault has none before it.
         """
         touches, joint = self.stack.touches, self._by_name[name]
         kinds = touches.kinds(name)
@@ -149,7 +149,7 @@ class GoalsMeanCommands(Invariant):
         }
         """Maximum distance of a goal from a blocked joint, in rad or m, keyed by joint name."""
         self._blocked = Counter[str]()
-        """Number of cycles in which the goal of each joint at rest has been further ahead."""
+        """Number of cycles in which the goal of each joint at rest has exceeded this distance."""
         self._stands = Counter[str]()
         """Number of cycles for which each joint of the arm has been at rest near its command."""
 
@@ -176,10 +176,10 @@ class GoalsMeanCommands(Invariant):
                 self.say(f"the goal of {joint} is {offset:+.4f} off, but holding it needs an effort of {holding:+.3f}")
 
     def _examine_lead(self, joint: str, true: float, speed: float) -> None:
-        """Examine that the goal of a blocked joint is not further ahead than full drive requires.
+        """Check that the goal of a blocked joint is not further ahead than full drive requires.
 
-        The joint would leap as soon as it is free. A joint that was turned beyond its limits is skipped, because its
-        servo may press in the direction of the other limit.
+        Otherwise, the joint would leap as soon as it is free. A joint that was turned beyond its limits is skipped,
+        because its servo may press in the direction of the other limit.
         """
         known, goal = self._known.get(joint), self._last.get(joint)
         inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD
@@ -223,7 +223,7 @@ def _outside(value: float, low: float, high: float) -> float:
 class SuccessIsTrue(Invariant):
     """When a goal succeeds, its joints are reported within its goal tolerance of the positions that its client sent.
 
-    The joints are also there in the simulated world.
+    The joints are also near these positions in the simulated world.
     """
 
     name = "success is true"

@@ -59,10 +59,10 @@ ALL: Final[tuple[type[Invariant], ...]] = (
 
 
 class Watch:
-    """Watch that connects invariants to a stack that is not up yet, and collects the first violation of each.
+    """Watch that connects invariants to a stack that is not up yet, and collects the first violation of each invariant.
 
     Args:
-        stack: The stack, not yet up.
+        stack: The stack, before it is up.
         kinds: Classes of the invariants.
     """
 
@@ -96,7 +96,7 @@ class Watch:
 
     @property
     def examined(self) -> dict[str, int]:
-        """Number of times that each invariant examined its condition, by name."""
+        """Number of times that each invariant examined its condition, keyed by invariant name."""
         examined = Counter[str]()
         for one in self._invariants:
             examined[one.name] += one.examined

@@ -21,16 +21,16 @@ from sim_backend.packets.instructions import Instruction, Parser
 MEASURED_WITHIN_COUNTS: Final = 3
 """Tolerance for joints that sag between the measurement and the enabling of the torque, in counts."""
 SWITCHED_ON_S: Final = 0.02
-"""Time within which the servos of an arm are read, get their goals and are switched on, in seconds.
+"""Maximum time to read the servos of an arm, send their goals and enable their torque, in seconds.
 
-The stack cannot know how far a moving joint gets in this time.
+The stack cannot know how far a joint moves in this time.
 """
 SPEED_SHARE: Final = 1.1
-"""Largest goal speed of a Feetech servo, as a share of the velocity limit of its joint, so that it catches up."""
+"""Largest goal speed of a Feetech servo, as a fraction of its joint's velocity limit, so that the servo catches up."""
 SPEED_COUNTS_S: Final = 101.0
-"""Goal speed allowed in addition, in counts/s."""
+"""Goal speed allowed in addition to ``SPEED_SHARE`` of the velocity limit, in counts/s."""
 CONFIRMING_READS: Final = 2
-"""Minimum number of readings of the position between the last setting of a limp servo and its first goal."""
+"""Minimum number of position readings between the last setting written to a limp servo and its first goal."""
 
 
 class WireMonitor:
@@ -50,9 +50,8 @@ class WireMonitor:
             joints: Joints whose servos are on the bus.
             line: The simulated bus.
             period_s: Period of the control loop, in seconds.
-            limp: Names of joints that the stack must know to be without torque. The caller keeps these names up to
-                date.
-            activating: Function that returns whether the hardware is being activated, with or without torque on its
+            limp: Names of joints that the stack must know to be limp. The caller keeps these names up to date.
+            activating: Function that returns whether the hardware is being activated, regardless of the torque of its
                 servos.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
@@ -64,9 +63,9 @@ class WireMonitor:
         self._writes, self._reads = (_writes_2, _reads_2) if second else (_writes_1, _reads_1)
         self._goals: dict[int, int] = {}
         self._measured: Counter[int] = Counter()
-        """Number of requested readings of the position since the last setting was written, by servo ID."""
+        """Number of position readings requested since the last setting was written, keyed by servo ID."""
         self._placed_s: dict[int, float] = {}
-        """Time at which each servo got its current goal, by servo ID.
+        """Time at which each servo received its current goal, keyed by servo ID.
 
         Only servos that were at their goal at this time are included.
         """
@@ -124,11 +123,11 @@ class WireMonitor:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
         known_limp = joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS
         if limp and (known_limp or (self._activating() and not begins)):
-            self.broken.append(f"{joint.name}: has no torque at {position} but gets goal {goal}")
+            self.broken.append(f"{joint.name}: limp at {position} but sent goal {goal}")
         readings = self._measured[joint.servo_id]
         if limp and self._activating() and goal != before and readings < CONFIRMING_READS:
             self.broken.append(
-                f"{joint.name}: gets goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree"
+                f"{joint.name}: sent goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree"
             )
         self._goals[joint.servo_id] = goal
 
@@ -140,7 +139,7 @@ class WireMonitor:
             self.broken.append(f"{joint.name}: goal speed {speed}, but at most {fastest:.0f} counts/s are allowed")
 
     def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
-        """Examine a write to the torque register. Servos that have had torque since their last goal may have sagged."""
+        """Examine a write to the torque register. A servo that was driven since its last goal may have sagged."""
         if value != 1:
             self._driven.discard(joint.servo_id)
             return
@@ -149,11 +148,11 @@ class WireMonitor:
         at_goal = goal is not None and abs(goal - position) <= self._within_counts(joint)
         placed_s = self._line.reached_s - self._placed_s.get(joint.servo_id, -inf)
         if limp and joint.servo_id not in self._driven and not at_goal and placed_s > SWITCHED_ON_S:
-            self.broken.append(f"{joint.name}: torque on at {position} with goal {goal}")
+            self.broken.append(f"{joint.name}: torque enabled at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
 
     def _within_counts(self, joint: Joint) -> float:
-        """Return the distance by which a joint without torque may have moved since it was measured, in counts."""
+        """Return the distance by which a limp joint may have moved since it was measured, in counts."""
         servo = self._joints[joint.servo_id][1]
         velocity_rad_s = self._line.rig.plant.velocities()[self._line.servos.index(servo)]
         turns = abs(velocity_rad_s) * SWITCHED_ON_S / (2.0 * pi)
@@ -161,10 +160,10 @@ class WireMonitor:
 
 
 class GoalReader:
-    """Extractor of the goal positions in the instructions on a bus, in counts."""
+    """Extractor of goal positions, in counts, from the instructions on a bus."""
 
     def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
-        """Read the goals of the servos in ``series``, which has the series of each servo by ID."""
+        """Read the goals of the servos in ``series``, which maps each servo ID to the series of the servo."""
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
         self._writes = _writes_2 if second else _writes_1
@@ -172,7 +171,7 @@ class GoalReader:
         self._memories = {servo_id: line.servo(servo_id).memory for servo_id in series}
 
     def read(self, data: bytes) -> dict[int, int]:
-        """Return the goals in one write to the bus, by servo ID."""
+        """Return the goals in one write to the bus, keyed by servo ID."""
         goals: dict[int, int] = {}
         for instruction in self._parser.feed(data):
             for servo_id, address, content in self._writes(instruction):
@@ -200,7 +199,7 @@ def _position_address(joint: Joint) -> int:
 
 
 def _addresses(memory: Any, address: int, size: int) -> Sequence[int]:
-    """Return the addresses of a read or write. Dynamixels have indirect addresses, which stand for bytes elsewhere."""
+    """Return the addresses of a read or write. Dynamixels have indirect addresses, which refer to bytes elsewhere."""
     return memory.resolved(address, size) if hasattr(memory, "resolved") else range(address, address + size)
 
 

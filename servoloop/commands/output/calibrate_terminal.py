@@ -26,7 +26,7 @@ class Terminal:
     """Dialog with the person who calibrates. The dialog uses stderr, so that stdout contains only the result."""
 
     def __init__(self, signals: Signals, yes: bool) -> None:
-        """Start the dialog; with ``yes``, confirmations are not asked for."""
+        """Start the dialog. If ``yes`` is True, no confirmation is requested."""
         self.console = Console(stderr=True, highlight=False)
         self._signals = signals
         self._keyboard = Keyboard(signals, NOTHING)
@@ -132,7 +132,7 @@ def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
 
 
 def common_prefix(joints: Sequence[str]) -> str:
-    """Return the prefix of the names of one arm of several, such as ``left_``; empty if the names have none."""
+    """Return the common prefix of the joint names, such as ``left_`` for one of two arms; empty if there is none."""
     first = joints[0]
     heads = (first[: end + 1] for end, letter in enumerate(first) if letter == "_")
     return max((head for head in heads if all(name.startswith(head) for name in joints[1:])), key=len, default="")

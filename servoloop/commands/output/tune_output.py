@@ -1,4 +1,4 @@
-"""Output of ``servoloop tune``: the table of figures and the text below it."""
+"""Output of ``servoloop tune``: the table of results and the text below it."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,7 +34,7 @@ ROWS: Final = (
 
 
 def table(report: TuneReport) -> Table:
-    """Return a table of the figures before, as predicted and after."""
+    """Return a table of the results before the change, as predicted, and after the change."""
     shown: list[tuple[str, JointFigures | Predicted]] = [(_gains(report.before.gains), report.before.figures)]
     if report.predicted is not None:
         values = {one.gain: one.new for one in report.written} or dict(report.proposal.values)
@@ -89,7 +89,7 @@ def words(report: TuneReport, robot_file: Path) -> Iterator[str]:
     yield from (f"· {reason}" for reason in proposal.reasons)
     wanted = " ".join(f"{name}={value}" for name, value in proposal.values.items())
     if wanted and not report.written:
-        yield f"To try these gains, use --write {wanted} (or --apply). Their figures are predicted, not measured."
+        yield f"To try these gains, use --write {wanted} (or --apply). Their results are predicted, not measured."
     for one in report.written:
         yield f"servo {joint.servo_id}: {one.gain} ({one.register}) changed from {one.old} to {one.new}"
     if report.to_keep:

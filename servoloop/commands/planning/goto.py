@@ -23,16 +23,18 @@ PLANNING_TIME_S: Final = 5.0
 class MotionOptions:
     """Options of a motion."""
 
-    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the velocity and acceleration limit.")] = 0.5
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="Fraction of the velocity and acceleration limits.")
+    ] = 0.5
     plan_only: Annotated[bool, typer.Option("--plan-only", help="Plan the motion without moving the arm.")] = False
 
 
 @grouped_options
 def goto(
     *,
-    x: Annotated[float, typer.Argument(help="Position of the tool in m.")],
-    y: Annotated[float, typer.Argument(help="Position of the tool in m.")],
-    z: Annotated[float, typer.Argument(help="Position of the tool in m.")],
+    x: Annotated[float, typer.Argument(help="x position of the tool, in m.")],
+    y: Annotated[float, typer.Argument(help="y position of the tool, in m.")],
+    z: Annotated[float, typer.Argument(help="z position of the tool, in m.")],
     pose: PoseOptions,
     motion: MotionOptions,
 ) -> None:

@@ -1,4 +1,4 @@
-"""``servoloop plan-server``: plan motions for MoveIt's clients, beside a running stack."""
+"""``servoloop plan-server``: plan motions for MoveIt's clients, alongside a running stack."""
 
 from typing import Annotated
 
@@ -21,7 +21,7 @@ def plan_server(
     ] = False,
     network: NetworkOption = False,
 ) -> None:
-    """Serve MoveIt's actions, services and topics beside a running stack, until Ctrl-C.
+    """Serve MoveIt's actions, services and topics alongside a running stack, until Ctrl-C.
 
     The node is named move_group, and MoveIt's clients connect to it. Do not run MoveIt at the same time.
     Example: `servoloop plan-server --arm so101`

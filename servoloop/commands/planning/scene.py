@@ -121,7 +121,7 @@ def shape_of(kind: str, size: Sequence[str]) -> "Shape":
         raise DriverError(f"there is no shape {kind}: choose one of {', '.join(shapes)}")
     names, shape = shapes[kind]
     if len(size) != len(names.split()):
-        raise DriverError(f"the size of a {kind} is {names}: {len(size)} values were given")
+        raise DriverError(f"the size of a {kind} is {names}, but {len(size)} values were given")
     return shape(*(size if kind == "mesh" else map(_length, size)))
 
 

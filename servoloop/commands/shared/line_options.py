@@ -39,7 +39,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is released.
+    """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is disabled.
 
     Raises Interrupted after a signal. The message of the error describes what could not be restored.
     """

@@ -41,7 +41,7 @@ def known_arm(arm: ServoArm) -> KnownArm:
 
 
 NetworkOption = Annotated[
-    bool, typer.Option("--network", help="Communicate with all machines of the network, not only this one.")
+    bool, typer.Option("--network", help="Communicate with all machines on the network, not only this one.")
 ]
 
 

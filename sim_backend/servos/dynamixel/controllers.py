@@ -1,4 +1,4 @@
-"""Control loops of the X series. Each loop returns a share of full drive.
+"""Control loops of the X series. Each loop returns a fraction of full drive.
 
 From the e-manual: the structure of the loops and the scale of the gains. Assumed:
 - The loops run once per millisecond, and one unit of their output is one unit of ``goal_pwm``.
@@ -26,7 +26,7 @@ class PositionLoop:
 
     def __init__(self) -> None:
         self.p = self.i = self.d = self.ff_velocity = self.ff_acceleration = 0.0
-        """Gains, as shares of full drive per count, in units of counts and seconds."""
+        """Gains, as fractions of full drive per count, in units of counts and seconds."""
         self.restart()
 
     def restart(self) -> None:
@@ -47,7 +47,7 @@ class PositionLoop:
 
 
 class VelocityLoop:
-    """PI controller of the velocity. Its goal velocity is reached with a limited acceleration. Velocities are in
+    """PI controller of the velocity. It reaches its goal velocity with a limited acceleration. Velocities are in
     counts/s."""
 
     __slots__ = ("_integral", "acceleration", "goal", "i", "p", "trajectory")

@@ -7,7 +7,7 @@ From the e-manual:
 - A shutdown clears the torque switch until a reboot.
 - In PWM mode, the PWM of an XL330 or XC330 changes with the PWM slope.
 
-``controllers`` has the control loops, and ``modes`` the operating modes. Assumed:
+``controllers`` contains the control loops, and ``modes`` contains the operating modes. Assumed:
 - Current-based position mode drives like position mode as long as the current stays below ``goal_current``.
 - A current controller has no delay and no error.
 - goal_position equals the present position after power-on.
@@ -68,11 +68,11 @@ class XFirmware(Protocol2Firmware):
         self._position_loop, self._velocity_loop = PositionLoop(), VelocityLoop()
         self._has_slope = x.pwm_slope in model.own
         self._wanted: Callable[[float, float], float] = self._position_duty
-        """The loop returns the drive that the current operating mode requests."""
+        """Loop that returns the drive requested by the current operating mode."""
         self._turned = 0.0
-        """Whole turns that the servo no longer counts, in counts."""
+        """Whole turns that the servo does not count anymore, in counts."""
         self._direction = 1.0
-        """-1 in reverse mode. All other values use the direction in which the servo reports positions."""
+        """Direction of the motor; -1 in reverse mode. All other values use the servo's direction of positions."""
         self._watchdog = Watchdog()
         self._tick_s = 0.0
         self._in_profile_mode = True

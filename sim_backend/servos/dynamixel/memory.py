@@ -77,7 +77,7 @@ class XMemory(Protocol2Memory):
                     self.put(register, value)
 
     def store_backup(self) -> bool:
-        """Store EEPROM and gains. Return False without an effect if the torque is on (assumed)."""
+        """Store EEPROM and gains. Return False without an effect if the torque is enabled (assumed)."""
         if self.get(x.torque_enable):
             return False
         self._backup = self.flash.settings, {register: self.get(register) for register in GAINS}
@@ -85,7 +85,7 @@ class XMemory(Protocol2Memory):
         return True
 
     def restore_backup(self) -> bool:
-        """Restore the EEPROM. Return False without an effect if there is no backup or the torque is on."""
+        """Restore the EEPROM. Return False without an effect if there is no backup or the torque is enabled."""
         if self._backup is None or self.get(x.torque_enable):
             return False
         self.flash = Flash(self._backup[0])

@@ -73,7 +73,7 @@ _OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, va
 
 _VELOCITY_UNIT_RAD_S: Final = 0.229 * 2.0 * pi / 60.0
 _OTHER_VALUES: Final = {x.XC430_W150.name: {x.moving_threshold: 20}}
-"""Values that differ from ``FACTORY``, by model name."""
+"""Values that differ from ``FACTORY``, keyed by model name."""
 _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 """Registers that only some models have."""
 
@@ -81,7 +81,7 @@ _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 def factory_of(model: x.XModel) -> dict[Register, int]:
     """Return all nonzero factory values of a model.
 
-    A model without a table in the e-manual (the XC335-T332 and the models that users add) gets the gains of the
+    A model without a table in the e-manual (the XC335-T332 and the models that users add) has the gains of the
     XM430-W350 (assumed), and a velocity limit 20 % above its speed without load. The voltage and current limits of such
     a model are the widest that its table permits.
     """
@@ -113,7 +113,7 @@ def reads_fast(model: x.XModel, firmware: int) -> bool:
     """Return whether a servo with this firmware version supports fast reads, according to the list in the section "Fast
     Sync Read" of the e-manual.
 
-    The same versions introduced torque on by goal, the startup configuration and the backup of the control table.
+    The same versions introduced torque enabling by a goal, the startup configuration and the control table backup.
     """
     if x.acceleration_limit in model.own:  # an MX
         return False

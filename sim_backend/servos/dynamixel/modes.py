@@ -21,7 +21,7 @@ CURRENT_POSITION: Final = x.CURRENT_POSITION_MODE
 PWM: Final = 16
 
 MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.goal_pwm}
-"""Register of the goal, by operating mode. In all other modes, the goal register is the goal position."""
+"""Register of the goal, keyed by operating mode. In all other modes, the goal register is the goal position."""
 POSITION_MODES: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE, CURRENT_POSITION)
 
 GAINS: Final = (

@@ -3,7 +3,7 @@
 BAM (github.com/Rhoban/bam) identified four motors on a pendulum, each with six friction laws. This module uses the
 fourth law, M4, which is the simplest law whose friction depends on both load and speed. M1 and M2 ignore the load, and
 M3 ignores the state of rest. M5 and M6 distinguish the two ends of the gears, with several parameters that were fitted
-to zero. If a model has several fits, the newest one within its bounds is used. ``python -m benchmarks.fidelity``
+to zero. If a model has several fits, the latest fit within its bounds is used. ``python -m benchmarks.fidelity``
 compares the motors with the data sheets.
 """
 
@@ -20,7 +20,7 @@ def _identified(kt: float, ohm: float, gears: Gears) -> MotorConstants:
     return MotorConstants(kt, kt, ohm, gears=gears)
 
 
-# Order of the gear values: rotor, viscous, Coulomb, share of load; for sticking: Coulomb, share, speed, exponent.
+# Order of the gear values: rotor, viscous, Coulomb, load share; for sticking: Coulomb, load share, speed, exponent.
 IDENTIFIED: Final = {
     x.XL330_M288.name: _identified(
         0.3846, 3.063, Gears(0.001942, 0.004619, 0.01118, 0.1114, 0.0002863, 0.02838, 0.2377, 9.978)
@@ -29,7 +29,7 @@ IDENTIFIED: Final = {
     MX_64.name: _identified(1.663, 3.156, Gears(0.01096, 0.01475, 0.06155, 0.0, 0.02390, 0.2343, 1.521, 1.334)),
     MX_106.name: _identified(2.231, 2.372, Gears(0.02457, 0.05096, 0.0, 0.009150, 0.1049, 0.2224, 1.623, 1.323)),
 }
-"""Identified motors by model name.
+"""Identified motors, keyed by model name.
 
 The identified motor of the XL-320 is half as strong as the motor in its data sheet. BAM's laws without load give the
 same result.

@@ -30,7 +30,7 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 MX_DRIVE_PER_RAD: Final = 0.158
-"""Drive per rad for each unit of ``p_gain``, as a share of full drive. The value of the e-manual, P / 8 per count of
+"""Drive per rad for each unit of ``p_gain``, as a fraction of full drive. The value of the e-manual, P / 8 per count of
 512, would be 0.159."""
 MX_FULL_DRIVE: Final = 0.9625
 _MX_P_UNIT: Final = 1.0 / 8.0
@@ -56,8 +56,8 @@ _OWN: Final = {
     sts.async_write_flag.name: dxl.registered_instruction,
     **{register.name: register for register in dxl.COMMON},
 }
-"""Register of these tables, by the name of the corresponding STS register. Bits 0, 2 and 5 have the same meaning in
-both status bytes."""
+"""Register of these tables, keyed by the name of the corresponding STS register. Bits 0, 2 and 5 have the same meaning
+in both status bytes."""
 _ABSENT: Final = {
     sts.protection_current.name: sts.protection_current.largest,  # not measured
     sts.position_p.name: 32,
@@ -66,7 +66,7 @@ _ABSENT: Final = {
     sts.protection_time.name: 200,
     sts.protective_torque.name: 0,
 }
-"""Values that the firmware uses if the table has no such register. All others are 0."""
+"""Values that the firmware uses if the table has no such register. All other values are 0."""
 
 _COMMON_FACTORY: Final[dict[Register, int]] = {
     dxl.firmware_version: 24,  # assumed
@@ -91,7 +91,7 @@ _OWN_FACTORY: Final[dict[str, dict[Register, int]]] = {
     dxl.MX_12W.name: {dxl.d_gain: 8, dxl.p_gain: 8, dxl.punch: 32},
     dxl.MX_64.name: {dxl.max_voltage_limit: 240},
 }  # fmt: skip
-"""Factory values by model name, for models that differ from the AX-12A or the MX-28."""
+"""Factory values, keyed by model name, for models that differ from the AX-12A or the MX-28."""
 
 
 class Dynamixel1Memory(Memory):
@@ -129,7 +129,7 @@ class Dynamixel1Memory(Memory):
         return self._own.get(register.name)
 
     def _scale(self, register: Register, own: Register) -> float:
-        """Return how many units of ``register`` are one unit of its counterpart ``own``; 1 if the two are the same."""
+        """Return the number of units of ``register`` in one unit of its counterpart ``own``; 1 if they are the same."""
         scale = self._scales.get(register.name, 1.0)
         return 1.0 if scale != 1.0 and own == register else scale
 
@@ -165,7 +165,7 @@ class Dynamixel1Memory(Memory):
             super().put(own, round(value / self._scale(register, own)))
 
     def _write_byte(self, at: int, value: int) -> None:
-        """Write a byte. Every write to EEPROM bytes is saved; while the bytes are locked, they cannot be changed."""
+        """Write a byte. Every write to EEPROM bytes is saved. Locked bytes cannot be changed."""
         if at >= self.EEPROM_END:
             self._bytes[at] = value | (self._bytes[at] if at == dxl.lock.address else 0)
         elif not self.get(dxl.lock):
@@ -258,7 +258,7 @@ class VirtualAxServo(GenericServo):
         return super().answer(instruction)
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes that came over the wire, unless a register would get a value outside its range."""
+        """Write bytes that came over the wire, unless the value of a register would be outside its range."""
         if not self._out_of_range(address, data):
             super().write(address, data)
 

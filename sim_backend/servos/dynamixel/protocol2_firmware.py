@@ -3,7 +3,7 @@
 Assumed:
 - Overload means full drive for two seconds at less than half of the speed without load.
 - All errors last until a reboot.
-- The reported speed has a filter of 15 ms in addition to that of the control loop. The reported speed is therefore 0
+- The reported speed has a filter of 15 ms in addition to the filter of the control loop. It is therefore 0
   for a shaft that is held between two counts.
 """
 
@@ -19,7 +19,7 @@ SHOWN_FILTER_S: Final = 0.015
 OVERLOAD_DUTY: Final = 0.98
 OVERLOAD_S: Final = 2.0
 OVERLOAD_SHARE: Final = 0.5
-"""Share of the stall current above which full drive counts as an overload."""
+"""Fraction of the stall current above which full drive counts as an overload."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class ErrorBits:
 
 
 class LatchedProtection(Protection):
-    """Hardware errors, which last until a reboot. The errors that are selected in ``shutdown`` release the motor."""
+    """Hardware errors, which last until a reboot. The errors selected in ``shutdown`` switch the motor off."""
 
     def __init__(self, bits: ErrorBits, resistance_ohm: float) -> None:
         super().__init__()

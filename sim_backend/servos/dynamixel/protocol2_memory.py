@@ -16,15 +16,15 @@ DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 
 
 class Protocol2Memory(ABC):
-    """Bytes of the table as a client sees them.
+    """Bytes of the table as a client reads them.
 
-    Every write to EEPROM bytes is saved, and the bytes are locked while the torque is on.
+    Every write to EEPROM bytes is saved, and the bytes are locked while the torque is enabled.
     """
 
     SIZE: ClassVar[int]
     EEPROM_END: ClassVar[int]
     BAUD_RATES: ClassVar[Sequence[int]]
-    """Baud rates, by the value of ``baud_rate``."""
+    """Baud rates, indexed by the value of ``baud_rate``."""
 
     def __init__(
         self, model: ServoModel, servo_id: int, registers: Sequence[Register], factory: Mapping[Register, int]
@@ -67,7 +67,7 @@ class Protocol2Memory(ABC):
         self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes from ``address`` as a client sees them, with zeros beyond the end of the table."""
+        """Return ``size`` bytes from ``address`` as a client reads them, with zeros beyond the end of the table."""
         meant = self.resolved(address, max(0, min(size, self.SIZE - address)))
         return bytes(self._bytes[place] for place in meant).ljust(size, b"\0")
 
@@ -117,7 +117,7 @@ class Protocol2Memory(ABC):
         return register.fitting
 
     def power_up(self) -> None:
-        """Set the values after power-on: EEPROM does not change, and RAM gets its initial values."""
+        """Set the values after power-on: EEPROM does not change, and RAM is set to its initial values."""
         self._bytes[self.EEPROM_END :] = bytes(self.SIZE - self.EEPROM_END)
         for register, value in self._factory.items():
             if not register.persistent:
@@ -125,7 +125,7 @@ class Protocol2Memory(ABC):
 
     @property
     def flash(self) -> Flash:
-        """The content of the flash memory."""
+        """Contents of the flash memory."""
         return Flash(bytes(self._bytes[: self.EEPROM_END]))
 
     @flash.setter

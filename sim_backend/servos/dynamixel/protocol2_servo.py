@@ -57,7 +57,7 @@ class Protocol2Servo(WiredServo):
 
     @property
     def secondary_id(self) -> int | None:
-        """Second ID to which the servo listens without a reply; None if there is none."""
+        """Second ID to which the servo listens without replying; None if there is no second ID."""
         return None
 
     @property
@@ -140,7 +140,7 @@ class Protocol2Servo(WiredServo):
         return self._status(self.servo_id, error, data)
 
     def read_block(self, address: int, size: int, before: bytes) -> bytes:
-        """Return the servo's block of a fast reply after ``before``. After an error, the data are zeros (assumed)."""
+        """Return the servo's block of a fast reply after ``before``. After an error, all data bytes are 0 (assumed)."""
         error, data = self._read(address, size)
         return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
 
@@ -159,7 +159,7 @@ class Protocol2Servo(WiredServo):
         return 0
 
     def power_cycle(self) -> None:
-        """Switch the power off and on. RAM is reset, errors are cleared, and the torque is off."""
+        """Switch the power off and on. RAM is reset, errors are cleared, and the torque is disabled."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()

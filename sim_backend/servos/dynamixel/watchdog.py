@@ -1,8 +1,8 @@
 """Bus watchdog of the X series.
 
-From the e-manual: a servo with torque that receives no instruction for ``bus_watchdog`` units of 20 ms stops, and the
-register reads -1. Goals are then refused until 0 is written. Any instruction on the bus restarts the timer. Assumed:
-the servo stops with a goal velocity, PWM and current of 0, or at its current position.
+From the e-manual: while its torque is enabled, a servo that receives no instruction for ``bus_watchdog`` units of 20 ms
+stops, and the register reads -1. Goals are then refused until 0 is written. Any instruction on the bus restarts the
+timer. Assumed: the servo stops with a goal velocity, PWM and current of 0, or at its current position.
 """
 
 from typing import Final

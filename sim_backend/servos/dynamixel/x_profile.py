@@ -44,7 +44,7 @@ class XProfile(MotionProfile):
         self._classify()
 
     def take(self, span_ms: int, ramp_ms: int) -> None:
-        """Set the time in which the goal is reached."""
+        """Set the duration of the motion to the goal."""
         if self._timed == (self.goal, span_ms, ramp_ms):
             return
         self._timed = (self.goal, span_ms, ramp_ms)

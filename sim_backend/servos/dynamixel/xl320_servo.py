@@ -19,7 +19,7 @@ from sim_backend.servos.dynamixel.xl320_memory import Xl320Memory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 DRIVE_PER_RAD: Final = 0.05048
-"""Drive per rad for each unit of ``p_gain``, as a share of full drive."""
+"""Drive per rad for each unit of ``p_gain``, as a fraction of full drive."""
 _P_UNIT: Final = 1.0 / 8.0
 _I_UNIT: Final = 1000.0 / 2048.0
 _D_UNIT: Final = 4.0 / 1000.0

@@ -1,2 +1,2 @@
-"""Control loop, table and instructions of servos other than STS. The simulation follows the manuals as far as they
+"""Control loop, table and instructions of servos other than STS. The simulation follows the manuals where they
 describe these servos."""

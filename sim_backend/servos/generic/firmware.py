@@ -7,8 +7,8 @@ different gains). Assumed for the others:
   (3.5 degrees). At a constant 2 rad/s, the shaft then lags behind the servo's own profile by 13 ms.
 - D: ``D / 32`` of 0.3 drive per rad/s of difference between the profile speed and the measured speed.
 - I: ``I / 1280`` of full drive per count and second.
-- Position and speed come from the quantized encoder, which also causes their noise. The speed is filtered with a time
-  constant of 5 ms.
+- Position and speed come from the quantized encoder, which is also the source of their noise. The speed is filtered
+  with a time constant of 5 ms.
 - Only operating mode 0 (position) drives the motor.
 - In single-turn mode, the loop works within 0 to 4095 counts and reaches every goal without crossing the seam.
 """
@@ -27,7 +27,7 @@ DAMPING_PER_RAD_S: Final = 0.3 / 32.0
 SPEED_FILTER_S: Final = 0.005
 HOUSEKEEPING_S: Final = 0.01
 MOVING_COUNTS_S: Final = 20.0
-"""Speed up to which the servo counts as at rest (assumed; real servos store their threshold at address 80)."""
+"""Maximum speed at which the servo counts as at rest (assumed; real servos store their threshold at address 80)."""
 MULTI_TURN_PHASE: Final = 1 << 4
 
 
@@ -76,7 +76,7 @@ class GenericFirmware:
         self._velocity = 0.0
 
     def restart(self) -> None:
-        """Restart as after power-on: load the state from the registers, with the torque off."""
+        """Restart as after power-on: load the state from the registers, with the torque disabled."""
         self.profile = self.new_profile()
         self.protection = self.new_protection()
         self.duty = self.current_a = self._integral = self._housekeeping_s = 0.0

@@ -3,7 +3,7 @@
 Addresses that the table does not list read 0 and cannot be written (assumed).
 
 The lock (register 55) has two values in Feetech's table: 0 "save EEPROM changes" and 1 "do not save". A write to EEPROM
-always takes effect at once, but it is lost at power-off if the lock is closed.
+always takes effect immediately, but it is lost at power-off if the lock is closed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ def touches(address: int, size: int, register: Register) -> bool:
 
 
 class Memory:
-    """Bytes of the table as a client sees them, and the saved EEPROM bytes.
+    """Bytes of the table as a client reads them, and the saved EEPROM bytes.
 
     Firmware and protection use the register names of the STS table. For a servo with a different table, ``own``,
     ``get`` and ``put`` convert names and values.
@@ -86,7 +86,7 @@ class Memory:
 
     @property
     def answers(self) -> int:
-        """Status level: at 0, the servo answers only pings; at 1, also reads; at 2, every instruction."""
+        """Status level. At 0, the servo answers only pings; at 1, also reads; at 2, every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def own(self, register: Register) -> Register | None:
@@ -158,7 +158,7 @@ class Memory:
 
     @property
     def flash(self) -> Flash:
-        """The content of the flash memory."""
+        """Contents of the flash memory."""
         return Flash(bytes(self._saved))
 
     @flash.setter

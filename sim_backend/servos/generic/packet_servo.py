@@ -1,4 +1,4 @@
-"""Define the base class of all virtual servos, and that of servos with Feetech or Dynamixel protocol 1.0 packets."""
+"""Base classes of all virtual servos, and of servos with Feetech or Dynamixel protocol 1.0 packets."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -133,14 +133,14 @@ class WiredServo(ABC):
 
     @abstractmethod
     def power_cycle(self) -> None:
-        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is disabled."""
 
 
 class PacketServo(WiredServo):
-    """A servo whose status packets are those of Feetech or of Dynamixel protocol 1.0."""
+    """A servo with status packets of Feetech or of Dynamixel protocol 1.0."""
 
     GROUP_READ: ClassVar[Code | None]
-    """Instruction that reads this servo together with other servos; None if there is none."""
+    """Instruction that reads this servo together with other servos; None if there is no such instruction."""
 
     @abstractmethod
     def read(self, address: int, size: int) -> bytes:

@@ -19,7 +19,7 @@ from sim_backend.servos.generic.servo import GenericServo
 _ABSENT: Final = {
     sts.protection_current.name: sts.protection_current.largest,  # These servos do not measure this value.
 }
-"""Values that the firmware uses if the table has no such register. All others are 0."""
+"""Values that the firmware uses if the table has no such register. All other values are 0."""
 _TIME_UNITS: Final = 4
 """Length of one unit of the protection time of an SCS servo (40 ms), in units of an STS servo (10 ms)."""
 

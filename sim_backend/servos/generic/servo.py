@@ -1,7 +1,7 @@
 """One virtual servo other than STS: control table, firmware and instructions.
 
 Assumed, because the manuals do not describe it: a write of the ID or the baud rate is answered with the old ID.
-Malformed and unknown instructions are not answered, and neither are reads of more bytes than a reply can hold. A servo
+Malformed and unknown instructions, and reads of more bytes than a reply can hold, are not answered. A servo
 that reboots ignores all instructions.
 """
 
@@ -76,7 +76,7 @@ class GenericServo(PacketServo):
             self.firmware.torque_written()
 
     def power_cycle(self) -> None:
-        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is disabled."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()

@@ -35,7 +35,7 @@ class StsVariant:
     goal_write_energises: bool = True
     """Whether a write of the operating mode's goal enables the torque."""
     torque_on_takes_goal: bool = False
-    """Whether the servo moves to the goal register when the torque is enabled. Otherwise, the servo holds its current
+    """Whether the servo moves to the goal register when the torque is enabled. If not, the servo holds its current
     position."""
     forgets_goal_within_tick: bool = True
     """Whether a goal, acceleration or velocity is lost if another write follows within the same millisecond."""
@@ -85,7 +85,7 @@ class StsFirmware:
         self._fields = {name: states[name] for name in STATE.names or ()}
 
     def restart(self) -> None:
-        """Restart as after power-on: load the state from the registers, with the torque off."""
+        """Restart as after power-on: load the state from the registers, with the torque disabled."""
         forget_volatile(self._states)
         kernel.power_on(self._states, self.voltage_v)
 
@@ -156,7 +156,7 @@ class StsFirmware:
 
     @property
     def turns_left(self) -> float:
-        """Share of the motor's winding that is not shorted (an injected fault)."""
+        """Fraction of the motor's winding that is not shorted (an injected fault)."""
         return self._value("resistance_ohm") / self._wound["resistance_ohm"]
 
     @turns_left.setter

@@ -1,7 +1,7 @@
 """Control table of one virtual STS servo: access rules, and the registers that survive power-off.
 
-The firmware works on the same bytes. Addresses that Feetech's table does not list behave like their neighbors. The lock
-register does not prevent a write; a value that is written while the register is locked is lost at power-off.
+The firmware works on the same bytes. Addresses that Feetech's table does not list behave like the adjacent addresses.
+The lock register does not prevent a write, but a value that is written while it is locked is lost at power-off.
 """
 
 from typing import Final
@@ -84,7 +84,7 @@ class StsMemory:
 
     @property
     def answers(self) -> int:
-        """Status level: at 1, the servo answers pings and reads; at 2, every instruction."""
+        """Status level. At 1, the servo answers pings and reads; at 2, every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def get(self, register: Register) -> int:
@@ -132,7 +132,7 @@ class StsMemory:
 
     @property
     def flash(self) -> Flash:
-        """The content of the flash memory."""
+        """Contents of the flash memory."""
         return Flash(bytes(self._saved), self._defaults)
 
     @flash.setter
@@ -142,7 +142,7 @@ class StsMemory:
 
     @property
     def kept(self) -> Kept:
-        """The registers and bytes that survive power-off."""
+        """Registers and bytes that survive power-off."""
         return KEPT
 
     def _write_byte(self, at: int, value: int) -> None:

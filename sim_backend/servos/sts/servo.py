@@ -1,6 +1,6 @@
 """One virtual STS servo: control table, firmware and instructions.
 
-``scs_servo`` and ``protocol1_servo`` contain servos that use the same packets but other tables. docs/simulation.md
+``scs_servo`` and ``protocol1_servo`` contain servos that use the same packets but different tables. docs/simulation.md
 describes the known behavior of an STS servo, with sources. Also assumed: a malformed read is not answered.
 """
 
@@ -78,7 +78,7 @@ class VirtualServo(PacketServo):
         return self._status(named) if self.memory.answers == 2 else None  # The write may have changed the status level.
 
     def _execute(self, code: int, parameters: bytes) -> None:
-        """Execute an instruction whose reply is an empty status packet. Unknown instructions get the same reply."""
+        """Execute an instruction whose reply is an empty status packet. Unknown instructions have the same reply."""
         match code:
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])
@@ -129,7 +129,7 @@ class VirtualServo(PacketServo):
         self.firmware.forget_turns()
 
     def power_cycle(self) -> None:
-        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is disabled."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()

@@ -85,7 +85,7 @@ def test_an_object_is_detached_only_from_its_link() -> None:
     change = edit()
     change.apply_attached(AttachedCollisionObject(link_name="link5", object=box("crate", Pose(), frame="link5")))
     gone = CollisionObject(id="crate", operation=CollisionObject.REMOVE)
-    with pytest.raises(REFUSALS, match='"crate" is attached to link5, not to link2: leave out the link'):
+    with pytest.raises(REFUSALS, match='"crate" is attached to link5, not to link2: omit the link'):
         change.apply_attached(AttachedCollisionObject(link_name="link2", object=gone))
     change.apply_attached(AttachedCollisionObject(object=gone))
     assert not change.world.scene.attached
@@ -233,7 +233,7 @@ BAD = [
     (box("thing", at(0.3, 0.0, np.nan)), "INVALID_OBJECT_NAME", "must be finite"),
     (box("thing", at(0.3, 0.0, 0.2, (0.0, 0.0, 0.0, 2.0))), "INVALID_OBJECT_NAME", "has length 2"),
     (box("thing", at(0.3, 0.0, 0.2, (0.0, 0.0, 0.0, 0.0))), "INVALID_OBJECT_NAME", "has length 0"),
-    (solid(SolidPrimitive.SPHERE, 0.1, 0.1), "INVALID_OBJECT_NAME", "has 2 dimensions: give 1"),
+    (solid(SolidPrimitive.SPHERE, 0.1, 0.1), "INVALID_OBJECT_NAME", "has 2 dimensions: send 1"),
     (solid(9, 0.1), "INVALID_OBJECT_NAME", "type 9: use box, sphere"),
     (mesh([]), "INVALID_OBJECT_NAME", 'mesh of object "thing" has no triangles'),
     (mesh([MeshTriangle(vertex_indices=[0, 1, 7])]), "INVALID_OBJECT_NAME", "has no vertex 7"),
