@@ -39,7 +39,6 @@ def test_page_shows_every_file_unchanged() -> None:
     assert {*FILES.values()} == {*SOURCES, *codes(PAGE, "toml"), *codes(PAGE, "yaml")}
 
 
-@pytest.mark.slow
 @pytest.mark.runs(*commands(PAGE), f"{PAGE} diff 1")
 def test_example_tests_find_the_bug_and_pass_once_it_is_fixed(package: Path) -> None:
     assert commands(PAGE) == [f"cd {PACKAGE.relative_to(ROOT)}", "pytest"]

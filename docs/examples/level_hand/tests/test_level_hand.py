@@ -16,8 +16,8 @@ class StaysLevel(Invariant):
 
     name = "stays level"
 
-    def __init__(self, stack, say):
-        super().__init__(stack, say)
+    def __init__(self, stack, say, arm):
+        super().__init__(stack, say, arm)
         self.pitch = None
         self.since_s = 0.0
 
