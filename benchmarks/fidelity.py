@@ -243,7 +243,7 @@ def main() -> None:
     """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--json", action="store_true", help="print the values as JSON")
-    parser.add_argument("--picture", type=Path, help="PNG file with the curves of the steps")
+    parser.add_argument("--picture", type=Path, help="PNG file to write the step responses to")
     arguments = parser.parse_args()
     found = figures()
     if arguments.json:

@@ -288,7 +288,10 @@ def _check(register: Register, value: int) -> None:
     if register.access is Access.READ or not register.persistent:
         raise ValueError(f"{register.name} is not a writable EEPROM setting: nothing was written")
     if register.name in LEAVES_THE_LINE:
-        raise ValueError(f"{register.name} cannot be verified, because the servo leaves this bus: nothing was written")
+        raise ValueError(
+            f"{register.name} cannot be verified, because the servo would no longer answer on this bus: nothing was "
+            "written"
+        )
     if ANSWERS_NO_READ.get(register.name) == value:
         raise ValueError(
             f"{register.name} {value} cannot be verified, because the servo stops answering reads: nothing was written"

@@ -123,7 +123,8 @@ class Activation:
     def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
         """Measure goals until they are recent enough to be written.
 
-        A late reply to a check of the joints delays the write. On a slow bus, the last of several measurements is used.
+        If a reply to a check of the joints is late, the goals are measured again. On a slow bus, the last of several
+        measurements is used.
         """
         for _ in range(ATTEMPTS):
             self._take_goals(joints)
@@ -187,7 +188,8 @@ class Activation:
         if limits is not None and not limits[0] <= counts <= limits[1]:
             raise ActivationError(
                 f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
-                f"{limits[0]} to {limits[1]}, so it would move there at once. Move it by hand, or widen these limits"
+                f"{limits[0]} to {limits[1]}, so it would jump to the nearer limit. Move it by hand, or widen "
+                "these limits"
             )
 
     def _check_turn(self, joint: Joint) -> None:

@@ -15,7 +15,7 @@ from planning.kinematics.descent import DescentEffort, descend
 from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 
 TURN_PER_METER: Final = 3.5
-"""Largest rotation of a step per meter of its maximum length, in rad/m, as in MoveIt."""
+"""Maximum rotation of a step per meter of the maximum step length, in rad/m. MoveIt uses the same value."""
 MOST_STEPS: Final = 20_000
 """Maximum number of steps of a path."""
 EFFORT: Final = DescentEffort(steps=40, enough=1)

@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
-from servoloop.campaign.draw_arm import WRONG_SETTING, draw_limits, draw_setting
+from servoloop.campaign.draw_arm import draw_limits, draw_setting
 from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
@@ -30,6 +30,7 @@ from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.settings import WRONG_SETTING
 
 KILLED_IN_A_ROW: Final = 3
 """Number of consecutive seeds with killed processes after which a campaign ends."""

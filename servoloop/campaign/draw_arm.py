@@ -17,11 +17,8 @@ FAR: Final = 0.2
 """Fraction of the runs with narrower limits in which the joint is too far outside its limits to be activated."""
 NARROWEST: Final = 0.3
 """Minimum remaining range, as a fraction of the joint's range."""
-
 OTHER_SETTING: Final = 0.1
 """Fraction of the runs in which a servo setting differs from the robot file. An activation corrects the setting."""
-WRONG_SETTING: Final = "wrong_setting"
-"""Kind of fault for a servo setting that differs from the robot file."""
 
 
 def draw_limits(

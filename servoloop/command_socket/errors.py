@@ -69,6 +69,6 @@ class CommandError(DriverError):
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> "CommandError":
-        """Return the error in a reply of a stack."""
+        """Create the error from the fields of a stack's reply."""
         kind: ErrorKind = next((kind for kind in KINDS if kind == fields.get("type")), "internal")
         return cls(kind, str(fields.get("text", "")), str(fields.get("joint", "")))

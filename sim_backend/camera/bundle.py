@@ -17,13 +17,13 @@ class Bundle:
     """Rays from one point, sorted into the cells of a grid that is perpendicular to their mean direction."""
 
     def __init__(self, origin: FloatArray, rays: FloatArray) -> None:
-        """Sort unit vectors (n, 3) into the cells of the grid. Raises ValueError if the directions of two rays differ
-        by 90 degrees or more."""
+        """Sort unit vectors (n, 3) into the cells of the grid. Raises ValueError if a ray and the mean direction
+        of the rays differ by 90 degrees or more."""
         self.origin, self.rays = origin, rays
         self._axes = _axes(rays.mean(axis=0) if len(rays) else np.array([0.0, 0.0, 1.0]))
         turned = np.einsum("ni,ij->nj", rays, self._axes)
         if len(rays) and turned[:, 2].min() < NEAREST:
-            raise ValueError("the rays of a bundle must point to one side")
+            raise ValueError("each ray of a bundle must be less than 90 degrees from their mean direction")
         places = turned[:, :2] / turned[:, 2:]
         self._low = places.min(axis=0) if len(rays) else np.zeros(2)
         size = np.ptp(places, axis=0) if len(rays) else np.ones(2)

@@ -24,6 +24,8 @@ from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
 """Values of ``operating_mode``, keyed by series. Other series have no such register."""
+WRONG_SETTING: Final = "wrong_setting"
+"""Kind of the faults in which a register of the EEPROM without a kind of its own has a wrong value."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
 """Separate kind of fault for wrong values of a register, keyed by register name."""
 

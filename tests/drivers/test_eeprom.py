@@ -114,7 +114,7 @@ def test_a_lock_left_open_is_closed() -> None:
         (sts.model_number, 1, "model_number is not a writable EEPROM setting"),
         (sts.goal_position, 1, "goal_position is not a writable EEPROM setting"),
         (sts.servo_id, 254, "id must be 0 to 253"),
-        (sts.baud_rate, 1, "baud_rate cannot be verified, because the servo leaves this bus"),
+        (sts.baud_rate, 1, "baud_rate cannot be verified, because the servo would no longer answer on this bus"),
         (
             dxl.status_return_level,
             0,

@@ -38,12 +38,9 @@ def test_a_joint_slightly_outside_returns_and_one_far_outside_is_not_activated()
 
 
 def test_a_goal_where_the_joint_stands_is_accepted_and_ends_at_the_limit() -> None:
-    def prepare(stack: FaultyStack) -> None:
-        stacks.append(stack)
-
     stacks: list[FaultyStack] = []
     stands = Move(positions={"joint6": -1.65}, seconds=1.0)
-    report = run_schedule_of(Schedule(seconds=4.0, limits={"joint6": (-1.61, 3.05)}, clients=(stands,)), prepare)
+    report = run_schedule_of(Schedule(seconds=4.0, limits={"joint6": (-1.61, 3.05)}, clients=(stands,)), stacks.append)
     assert report.violations == ()
     (logged,) = stacks[0].goals.goals
     assert logged.handle.done and stacks[0].loop.command[5] == -1.61

@@ -11,6 +11,7 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
+from sim_backend.faults.settings import WRONG_SETTING
 
 CHANGES: Final = frozenset(
     {
@@ -21,7 +22,7 @@ CHANGES: Final = frozenset(
         "eeprom_gone",
         "foreign_packets",
         "wrong_mode",
-        "wrong_setting",
+        WRONG_SETTING,
         "wrong_id",
         "wrong_rate",
     }
@@ -30,7 +31,6 @@ CHANGES: Final = frozenset(
 OUTSIDE_SHARE: Final = 0.06
 """Maximum distance outside the limits at which a joint may be activated, as a fraction of its range: 0.05 plus
 backlash."""
-WRONG_SETTING: Final = "wrong_setting"
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -61,16 +61,17 @@ class ActivatedAsConfigured(Invariant):
             if not (begins or again) or joint.name in state.faults or joint.name not in self._reference:
                 continue
             touches = self.stack.touches
-            touched = touches.kinds(joint.name) & (CHANGES - LOSSES if again else CHANGES) - self._corrected(joint)
+            touched = touches.kinds(joint.name) & (CHANGES - LOSSES if again else CHANGES)
+            if touched == {WRONG_SETTING} and self._starts_wrong(joint):
+                touched = set()
             if not touched and touches.since_s(joint.name, LOSSES) > self.stack.loop.period_s:
                 self._examine(joint, self._reference[joint.name])
 
-    def _corrected(self, joint: Joint) -> set[str]:
-        """Return the kinds of faults of a joint that began before the stack started, which activation corrects."""
+    def _starts_wrong(self, joint: Joint) -> bool:
+        """Return whether all wrong settings of a joint began before the start, so that activation corrects them."""
         faults = (*self.stack.player.active.values(), *self.stack.player.happened)
-        own = [one for one in faults if joint.name in touched_joints(one, self.joints)]
-        early = {one.kind for one in own if one.kind == WRONG_SETTING and one.since == "start" and one.at_s == 0.0}
-        return early - {one.kind for one in own if one.since != "start" or one.at_s > 0.0}
+        wrong = [one for one in faults if one.kind == WRONG_SETTING and joint.name in touched_joints(one, self.joints)]
+        return all(one.since == "start" and one.at_s == 0.0 for one in wrong)
 
     def _examine(self, joint: Joint, wanted: ReferenceJoint) -> None:
         series, memory = series_of(joint.model), self.servos[joint.name].memory
