@@ -26,7 +26,7 @@ def test_all_hits_are_near(eye_m):
 
 
 def test_rays_to_all_sides_are_refused():
-    with pytest.raises(ValueError, match="one side"):
+    with pytest.raises(ValueError, match="less than 90 degrees"):
         Bundle(np.zeros(3), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -0.1, 0.0]]))
 
 
