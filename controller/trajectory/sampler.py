@@ -129,7 +129,7 @@ class TrajectorySampler:
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:
             self.follow(on_path or stop_path(reference, self.limits, gentle), reference, on_goal=False)
-        self.on_goal = False  # The path of the goal continues if it ends sooner than any stop.
+        self.on_goal = False  # The path of the goal continues if it ends about as soon as a stop.
 
     @property
     def ended(self) -> bool:

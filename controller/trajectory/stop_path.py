@@ -19,9 +19,13 @@ SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
 DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
 """Delays that are tried for a stop on a path, in seconds. No stop can start while the path brakes at a limit."""
 LONGEST_STOP: Final = 2.0
-"""Maximum duration of a stop on a path, in multiples of the duration of the quickest stop."""
+"""Maximum duration of a stop on a path, in multiples of the duration of the quickest stop.
+
+A path continues to its own end only if it ends at most ``STOP_MARGIN_S`` after the quickest stop: such a path does not
+slow down before its end, so the joints would travel much further than on a stop of the same duration.
+"""
 STOP_MARGIN_S: Final = 0.2
-"""Time added to the maximum duration of a stop on a path, in seconds."""
+"""Time by which a stop on a path, or the end of the path, may be later than these maximums, in seconds."""
 TRIES: Final = 12
 """Maximum number of stops that are checked against the limits, quickest first. The loop waits for these checks."""
 SAMPLES: Final = 40
@@ -97,17 +101,20 @@ class Slowing:
 def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Path | None:
     """Return the quickest stop on a path from ``elapsed_s``, at which time passes at ``rate``.
 
-    Returns the path itself if it ends sooner, and None if the path leaves no room to brake soon within the limits.
+    Returns the path itself if it ends about as soon as the quickest stop, and None if the path leaves no room to brake
+    soon within the limits.
     """
     stops = sorted(_stops(path, elapsed_s, rate, limits), key=lambda stop: stop.duration_s)
     left_s = (path.duration_s - elapsed_s) / rate if rate > 0.0 else math.inf
-    longest_s = LONGEST_STOP * stops[0].duration_s + STOP_MARGIN_S
+    quickest_s = stops[0].duration_s
+    longest_s = LONGEST_STOP * quickest_s + STOP_MARGIN_S
+    ends_soon = left_s <= quickest_s + STOP_MARGIN_S
     for stop in [candidate for candidate in stops if candidate.duration_s <= longest_s][:TRIES]:
-        if left_s <= stop.duration_s:
+        if ends_soon and left_s <= stop.duration_s:
             return path
         if _fits(stop, limits):
             return stop
-    return path if left_s <= longest_s else None
+    return path if ends_soon else None
 
 
 def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Iterator[Slowing]:

@@ -11,7 +11,7 @@ register, and the next motion has the full torque limit again.
 
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from hal.joint import Joint
@@ -54,10 +54,11 @@ class _Press:
     command: int
     """Commanded position, within ``NEW_COMMAND_TURNS``."""
     anchor: int
-    """Position when the joint last moved."""
+    """Position at which the drive was reduced, or the furthest position to which the object has yielded since then."""
     resting_s: float = 0.0
     """Time since the command came to rest, in seconds."""
-    pressed_s: float = 0.0
+    pressed: list[int] = field(default_factory=list)
+    """Positions in the latest cycles in which the servo pressed without moving."""
     held_s: float = 0.0
     """Time since the drive was first reduced, in seconds."""
     ahead: float | None = None
@@ -145,12 +146,14 @@ class StallWatch:
         return press
 
     def _presses_too_long(self, press: _Press, joint: Joint, here: int, load: float, period_s: float) -> bool:
-        presses = abs(load) >= PRESSING * joint.torque_limit  # not for NaN
-        if not presses or abs(here - press.anchor) > STILL_TURNS * joint.model.counts_per_turn:
-            press.anchor, press.pressed_s = here, 0.0
+        press.anchor = here
+        if not abs(load) >= PRESSING * joint.torque_limit:  # also for NaN
+            press.pressed.clear()
             return False
-        press.pressed_s += period_s
-        return press.pressed_s >= STALL_S - 1e-9
+        press.pressed.append(here)
+        while max(press.pressed) - min(press.pressed) > STILL_TURNS * joint.model.counts_per_turn:
+            del press.pressed[0]
+        return (len(press.pressed) - 1) * period_s >= STALL_S - 1e-9
 
     def _name(self, joint: Joint, pressing: bool) -> None:
         """Report the stall of a joint that has full torque and whose drive is not reduced."""

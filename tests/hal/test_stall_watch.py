@@ -58,6 +58,16 @@ def test_the_drive_of_a_pressing_jaw_is_reduced_after_the_time() -> None:
     assert jaw.at == 2400
 
 
+def test_a_jaw_that_creeps_after_its_motion_has_pressed_since_the_end_of_the_motion() -> None:
+    """In a former version, the time began again while the jaw crept, because its motion had ended a little earlier."""
+    watch = StallWatch({"jaw": FULL_AHEAD})
+    still = round(0.005 * sts.STS3215.counts_per_turn)
+    arrives = [OPEN + still * 10, OPEN + still + 1]
+    creeps = [OPEN + 4] * 11 + [OPEN] * 12
+    goals = [watch.goal(JAW, OPEN - 400, here, -0.5, PERIOD_S) for here in arrives + creeps]
+    assert [goal is not None for goal in goals].index(True) == len(arrives) + round(STALL_S / PERIOD_S)
+
+
 def test_a_gripped_object_causes_no_lasting_warning_but_a_jammed_joint_does() -> None:
     grip, jam = Jaw(blocked=2400), Jaw(blocked=OPEN)
     for jaw in (grip, jam):

@@ -75,6 +75,10 @@ class SafeWire(Invariant):
 
     def on_state(self, state: JointState) -> None:
         off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []
+        for monitor in self._monitors.values():
+            for name in monitor.enabled:
+                self._cycles_off.pop(name, None)
+            monitor.enabled.clear()
         self._cycles_off = Counter({name: self._cycles_off[name] + 1 for name in off})
         self._limp.clear()
         self._limp.update(name for name, cycles in self._cycles_off.items() if cycles > self._off_cycles[name])

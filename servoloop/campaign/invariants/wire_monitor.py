@@ -71,6 +71,11 @@ class WireMonitor:
         """
         self._driven: set[int] = set()
         self._limp, self._activating = limp, activating
+        self.enabled: set[str] = set()
+        """Names of joints whose torque the stack has enabled since the caller last updated ``limp``.
+
+        Such a servo may lose its torque again before the stack can know it. The caller clears this set.
+        """
         self.broken: list[str] = []
         self.goals_seen = 0
         self.torque_on_seen = 0
@@ -121,7 +126,8 @@ class WireMonitor:
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
         if before is not None and abs(goal - before) > reach and not begins:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
-        known_limp = joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS
+        known = joint.name in self._limp and joint.name not in self.enabled
+        known_limp = known and abs(goal - position) > MEASURED_WITHIN_COUNTS
         if limp and (known_limp or (self._activating() and not begins)):
             self.broken.append(f"{joint.name}: limp at {position} but sent goal {goal}")
         readings = self._measured[joint.servo_id]
@@ -144,6 +150,7 @@ class WireMonitor:
             self._driven.discard(joint.servo_id)
             return
         self.torque_on_seen += 1
+        self.enabled.add(joint.name)
         goal = self._goals.get(joint.servo_id)
         at_goal = goal is not None and abs(goal - position) <= self._within_counts(joint)
         placed_s = self._line.reached_s - self._placed_s.get(joint.servo_id, -inf)
