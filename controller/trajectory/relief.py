@@ -32,8 +32,13 @@ LOOSE: Final = 5.0
 FOLLOWS_SHARE: Final = 0.5
 """Fraction of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 GROWS: Final = 1.25
-"""Minimum growth factor of the distance of a seemingly free joint from its command that shows that a neighbor has
-pushed the joint."""
+"""Minimum factor by which the distance between a seemingly free joint and its command grows if a neighbor has pushed
+the joint. The factor refers to the distance before the command moved back."""
+GROWS_AGAIN: Final = 1.6
+"""Minimum growth factor relative to the distance at which the command stopped.
+
+At that time, a free joint lags behind its command, so the distance also grows a little without a neighbor.
+"""
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
 blocked after that, so one attempt is not enough.
@@ -45,7 +50,7 @@ SPEED_SHARE: Final = 0.5
 
 
 class Relief:
-    """Relief of the joints of one trajectory controller, in the thread of the loop."""
+    """Relief of one trajectory controller's joints, in the loop thread."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler) -> None:
         self.due = False
@@ -60,7 +65,8 @@ class Relief:
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._free_error = np.full(len(joints), np.inf)
-        """Distance of each joint from its command (n,) when it was found to be free; infinite for the other joints."""
+        """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that were not
+        found to be free."""
         self._begun: Cycle | None = None
         """The cycle in which commands started to move back, or None while no command moves back."""
 
@@ -74,7 +80,7 @@ class Relief:
 
     @property
     def done(self) -> bool:
-        """Whether the goal may end, because the joints are at rest or have had enough time to come to rest."""
+        """Whether the goal may finish, because the joints are at rest or have had enough time to come to rest."""
         return not self.due or self._stood_s > LONGEST_REST_S
 
     def step(self, now: Cycle) -> None:
@@ -90,12 +96,12 @@ class Relief:
             self._stop_if_joints_move(self._begun, now, ~unknown | limp)
         if not self._sampler.ended:
             return
-        if self._begun:  # The commands have come back. A joint that keeps sliding may press again.
+        if self._begun:  # The commands have moved back. A joint that keeps sliding may press again.
             self._relieved &= self._attempts >= ATTEMPTS
             self._begun = None
         self._stood_s += now.step_s
         off = np.abs(now.error) > PRESSES * self._sampler.still
-        pushed = (np.abs(now.error) > GROWS * self._free_error) & (self._attempts < ATTEMPTS)
+        pushed = (np.abs(now.error) > self._free_error) & (self._attempts < ATTEMPTS)
         held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | pushed)
         if held.any():
             self._relieve(held, now)
@@ -135,7 +141,8 @@ class Relief:
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
         if (advances | follows).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
-            self._free_error[follows] = np.abs(begun.error[follows])
+            free_error = np.minimum(GROWS * np.abs(begun.error), GROWS_AGAIN * np.abs(now.error))
+            self._free_error[follows] = free_error[follows]
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
 

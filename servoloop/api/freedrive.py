@@ -1,7 +1,7 @@
 """Freedrive of a local stack: a person moves the joints by hand, and the servos carry most of the weight."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Final
 
@@ -10,6 +10,7 @@ from drivers.errors import DriverError
 from hal.components.component import Component
 from hal.joint import Joint
 from hal.servos.soft_torque import Softening, SoftTorque
+from hal.types import JointFault
 from servoloop.api.errors import ArmBusyError, ArmError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
@@ -43,6 +44,8 @@ class Freedrive:
         self._softened = False
         """Whether torque limits may be reduced."""
         self._retry_s = 0.0
+        self._faults: Mapping[str, JointFault] = {}
+        """Joints that were not measured in the last cycle."""
         self.open = False
         """Whether the joints yield to a person's hand, or will do so soon."""
 
@@ -67,16 +70,17 @@ class Freedrive:
         if self._controller is not None:
             self._controller.holds = self.open
 
-    def update(self, silent: Sequence[str], now_s: float) -> None:
+    def update(self, faults: Mapping[str, JointFault], now_s: float) -> None:
         """End the freedrive if its end was requested or its controller was deactivated.
 
         Args:
-            silent: Joints that were not measured in this cycle.
+            faults: Joints that were not measured in this cycle.
             now_s: Time of the cycle, in seconds.
         """
+        self._faults = faults
         if not self.open:
             if self._softened and now_s >= self._retry_s:
-                self._stiffen(silent, now_s)
+                self._stiffen(faults, now_s)
             return
         ended = not self._takeover.active
         held = self._ending and self._controller is not None and self._controller.held
@@ -84,13 +88,16 @@ class Freedrive:
         if ended or self._held_cycles >= HELD_CYCLES:
             if ended:
                 LOG.warning("freedrive has ended because its controller was deactivated")
-            self._stiffen(silent, now_s)
+            self._stiffen(faults, now_s)
             self._takeover.give_back()
             self.open = self._ending = False  # last, because other threads wait for it
 
     def _begin(self) -> None:
         if self.open:
             raise ArmBusyError("the arm is already in freedrive")
+        unknown = [name for name in self._joints if name in self._faults and self._faults[name].kind != "no_torque"]
+        if unknown:  # Writing to a silent servo would delay the loop.
+            raise ArmError(f"the arm cannot be moved by hand: {self._faults[unknown[0]].text}")
         if self._controller is None:
             self._controller = self._load()
         self._controller.holds, self._ending = False, False
@@ -121,7 +128,7 @@ class Freedrive:
         components = self._stack.loop.hardware.components
         return [(one, one.hardware.soft_torque) for one in components if isinstance(one.hardware, Softening)]
 
-    def _stiffen(self, silent: Sequence[str], now_s: float) -> None:
+    def _stiffen(self, silent: Collection[str], now_s: float) -> None:
         """Restore the torque limits of all components that can be reached."""
         self._retry_s = now_s + RETRY_S
         for component, torque in self._parts:

@@ -241,7 +241,7 @@ class StackBackend:
         for part in self._parts:
             part.update(state, state.stamp_s)
         self._stream.update(state.stamp_s)
-        self._freedrive.update(tuple(state.faults), state.stamp_s)
+        self._freedrive.update(state.faults, state.stamp_s)
         self._pace.cycle_done()
 
     def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:

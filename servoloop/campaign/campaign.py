@@ -12,7 +12,7 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
 from servoloop.campaign.draw_arm import draw_limits, draw_setting
-from servoloop.campaign.draw_clients import draw_client
+from servoloop.campaign.draw_clients import draw_client, draw_end
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError
@@ -91,9 +91,10 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     jobs = scenario.job if client == "job" else ()
     limits = {} if jobs else _draw_limits(seed, arm)
     files = with_narrow_limits(files, limits)
-    acts = draw_client(client, seed, *joints_and_hand(files, seed), scenario.within_s)
-    seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
-    within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
+    until_s = scenario.within_s if client == "job" else draw_end(seed, scenario.within_s)
+    acts = draw_client(client, seed, *joints_and_hand(files, seed), until_s)
+    seconds = until_s + (scenario.seconds if until_s == scenario.within_s else 0.0) if acts else scenario.seconds
+    within_s = scenario.within_s if jobs else min(until_s, seconds)
     faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
     if faults and (scenario.kinds is None or WRONG_SETTING in scenario.kinds):
         wrong = draw_setting(seed, files.robot.joints)

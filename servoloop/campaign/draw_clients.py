@@ -40,8 +40,25 @@ OWN_TOLERANCES: Final = 0.3
 """Fraction of the goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
 """Range of the goals' own tolerances, in rad or m."""
+ENDS_EARLY: Final = 0.25
+"""Fraction of the runs that end in the middle of the acts and faults, as if the user stopped the program."""
+EARLIEST_S: Final = 1.0
+"""Earliest end of such a run, in seconds."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
+
+
+def draw_end(seed: int, within_s: float) -> float:
+    """Return the time at which a run ends in the middle of its acts and faults, or ``within_s``, in seconds.
+
+    Args:
+        seed: Seed of the run.
+        within_s: Time within which acts and faults begin, in seconds.
+    """
+    random = Random(f"{seed}/end")
+    if random.random() >= ENDS_EARLY:
+        return within_s
+    return round(random.uniform(min(EARLIEST_S, within_s), within_s), 3)
 
 
 def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:

@@ -16,7 +16,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.hardware import Reactivating
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointFault, JointLimits, JointState
 from servoloop.simulation.acts import (
     Act,
     Cancel,
@@ -50,7 +50,7 @@ PUSHED_S: Final = 0.3
 
 
 class HandGuidance(Protocol):
-    """Freedrive of a stack."""
+    """Interface to the freedrive of a stack."""
 
     def begin(self) -> None:
         """Let the joints yield to a hand. Raises DriverError."""
@@ -60,8 +60,8 @@ class HandGuidance(Protocol):
         """Let the joints hold their positions."""
         ...
 
-    def update(self, silent: Sequence[str], now_s: float) -> None:
-        """Update freedrive after a cycle in which the joints ``silent`` were not measured."""
+    def update(self, faults: Mapping[str, JointFault], now_s: float) -> None:
+        """Update freedrive after a cycle in which the joints in ``faults`` were not measured."""
         ...
 
 
@@ -75,7 +75,7 @@ class SocketPrograms(Protocol):
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that has control of the arm although it has died; empty if there is none."""
+        """Name of a program that has died but still has control of the arm; empty if there is no such program."""
         ...
 
     def carry_out(self, act: SocketAct) -> None:
@@ -87,7 +87,7 @@ class SocketPrograms(Protocol):
         ...
 
     def die(self) -> None:
-        """End all connections, as if the programs had been killed."""
+        """Close all connections, as if the programs had been killed."""
         ...
 
 
@@ -109,7 +109,7 @@ class SimulatedClients:
             arm: Trajectory controller that receives the goals.
             acts: Actions of the clients.
             freedrive: Freedrive of the stack, for actions that move joints by hand.
-            programs: Programs that carry out the actions on the command socket. Required if there are such actions.
+            programs: Programs that carry out the actions on the command socket; required if ``acts`` has such actions.
         """
         self.programs = programs
         """Programs on the command socket, if there are any."""
@@ -123,7 +123,7 @@ class SimulatedClients:
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
         self.gripper = GripperClient(stack) if any(isinstance(act, Grip) for act in acts) else None
-        """Client of a gripper action controller, if there are such actions."""
+        """Client of a gripper action controller, or None if no action needs this client."""
 
     def cycle(self, state: JointState) -> None:
         """Carry out all actions that are due."""
@@ -133,7 +133,7 @@ class SimulatedClients:
         while self._due and self._due[0][0] <= now_s:
             self._due.pop(0)[1]()
         self._streams = [stream for stream in self._streams if next(stream, self) is not self]
-        self._freedrive.update(tuple(state.faults), state.stamp_s)
+        self._freedrive.update(state.faults, state.stamp_s)
         if self.programs is not None:
             self.programs.cycle()
 

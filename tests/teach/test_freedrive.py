@@ -271,6 +271,20 @@ def test_servo_that_is_silent_at_the_end_gets_its_torque_back_once_it_answers() 
     assert limits(rig) == full
 
 
+def test_arm_with_a_silent_servo_does_not_become_soft_and_its_loop_is_not_delayed() -> None:
+    """In a former version, the writes to the silent servo delayed the loop by almost a second."""
+    rig = Rig()
+    full = limits(rig)
+    (line,) = rig.lines.lines.values()
+    line.faults.silence(3)
+    rig.run(0.5)
+    before_s = rig.loop.clock.now()
+    with pytest.raises(ArmError, match=r"cannot be moved by hand: elbow_flex.*does not answer"):
+        rig.backend.begin_freedrive()
+    assert rig.loop.clock.now() - before_s <= 4 * rig.loop.period_s
+    assert limits(rig) == full and FREEDRIVE not in running(rig)
+
+
 def test_arm_that_ends_in_freedrive_holds_with_its_full_torque() -> None:
     rig = Rig()
     full = limits(rig)

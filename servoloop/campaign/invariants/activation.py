@@ -1,7 +1,7 @@
 """Invariant on activation: the servos have the settings that an independent reader finds in the arm's files."""
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
@@ -33,6 +33,17 @@ OUTSIDE_SHARE: Final = 0.06
 backlash."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
+
+
+def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str:
+    """Return a sentence if the torque limit in a servo's memory differs from the robot file, or an empty string."""
+    series = series_of(joint.model)
+    if series.torque_limit is None:
+        return ""
+    held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
+    if 0 < held <= most and (held >= 0.9 * most or held >= 0.9 * memory.get(series.max_torque)):
+        return ""
+    return f"{joint.name}: the torque limit is {held}, but the robot file has {most}"
 
 
 class ActivatedAsConfigured(Invariant):
@@ -84,9 +95,8 @@ class ActivatedAsConfigured(Invariant):
                     self.say(f"{joint.name}: {name} is {held}, but the robot file has {value}")
         if series.torque_limit is not None:
             self.examined += 1
-            held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
-            if not 0 < held <= most or (held < 0.9 * most and held < 0.9 * memory.get(series.max_torque)):
-                self.say(f"{joint.name}: the torque limit is {held}, but the robot file has {most}")
+            if problem := wrong_torque_limit(joint, memory, wanted):
+                self.say(problem)
         position, slack = self.true_positions().get(joint.name), OUTSIDE_SHARE * (wanted.upper - wanted.lower)
         if position is not None and not wanted.lower - slack <= position <= wanted.upper + slack:
             limits = f"{wanted.lower:.4f} to {wanted.upper:.4f}"

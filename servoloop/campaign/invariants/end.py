@@ -6,28 +6,33 @@ from typing import Final
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
+from servoloop.campaign.invariants.activation import CHANGES, wrong_torque_limit
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.campaign.invariants.reference import read_reference
 from servoloop.campaign.invariants.rest import PRESSES_SHARE
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
-LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode", "wrong_setting", "collision"})
-"""Faults after which a component cannot be activated again, so it keeps its state."""
+WRITES_AGAIN_S: Final = 2.0
+"""Maximum time after a fault until the stack has repeated a write to a register, in seconds."""
 
 
 class EndsAsChosen(Invariant):
     """At the end the arm is held, or parked and released, as ``on_exit`` specifies, if its servos can be reached.
 
     A servo that should hold may still release its torque for protection and report an error. No joint of a held arm
-    presses against an obstacle. Faults that are active while the program ends excuse the joints that they affect.
+    presses against an obstacle, and each has the torque limit of the robot file. Faults that are active while the
+    program ends excuse the joints that they affect, except for gears that have jammed before.
     """
 
     name = "ends as chosen"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
+        self._reference = read_reference(stack.files, stack.narrowed)
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
@@ -49,15 +54,32 @@ class EndsAsChosen(Invariant):
         if not self.stack.control_stack.releases:
             without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
             self._report("released instead of held", (driven & without_error) - on)
+            for joint in self.joints:
+                if (
+                    joint.name in driven & on
+                    and joint.name in self._reference
+                    and not self._settings_changed(joint.name)
+                ):
+                    self._examine_limit(joint)
             if not affected and len(driven) == len(self.joints):
                 self._report("pressing", {joint for joint in driven & without_error if self._presses(joint)})
             return
         reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
-        if not self._cannot_return() and not self._inactive and len(reached) == len(self.joints):
+        if not self._inactive:
             self.examined += len(reached)
             self._report("torque still enabled", on & reached)
         if len(driven) == len(self.joints):
             self._report("not parked", self._not_parked())
+
+    def _settings_changed(self, joint: str) -> bool:
+        """Return whether a fault may have changed the registers of a joint's servo, or prevented writes to them."""
+        kinds = self.stack.touches.kinds(joint)
+        return bool(kinds & CHANGES) or self.stack.touches.since_s(joint) < WRITES_AGAIN_S
+
+    def _examine_limit(self, joint: Joint) -> None:
+        self.examined += 1
+        if problem := wrong_torque_limit(joint, self.servos[joint.name].memory, self._reference[joint.name]):
+            self.say(problem)
 
     def _presses(self, joint: str) -> bool:
         """Return whether a joint of the arm is held far from its command, and was not moved by hand."""
@@ -67,13 +89,13 @@ class EndsAsChosen(Invariant):
         limit, command = self.stack.loop.limits[place], float(self.stack.loop.command[place])
         return abs(command - self.true_positions()[joint]) > PRESSES_SHARE * (limit.upper - limit.lower)
 
-    def _cannot_return(self) -> bool:
-        """Return whether a servo differs from the robot file, so that a lost component cannot be activated again."""
-        return self.shared_id or any(self.stack.touches.kinds(joint.name) & LASTING for joint in self.joints)
-
     def _affected_at_the_end(self) -> set[str]:
-        """Return the joints that faults have affected since the last cycle."""
-        events = (*self.stack.player.happened[self._happened :], *self.stack.player.active.values())
+        """Return the joints that faults have affected since the last cycle.
+
+        Gears that jammed earlier are not an excuse: the stack must relieve the joint.
+        """
+        lasting = (event for event in self.stack.player.active.values() if event.kind != "jammed")
+        events = (*self.stack.player.happened[self._happened :], *lasting)
         if any(event.kind == "stall" for event in events):
             return {joint.name for joint in self.joints}
         return {name for event in events for name in touched_joints(event, self.joints)}

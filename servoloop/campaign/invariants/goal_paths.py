@@ -142,19 +142,23 @@ class ForwardedIsFollowed(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
-        """Latest values of each forward controller, and the time since which they have been valid."""
+        self._sent: dict[str, tuple[tuple[float, ...] | None, int]] = {}
+        """Latest values of each forward controller, and the number of cycles for which they have been valid.
+
+        Time is counted in cycles, because a write to a servo that does not answer delays the loop.
+        """
 
     def on_state(self, state: JointState) -> None:
         for name, controller in self.stack.controllers.items():
             running = self.active and self.stack.manager.registry.loaded[name].active
             if controller.takes_goals or controller.upsets or not running:
                 controller.forwarded = None
-            values, since_s = self._sent.get(name, (None, 0.0))
+            values, cycles = self._sent.get(name, (None, 0))
             if controller.forwarded is None or controller.forwarded != values:
-                self._sent[name] = controller.forwarded, state.stamp_s
+                self._sent[name] = controller.forwarded, 0
             else:
-                self._examine(controller.joints, controller.forwarded, state.stamp_s - since_s)
+                self._sent[name] = values, cycles + 1
+                self._examine(controller.joints, controller.forwarded, (cycles + 1) * self.stack.loop.period_s)
 
     def _examine(self, joints: tuple[str, ...], values: tuple[float, ...], lasted_s: float) -> None:
         for joint, value in zip(joints, values, strict=True):

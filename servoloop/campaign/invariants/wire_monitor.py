@@ -107,7 +107,8 @@ class WireMonitor:
             if speed is not None and not limp and not self._activating():
                 self._speed(joint, speed)
         if torque is not None:
-            self._torque(joint, torque, position, limp)
+            held = servo.memory.get(series.goal_position) if goal is None else goal
+            self._torque(joint, torque, position, held if limp else None)
         if goal is None and torque is None:
             self._measured[joint.servo_id] = 0
 
@@ -144,17 +145,23 @@ class WireMonitor:
         if not 0 < speed <= fastest:
             self.broken.append(f"{joint.name}: goal speed {speed}, but at most {fastest:.0f} counts/s are allowed")
 
-    def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
-        """Examine a write to the torque register. A servo that was driven since its last goal may have sagged."""
+    def _torque(self, joint: Joint, value: int, position: int, goal: int | None) -> None:
+        """Examine a write to the torque register. A servo that was driven since its last goal may have sagged.
+
+        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent; None
+        if the servo's torque is enabled.
+        """
         if value != 1:
             self._driven.discard(joint.servo_id)
             return
         self.torque_on_seen += 1
         self.enabled.add(joint.name)
-        goal = self._goals.get(joint.servo_id)
-        at_goal = goal is not None and abs(goal - position) <= self._within_counts(joint)
         placed_s = self._line.reached_s - self._placed_s.get(joint.servo_id, -inf)
-        if limp and joint.servo_id not in self._driven and not at_goal and placed_s > SWITCHED_ON_S:
+        placed = placed_s <= SWITCHED_ON_S and goal == self._goals.get(joint.servo_id)
+        if goal is None or joint.servo_id in self._driven or placed:
+            self._driven.add(joint.servo_id)
+            return
+        if abs(goal - position) > self._within_counts(joint):
             self.broken.append(f"{joint.name}: torque enabled at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
 
