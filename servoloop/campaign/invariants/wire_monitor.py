@@ -108,7 +108,8 @@ class WireMonitor:
                 self._speed(joint, speed)
         if torque is not None:
             held = servo.memory.get(series.goal_position) if goal is None else goal
-            self._torque(joint, torque, position, held if limp else None)
+            receives = self._line.plugged(servo) and servo.deaf_s <= 0.0
+            self._torque(joint, torque, position, held if limp and receives else None)
         if goal is None and torque is None:
             self._measured[joint.servo_id] = 0
 
@@ -148,8 +149,8 @@ class WireMonitor:
     def _torque(self, joint: Joint, value: int, position: int, goal: int | None) -> None:
         """Examine a write to the torque register. A servo that was driven since its last goal may have sagged.
 
-        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent; None
-        if the servo's torque is enabled.
+        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent. It is
+        None if the servo's torque is enabled, or if the servo has no power or restarts and thus receives nothing.
         """
         if value != 1:
             self._driven.discard(joint.servo_id)
