@@ -1,4 +1,4 @@
-# A new user only needs `make demo` or `make test`, which set everything up first.
+# A new user needs only `make demo` or `make test`, which first set everything up.
 .PHONY: help setup demo test test-real-time test-slow test-sample test-all test-lowest soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
@@ -17,8 +17,8 @@ CYCLES ?= 10000
 FILES ?= 20000
 STREAMS ?= 500000
 
-# Three files run at the same time on two cores, at most two of them in real time (tests/distribution.py), because these
-# tests mostly wait. On a slow machine, three stacks would delay each other's cycles.
+# Three files run at the same time on two cores, because these tests mostly wait. At most two of the files run in real
+# time (tests/distribution.py), because three stacks would delay each other's cycles on a slow machine.
 PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorder
 
 help:
@@ -45,7 +45,7 @@ setup:
 demo: setup
 	@$(BIN)/servoloop demo $(DEMO_ARGS)
 
-# These tests do not wait.
+# These tests do not wait, so they use all cores.
 test: setup
 	$(PYTEST) -n $$(nproc) -m 'not real_time and not slow and not soak' $(PYTEST_ARGS)
 

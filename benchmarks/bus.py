@@ -103,7 +103,7 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapp
         console: Output.
         title: Title of the table.
         found: Median round of each client.
-        on_wire_us: Transmission time of a cycle of each client, in microseconds; empty if transmission takes no time.
+        on_wire_us: Transmission time of each client's cycle, in microseconds; empty if transmission takes no time.
     """
     columns = "client", "us/cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
     table = Table(*columns, title=title)

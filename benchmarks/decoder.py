@@ -129,7 +129,7 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
 
 
 def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
-    """Return the number of accepted frames, and how many of these frames are not in the stream with a valid
+    """Return the number of accepted frames, and the number of those that are not in the stream with a valid
     checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)

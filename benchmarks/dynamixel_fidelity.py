@@ -1,7 +1,7 @@
 """Compare the virtual Dynamixels with facts and values: ``python -m benchmarks.dynamixel_fidelity``.
 
 The program prints how many facts about ranges, errors, modes, profiles and the bus agree (``dynamixel_facts``), and
-lists those that do not.
+lists the facts that do not.
 
 The values of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected values
 come from data sheets of ROBOTIS ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
@@ -106,7 +106,7 @@ def drives() -> Iterator[Figure]:
 
 def speeds() -> Iterator[Figure]:
     """Yield the speeds at full drive without load."""
-    why = "with every friction law of BAM, the XL-320 is slower than its data sheet"
+    why = "with each of BAM's friction laws, the XL-320 is slower than in its data sheet"
     for model in (X330, MX_64, MX_106, XL):
         bench = Bench(model)
         bench.start_below(FULL_DRIVE_RAD)

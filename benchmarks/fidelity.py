@@ -123,7 +123,7 @@ def steps() -> Iterator[Figure]:
     yield Figure("step of 1024: slope", "counts/s", 820e3 / (last - first), 3290, "hardware")
     settled = 1 + max(ms for ms, count in enumerate(large) if abs(count - 1024) > 3)
     yield Figure("step of 1024: within 3 counts after", "ms", settled, 410, "hardware")
-    why = "no rotor inertia that matches the other values overshoots this far, nor does the model of the sources"
+    why = "no rotor inertia that matches the other values causes this overshoot, and neither does the sources' model"
     yield Figure("step of 1024: overshoot", "counts", max(large) - 1024, 11, "hardware", why)
     reached = next(ms for ms, count in enumerate(small) if count >= 99)
     yield Figure("step of 100: at the goal after", "ms", reached, 78, "hardware")

@@ -21,7 +21,7 @@ SCENARIO: Final = Path(__file__).parents[1] / "docs" / "campaign.yaml"
 """The default scenario."""
 SEEDS: Final = 10
 REPEATS: Final = 3
-"""Number of repetitions of each run. The shortest repetition counts."""
+"""Number of times each run is repeated. The shortest repetition counts."""
 HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
 """Methods of an invariant whose time is measured."""
 

@@ -4,8 +4,8 @@ The servos answer on a pseudo-terminal at 1 Mbit/s, in a separate process. There
 
 - ``servoloop up``: the whole stack as a process, with the shipped controllers, ROS and a subscriber (``--seconds``).
 - Only the loop: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
-- Only system calls, which send the same bytes at the same rate. The machine itself is the cause of cycles that this row
-  misses.
+- Only system calls, which send the same bytes at the same rate. If this row has missed cycles, the machine itself is
+  the cause.
 
 A value counts as missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main
 thread, which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and

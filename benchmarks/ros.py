@@ -1,11 +1,11 @@
 """Measure the cost and the response times of the ROS 2 interface: ``python -m benchmarks.ros [--seconds 600]``.
 
-The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in a separate process. This process is its
-only client. It has real-time priority if the system grants it, so that its own delays are not measured.
+The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in a separate process. This process is the
+only client. It has real-time priority if the system allows this, so that the client's own delays are not measured.
 
 First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Then goals run one
 after the other for ``--seconds``, and the benchmark measures the response time, the start of the motion, and the
-regularity of the stamps of /joint_states. Every third goal is canceled during its motion. For comparison, the last
+regularity of the /joint_states stamps. Every third goal is canceled during its motion. For comparison, the last
 column contains ros2_control's results from another machine with two cores.
 """
 

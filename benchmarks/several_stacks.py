@@ -3,8 +3,9 @@
 Each stack is a process of ``servoloop up`` at 20 Hz, with ROS, in its own ROS domain. The seven servos of each arm
 answer on a pseudo-terminal at 1 Mbit/s, in a separate process, whose processor time is not counted.
 
-The last line calculates how many of these stacks a small computer can run. It assumes that each of its cores needs
-``--slower`` times the processor time of a core of this machine, and that the stacks may use ``--load`` of its cores.
+The last line estimates how many of these stacks a small computer can run. The estimate assumes that a core of the small
+computer needs ``--slower`` times the processor time of a core of this machine. The stacks may use the fraction
+``--load`` of the small computer's cores.
 """
 
 import argparse
@@ -89,7 +90,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--stacks", type=positive, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="duration of the measurement")
-    parser.add_argument("--slower", type=float, default=4.0, help="processor time of the small computer, as a multiple")
+    parser.add_argument("--slower", type=float, default=4.0, help="processor time, relative to this machine")
     parser.add_argument("--cores", type=positive, default=4, help="cores of the small computer")
     parser.add_argument("--load", type=float, default=0.5, help="fraction of these cores that the stacks may use")
     arguments = parser.parse_args()

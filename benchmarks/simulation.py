@@ -70,7 +70,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Multiples of real time, and each part's fraction of the time of the whole stack."""
+    """Multiples of real time, and each part's fraction of the whole stack's time."""
 
     world: float
     servos: float
@@ -78,7 +78,7 @@ class Figures:
     without_a_wire: float
     shares: dict[str, float]
     invariants: InvariantCost
-    """Cost of the invariants of a campaign."""
+    """Cost of a campaign's invariants."""
 
 
 def best_s(step: Callable[[], None], steps: int, runs: int) -> float:

@@ -47,8 +47,8 @@ them is used."""
 LARGEST_STEP: Final = 1.15
 """Maximum allowed step of a joint, as a multiple of its velocity limit.
 
-A servo moves 5 % faster than its goals, to catch up with its lag, and the times of the feed may be off by one tick of
-the emulator: 5 ms of 50 ms.
+A servo moves 5 % faster than its goals, to catch up with its lag. In addition, the times of the feed may be off by one
+tick of the emulator, which is 5 ms of 50 ms.
 """
 GRADES: Final = "ABC"
 
@@ -128,7 +128,7 @@ class JointSteps:
 
 @dataclass(slots=True)
 class Outcome:
-    """Results of the jobs of one case."""
+    """Results of one case's jobs."""
 
     side: str
     lasted_s: list[float] = field(default_factory=list)

@@ -1,5 +1,5 @@
-"""Observer of the stack during a flood of clients: a DDS participant that records the stamps of /joint_states and the
-statistics of the loop."""
+"""Observe the stack during a flood of clients. A DDS participant records the /joint_states stamps and the loop's
+statistics."""
 
 import os
 import threading

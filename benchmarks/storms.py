@@ -1,7 +1,7 @@
 """Measure the timing of the loop while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
 
-The stack runs on the mock in a separate process. During each flood ("storm"), the benchmark records the stamps of
-/joint_states and the number of missed cycles, and compares the positions of the arm before and after the storm. The
+The stack runs on the mock in a separate process. During each flood ("storm"), the benchmark records the /joint_states
+stamps and the number of missed cycles. It also compares the arm's positions before and after the storm. The
 exit status is 1 if a cycle was missed or the arm has moved.
 """
 

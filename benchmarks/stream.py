@@ -3,8 +3,8 @@
 
 A stack without ROS runs at 20 Hz with virtual servos in separate processes, and records every byte on the bus. This
 program stands in for a policy: it sends a new target at each step of its rate, as ``Arm.connect().stream()`` does. A
-target counts as late if neither it nor a newer target is in the goals on the bus after one cycle, and as lost if this
-never happens.
+target counts as late if neither this target nor a later target is in the goals on the bus after one cycle. A target
+counts as lost if this never happens.
 """
 
 import argparse

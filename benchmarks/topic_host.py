@@ -3,7 +3,8 @@
 ``servoloop topic-host`` runs with virtual servos in a separate process and records every byte on the bus. This process
 stands in for the plug-in JointStateTopicSystem: at the given rate, it sends new commands over DDS. The table shows the
 time from a command to its bytes on the bus, and the time from the last byte of a reply to the state message. A command
-counts as late if neither it nor a newer command is on the bus after one cycle, and as lost if this never happens.
+counts as late if neither this command nor a later command is on the bus after one cycle. A command counts as lost if
+this never happens.
 """
 
 import argparse
@@ -72,7 +73,7 @@ class Plugin:
         self.joint = joint
         self.period_s = 1.0 / rate_hz
         self.states: list[tuple[float, float]] = []
-        """Stamp and time of arrival of each state."""
+        """Stamp and arrival time of each state."""
         self.newest: JointState | None = None
 
     def on_state(self, message: JointState) -> None:
@@ -126,7 +127,7 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
     """Return the time from the last reply of each measurement to the arrival of its state, (k,) in seconds.
 
     Args:
-        states: Stamp and time of arrival of each state, (k, 2) in seconds.
+        states: Stamp and arrival time of each state, (k, 2) in seconds.
         replies: Times at which replies arrived, in seconds.
         period_s: Period of the loop, in seconds.
     """

@@ -80,7 +80,7 @@ class Figures:
 def serve(
     link: Path, servo_ids: Sequence[int] = IDS, kind: Callable[[list[int]], simulator.Servos] = simulator.Servos
 ) -> None:
-    """Serve the servos of one port, which ``kind`` creates, in the calling process until the process is ended."""
+    """Serve the servos of one port, which ``kind`` creates, in the calling process until the process is stopped."""
     # The servos do not move and report the goals of the benchmark, so torque may be enabled.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")

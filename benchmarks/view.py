@@ -1,7 +1,8 @@
 """Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
-The cell is the same as in ``servoloop demo``. It first runs without a view, and then with the page open in the
-machine's Chromium, which draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
+The cell is the same as in ``servoloop demo``. The cell first runs without a view, and then with the page open in
+the machine's Chromium. The browser draws without a graphics card and has the lowest priority
+(benchmarks/processes/browser.py).
 
 Two periods are measured during the jobs, as deviations from the configured period: the time between the starts of two
 cycles, and the time between two measurements. The second period includes the delays of the kernel and the virtual
@@ -40,7 +41,7 @@ QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
 
 @dataclass(slots=True)
 class Outcome:
-    """Jobs of one run, with the regularity of the loop."""
+    """Jobs of one run, with the timing of the loop."""
 
     view: bool
     jobs: int = 0
@@ -94,10 +95,10 @@ def page(address: str) -> Iterator[Callable[[], float]]:
 
 
 def _browser_s() -> float:
-    """Return the processor time of all processes of the browser."""
+    """Return the processor time of all browser processes."""
     ticks = 0
     for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # the process has ended
+        with contextlib.suppress(OSError):  # The process has exited.
             name, values = stat.read_text().rsplit(")", 1)
             ticks += sum(map(int, values.split()[11:13])) if "(chrom" in name else 0
     return ticks / os.sysconf("SC_CLK_TCK")

@@ -7,8 +7,8 @@ from pathlib import Path
 def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
     """Write a file atomically, and keep its previous content in ``path``.1. Raises OSError.
 
-    If the program is interrupted at any time, ``path`` has either the complete previous or the complete new content.
-    With ``keep`` False, ``path``.1 is not changed.
+    If the program is interrupted at any time, ``path`` contains either the complete previous or the complete new
+    content. If ``keep`` is False, ``path``.1 is not changed.
     """
     if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())

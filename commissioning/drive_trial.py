@@ -137,7 +137,7 @@ class DriveTrial:
             place = self._arm.measured(self._index)
             if abs(place - float(self._arm.command[self._index])) > BEHIND_RAD * self._joint.transmission:
                 return None  # If the servo were driven any longer, it would release its torque to protect itself.
-            # Both directions cover the same positions, so gravity cancels out. A silent servo only has old values.
+            # Both directions cover the same positions, so gravity cancels out. A silent servo has only old values.
             if ramp < cycle <= cycles - ramp and self._joint.name not in self._arm.state.faults:
                 samples.append(_Sample(cycle * period_s, self._drive(), place))
         return _mean(samples)

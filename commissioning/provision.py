@@ -17,7 +17,7 @@ RESTART_S: Final = 1.5
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
-    """Return the EEPROM registers of this model by name, in the order of their addresses."""
+    """Return the EEPROM registers of this model, keyed by name, in the order of their addresses."""
     return {register.name: register for register in registers_of(model) if register.persistent}
 
 

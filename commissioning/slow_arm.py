@@ -59,7 +59,7 @@ class SlowArm:
         """Prepare the arm without opening its buses.
 
         Args:
-            open_bus: Function that opens the bus of the joints, or all of their buses by name.
+            open_bus: Function that opens the bus of the joints, or all of their buses, keyed by name.
             joints: Joints of the arm.
             clock: Clock of the cycles.
             stopped: Function that is called in each cycle. If it returns True, StoppedError is raised and the arm
@@ -194,7 +194,7 @@ class SlowArm:
     def _sink(self) -> None:
         """Reduce the torque limits step by step.
 
-        The torque of a servo that does not accept a limit is disabled at the end, with that of the other servos.
+        A servo that does not accept a limit keeps its torque until the torque of all servos is disabled at the end.
         """
         for share in SINK_SHARES:
             for joint in self.joints:

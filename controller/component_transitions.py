@@ -22,11 +22,11 @@ LOG = logging.getLogger("servoloop.controller")
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 
 BackgroundWorker = Callable[[Callable[[], None]], None]
-"""Function that runs work that takes longer than a cycle. Except in tests, the work runs in another thread."""
+"""Function that runs a task that takes longer than a cycle. Except in tests, the task runs in another thread."""
 
 
 def run_at_once(work: Callable[[], None]) -> None:
-    """Run the work in the calling thread. Use this function as the background worker if there is no other thread."""
+    """Run a task in the calling thread. Use this function as the background worker if there is no other thread."""
     work()
 
 
@@ -38,11 +38,11 @@ class TransitionRules:
     """Whether the loop continues after the last component is lost, so that a client can activate the component again.
     """
     background_worker: BackgroundWorker = run_at_once
-    """Function that runs work that takes longer than a cycle."""
+    """Function that runs a task that takes longer than a cycle."""
 
 
 NO_BACKGROUND: Final = TransitionRules()
-"""Default rules: the loop ends when its last component is lost, and all work runs in the thread of the loop."""
+"""Default rules: the loop ends when its last component is lost, and all work runs in the loop thread."""
 
 
 class ComponentTransition(Request[None]):
@@ -57,7 +57,7 @@ class ComponentTransition(Request[None]):
         self.target = target
         self.relax = relax
         self.error_in_background: Exception | None = None
-        """Error raised by the work in the background."""
+        """Error raised by the background work."""
         self.reactivated: frozenset[str] | None = None
         """Joints of an active component that are activated again. Empty if the reactivation failed."""
         self.controllers: list[str] = []
@@ -109,7 +109,9 @@ class ComponentTransitions:
         Any thread may append.
         """
         self.returned: deque[tuple[Component, ComponentTransition]] = deque()
-        """Components that have finished their work in the background. Background threads append, the loop removes."""
+        """Components that have finished their background work. Background threads add
+        components, and the loop removes them.
+        """
         self.arrived: list[tuple[Component, ComponentTransition]] = []
         """Activated components that the loop will take over at their next measured positions."""
         self.leaving: list[_Leaving] = []
@@ -164,7 +166,7 @@ class ComponentTransitions:
             self._left(leaving.component, leaving.transition)
 
     def end(self) -> None:
-        """Refuse every open transition. Call this after the last cycle, when no background work is left."""
+        """Refuse every open transition. Call this method after the last cycle, when no background work is left."""
         self._ended = True
         for transition in (*self.asked, *(leaving.transition for leaving in self.leaving)):
             if transition is not None:
@@ -207,7 +209,7 @@ class ComponentTransitions:
         elif not unanswered:
             transition.serve()
         elif transition.torque_queries < ATTEMPTS:
-            self.asked.append(transition)  # The next cycle reports a silent servo by name.
+            self.asked.append(transition)  # The next cycle reports by name a servo that does not respond.
         else:
             names = ", ".join(sorted(unanswered))
             transition.refuse(
@@ -238,7 +240,7 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _switch_in_background(self, component: Component, transition: ComponentTransition) -> None:
-        """Run a transition in the background, which may take seconds. Until it ends, the loop skips the component."""
+        """Run a transition in the background, possibly for seconds. Until its end, the loop skips the component."""
         component.switching = True
 
         def work() -> None:
@@ -246,7 +248,7 @@ class ComponentTransitions:
                 _bring(component, transition)
             except (DriverError, HalError) as error:
                 transition.error_in_background = error
-            except Exception as error:  # A defect in one component must not end the others.
+            except Exception as error:  # A defect in one component must not stop the others.
                 LOG.exception("internal error while %s", transition)
                 transition.error_in_background = error
             self.returned.append((component, transition))
@@ -282,7 +284,7 @@ class ComponentTransitions:
     def _switch_off(self, component: Component, undo: bool) -> None:
         """Deactivate a component that cannot be commanded.
 
-        ``undo``: whether to disable only the torque that the activation has enabled.
+        ``undo`` states whether to disable only the torque that the activation has enabled.
         """
         try:
             problems = undo_activation(component.hardware) if undo else component.hardware.deactivate(relax=False)
@@ -303,7 +305,7 @@ class ComponentTransitions:
             if other.error is None and (other.switching or other.state in CONFIGURED)
         ]
         if not others and not self._rules.keep_alive and lost[0].error is not None:
-            raise lost[0].error  # The end of the loop stops all joints that can be reached.
+            raise lost[0].error  # When the loop ends, all joints that can be reached are stopped.
         for component in lost:
             if not any(leaving.component is component for leaving in self.leaving):
                 self._leave(component, None, f"{component.name} is lost: {component.error}")

@@ -86,7 +86,7 @@ def _controllers_status(loop: ControlLoop, hardware_id: str) -> Status:
 
 
 def _component_status(component: Component) -> Status:
-    name, error = component.name, component.error  # The thread of the loop may clear the error at any time.
+    name, error = component.name, component.error  # The loop thread may clear the error at any time.
     if error is not None:
         text = f"lost: {error}. Fix the cause, then activate the component again"
         return Status(Level.ERROR, f"servoloop: {name}", text, name)
@@ -113,7 +113,7 @@ def health_status(health: ServoHealth) -> tuple[Level, str]:
     """Return the level and the message for the health that a servo reports."""
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
-    wrong += [f"{supply.kind}: it {supply.text}"] if supply else []
+    wrong += [f"{supply.kind}: the servo {supply.text}"] if supply else []
     wrong += [health.stall.text] if health.stall and health.stall.warns else []
     level = Level.ERROR if supply and supply.outside else Level.WARN if wrong else Level.OK
     return level, "; ".join(wrong) or (health.stall.text if health.stall else "ok")

@@ -1,4 +1,4 @@
-"""Describe, for the log, the state in which a component is left at the end of the program."""
+"""Describe, for the log, the final state of a component when the program exits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class FinalState:
         return cls(component, hardware.state is LifecycleState.ACTIVE, released, release_errors)
 
     def describe(self, relax: bool, parked: bool, problems: Sequence[str]) -> str:
-        """Describe the final state of the component; ``problems`` occurred while it was switched off."""
+        """Describe the final state of the component. ``problems`` lists the errors of switching it off."""
         name = self.component.name
         if self.release_errors is not None:
             return self._describe_release(self.release_errors)

@@ -13,7 +13,8 @@ def log_gate(reasons: Mapping[str, str]) -> None:
     """Log why the gate has changed commands.
 
     Args:
-        reasons: Reason of each change, by command interface. Reasons that differ only in their numbers are one event.
+        reasons: Reason of each change, keyed by command interface. Reasons that differ only in their numbers count as
+            one event.
     """
     events: dict[tuple[str, ...], list[str]] = {}
     for interface, reason in reasons.items():

@@ -72,7 +72,7 @@ class ControllerType(Protocol):
 class Controller(Protocol):
     """A controller.
 
-    The thread of the loop updates the controller once per cycle, so the controller must neither wait nor do I/O.
+    The loop thread updates the controller once per cycle, so the controller must neither wait nor do I/O.
 
     While it is active, a controller claims its n ``command_interfaces``.
     """
@@ -84,7 +84,7 @@ class Controller(Protocol):
 
     @property
     def parameters(self) -> Parameters:
-        """Parameters that the controller was built with."""
+        """Parameters with which the controller was built."""
         ...
 
     @property
@@ -117,7 +117,7 @@ class Controller(Protocol):
         ...
 
     def deactivate(self, reason: str = "") -> None:
-        """End the running goal, with a result for its client.
+        """Abort the running goal, and report the result to its client.
 
         Args:
             reason: Reason of the deactivation; empty if a client requested it.

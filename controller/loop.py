@@ -64,7 +64,7 @@ class ControlLoop:
         self.requests = LoopRequests()
         interfaces = [Interface.parse(name) for name in self.hardware.command_interfaces]
         self.limits = tuple(limits[joint] for joint, _ in interfaces)
-        """Limits of the joint of each command interface."""
+        """Joint limits for each command interface."""
         self.kinds = tuple(kind for _, kind in interfaces)
         """Kind of each command interface: position, velocity or effort."""
         self._joint = [self.hardware.joints.index(joint) for joint, _ in interfaces]
@@ -78,14 +78,14 @@ class ControlLoop:
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
         self._measured: FloatArray | None = None
-        """Position of the joint of each command interface, if the gate needs it."""
+        """Joint position for each command interface, if the gate needs the positions."""
         self._due_s: float | None = None
         """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
         """Longest recent duration of the steps after the read, in seconds."""
         self.on_cycle: Callable[[JointState], None] = lambda state: None
-        """Called at the end of each cycle with the measured joint state. Exceptions of this function do not end the
-        loop.
+        """Function called at the end of each cycle with the measured joint state. An exception in this function
+        does not stop the loop.
         """
         self._keep_alive = rules.keep_alive
         self.component_transitions = ComponentTransitions(hardware, manager, self.take_over, self._resume, rules)
@@ -230,7 +230,7 @@ class ControlLoop:
         """Run cycles at the fixed rate.
 
         Args:
-            stop: Called before each cycle; the loop ends when it returns True.
+            stop: Function called before each cycle. The loop ends when the function returns True.
         """
         due_s, computing_s = self.clock.now(), computing_time(self.clock)
         while not stop():

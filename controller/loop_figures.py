@@ -15,7 +15,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class LoopFigures:
-    """Statistics since the loop started. A cycle is missed if the previous cycle ends after its due time."""
+    """Statistics since the loop started. A cycle is missed if it is due while the previous cycle still runs."""
 
     cycles: int = 0
     missed: int = 0

@@ -57,7 +57,7 @@ class MissedCycles:
         self._slowest = CycleTimes(0.0, 0.0, 0.0)
 
     def add(self, duration_s: float) -> None:
-        """Add a cycle with its duration from its due time on, in seconds."""
+        """Add a cycle. ``duration_s`` is the time from its due time to its end, in seconds."""
         self._cycles += 1
         self._durations_s.append(duration_s)
 

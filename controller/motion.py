@@ -150,8 +150,8 @@ def _check_positions(
 def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, period_s: float) -> FloatArray:
     """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` can reach in one period.
 
-    ``velocity``: velocity limits of the joints (n,). The safety gate applies the same limits, so it does not change
-    the result.
+    ``velocity`` holds the velocity limits of the joints (n,). The safety gate applies the same limits, so it does not
+    change the result.
     """
     reach = velocity * period_s
     return clipped(wanted, last - reach, last + reach)

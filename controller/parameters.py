@@ -48,7 +48,7 @@ class Parameters(BaseModel):
         """Build the parameters from the given values. Required values may be missing: see ``missing``.
 
         Args:
-            values: Value by parameter name.
+            values: Values, keyed by parameter name.
 
         Returns:
             The parameters. If a required value is missing, the other values are not converted to their types.
@@ -96,7 +96,8 @@ class ManagerParameters(Parameters):
 
     update_rate: UpdateRate = 100  # ros2_control's default
     enforce_command_limits: bool = True
-    """Whether ros2_control limits the commands. Here, the limits always apply, and False only causes a warning."""
+    """Whether ros2_control limits the commands. In servoloop, the limits always apply, and False only causes a warning.
+    """
     publish_introspection: bool = False
     """Whether to publish ``~/introspection_data`` and ``~/statistics``."""
     max_message_size: MaxMessageSize = 2_000_000

@@ -11,7 +11,7 @@ ARRIVED_SHARE = 0.02
 STILL_SHARE = 0.03
 """Maximum velocity of a joint at rest, as a fraction of its velocity limit."""
 STILL_S = 0.1
-"""Time a joint must be at rest short of its goal to count as stalled (fingers on an object), in seconds."""
+"""Minimum time at rest short of the goal for a joint to count as stalled (fingers on an object), in seconds."""
 
 
 class Settling:

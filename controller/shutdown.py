@@ -33,12 +33,12 @@ def shut_down(
     """Shut down the loop and the hardware, and return a description of every step that failed.
 
     Every step runs even if an earlier step failed: an arm that cannot be parked is still released. A component that
-    has lost one of its serial ports is driven through the others. A lost component whose joints still hold is activated
-    again, then parked and released. If it cannot be activated, all of its joints that can be reached are released where
-    they are. The log ends with the final state of each component.
+    has lost one of its serial ports is driven through the others. A lost component whose joints still hold their
+    positions is activated again, then parked and released. If it cannot be activated, all of its joints that can be
+    reached are released at their current positions. The log ends with the final state of each component.
 
     Args:
-        loop: The control loop. No thread may run it anymore.
+        loop: The control loop. No thread may run the loop anymore.
         relax: Whether to disable the torque.
         park: Park pose in rad or m, keyed by joint name. None skips parking.
         velocity_scale: Fraction of the velocity limits used for parking.
@@ -96,7 +96,10 @@ def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: li
 
 
 def _bring_back(loop: ControlLoop, component: Component) -> None:
-    """Activate a lost component whose joints still hold. Raises an error if the component cannot be reached."""
+    """Activate a lost component whose joints still hold their positions.
+
+    Raises an error if the component cannot be reached.
+    """
     hardware = component.hardware
     if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
         return
@@ -106,7 +109,7 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
         loop.hardware.rejoin(component)
         try:
             loop.take_over(component, loop.hardware.read())
-        except Exception as error:  # Its last commands are from before the loss, so it must not be driven.
+        except Exception as error:  # The component must not follow its commands from before the loss.
             for problem in undo_activation(hardware):
                 LOG.error("torque may still be on: %s", problem)
             loop.hardware.lose(component, error)

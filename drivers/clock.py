@@ -39,7 +39,8 @@ def computing_time(clock: Clock) -> Callable[[], float]:
         clock: Clock of the thread.
 
     Returns:
-        The processor time of the thread. A simulated thread computes all the time, so its clock is returned.
+        The processor time of the thread. For a simulated thread, the time of its clock, because the
+        thread computes all the time.
     """
     return time.thread_time if isinstance(clock, MonotonicClock) else clock.now
 

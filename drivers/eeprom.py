@@ -21,7 +21,7 @@ from drivers.servos.register import Access, Register
 LARGEST_ID = 253
 """Largest ID of Feetech servos. The largest ID of Dynamixel servos is 252. 254 is the broadcast ID."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
-"""Settings that cannot be read back because the servo can no longer be reached on this bus."""
+"""Settings that cannot be read back, because the servo can no longer be reached on this bus after the write."""
 ANSWERS_NO_READ = {"status_return_level": 0}
 """Values that make a Dynamixel servo answer only pings. Such a value cannot be read back or reset."""
 TRIES = 3
@@ -34,7 +34,8 @@ OPEN, CLOSED = 0, 1
 """Values of the lock register."""
 SILENCES = 8
 """Number of consecutive requests without a reply after which an ID counts as free. On a bus that loses 9 % of the
-packets in each direction, one request in six fails by chance, and all of them fail once in a million."""
+packets in each direction, one request in six fails by chance. All of these requests fail once in a million
+cases."""
 
 
 class EepromError(ServoError):
@@ -90,7 +91,10 @@ class Eeprom:
         self.changes.append(Change(register, old, value))
 
     def write_unread(self, register: Register, value: int) -> None:
-        """Write a setting that removes the servo from this bus. The caller must find the servo and set ``bus``."""
+        """Write a setting after which the servo cannot be reached on this bus.
+
+        The caller must find the servo again and set ``bus``.
+        """
         register.check(value)
         self._unlock(register)
         self._try_write(register, value)
@@ -116,7 +120,7 @@ class Eeprom:
                 return
             if not isinstance(failure, ServoSilent | ServoCorrupt):
                 break
-        raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+        raise EepromError(self.servo_id, register, f"is still {held}, not {value}: {_why(failure)}") from failure
 
     def _read_back(self, register: Register, value: int) -> int:
         """Return the value that a servo holds after a write. The servo may have a new ID."""
@@ -289,12 +293,13 @@ def _check(register: Register, value: int) -> None:
         raise ValueError(f"{register.name} is not a writable EEPROM setting: nothing was written")
     if register.name in LEAVES_THE_LINE:
         raise ValueError(
-            f"{register.name} cannot be verified, because the servo would no longer answer on this bus: nothing was "
-            "written"
+            f"{register.name} cannot be written, because the servo would no longer answer on this bus and the new "
+            "value could not be verified: nothing was written"
         )
     if ANSWERS_NO_READ.get(register.name) == value:
         raise ValueError(
-            f"{register.name} {value} cannot be verified, because the servo stops answering reads: nothing was written"
+            f"{register.name} {value} cannot be written, because the servo would no longer answer reads and the value "
+            "could not be verified: nothing was written"
         )
     if register.name == "id" and value > LARGEST_ID:
         raise ValueError(f"id must be 0 to {LARGEST_ID}, not {value}: nothing was written")

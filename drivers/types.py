@@ -4,8 +4,8 @@ from typing import Literal, NamedTuple
 
 FaultKind = Literal["silent", "corrupt", "late", "refused", "reset", "no_time"]
 """``silent``: there was no reply. ``corrupt``: the reply is invalid. ``late``: the reply belongs to an earlier request.
-``refused``: the servo refuses the request. ``reset``: the servo was reset and has lost its torque and its goal.
-``no_time``: the cycle ended before a reply was possible, which is not the servo's fault."""
+``refused``: the servo refuses the request. ``reset``: the servo was reset, so its torque is disabled and its goal is
+lost. ``no_time``: the cycle ended before a reply was possible, which is not the servo's fault."""
 
 TEXTS: dict[FaultKind, str] = {
     "silent": "does not answer",
@@ -31,7 +31,7 @@ class ServoState(NamedTuple):
     temperature_c: float
     alarms: tuple[str, ...] = ()
     current_a: float | None = None
-    """Motor current, in A, negative when it drives backward. None if the current is not read."""
+    """Motor current, in A, negative when the motor drives backward. None if the current is not read."""
 
 
 class ServoFault(NamedTuple):

@@ -38,10 +38,10 @@ def confirmed_positions(
         if not doubtful.any():
             return measured
     if missing := [names[i] for i in np.flatnonzero(doubtful & ~np.isfinite(measured)).tolist()]:
-        raise ActivationError(f"not activated: could not measure {', '.join(missing)}: try again")
+        raise ActivationError(f"not activated: could not measure {', '.join(missing)}. Try again")
     i = int(np.argmax(doubtful))
     raise ActivationError(
-        f"not activated: two readings of {names[i]} differ ({before[i]:.4f}, then {measured[i]:.4f}): hold the arm "
+        f"not activated: two readings of {names[i]} differ ({before[i]:.4f}, then {measured[i]:.4f}). Hold the arm "
         "still and check the cable"
     )
 

@@ -1,4 +1,4 @@
-"""End a motion after its servos have stopped answering. The timeout counts cycles, not wall time."""
+"""Abort a motion after its servos have stopped responding. The timeout counts cycles, not wall time."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class FaultTimeout:
 
     joints: tuple[str, ...]
     cycles: dict[str, int] = field(default_factory=dict)
-    """Counts of the joints that have a fault now. While there are no counts, ``lasting`` need not be called."""
+    """Number of consecutive cycles with a fault, keyed by joint name. If empty, ``lasting`` need not be called."""
 
     def lasting(self, faults: Mapping[str, JointFault], period_s: float) -> str | None:
         """Count one cycle. Return the texts of the faults that have lasted too long, or None."""

@@ -14,7 +14,7 @@ REDUCE: Final = "reduce the number of its triangles or pixels"
 
 
 def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_BYTES, remedy: str = SHORTEN) -> None:
-    """Check a file before another library reads it.
+    """Check that a file is a regular file of limited size, before another library reads it.
 
     Args:
         path: The file.

@@ -41,14 +41,14 @@ class Gated:
     values: FloatArray
     """Safe commands of shape (m,)."""
     reasons: dict[int, str]
-    """Reason for each command that was changed, by index."""
+    """Reason for each command that was changed, keyed by index."""
 
 
 class SafetyGate:
     """Limiter for the commands of m command interfaces (rad, m, N m, N, and per second).
 
     Args:
-        limits: Limits of the joint of each interface.
+        limits: Limits of each interface's joint.
         kinds: Kind of each interface: "position" (the default), "velocity" or "effort".
     """
 
@@ -56,7 +56,7 @@ class SafetyGate:
         """Create the gate.
 
         Args:
-            limits: Limits of the joint of each command interface, length m.
+            limits: Limits of each command interface's joint, length m.
             kinds: Kind of each interface, length m: ``position``, ``velocity`` or ``effort``. By default all are
                 positions.
         """
@@ -76,7 +76,7 @@ class SafetyGate:
             wanted: Command of shape (m,).
             last: Previous output of the gate, of shape (m,).
             period_s: Duration of the period, in seconds.
-            measured: Measured position of each interface's joint, of shape (m,); NaN if it is unknown. Only needed
+            measured: Measured position of each interface's joint, of shape (m,); NaN if it is unknown. Needed only
                 for velocity commands.
 
         Returns:

@@ -134,7 +134,7 @@ class Reactivating(Protocol):
 
     @property
     def without_torque(self) -> frozenset[str]:
-        """Joints of the active hardware that lost their torque.
+        """Joints of the active hardware whose torque is no longer enabled.
 
         These joints receive no commands until they are activated again.
         """
@@ -155,7 +155,7 @@ class Reactivating(Protocol):
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Hardware that must poll its joints for lost torque, a few joints in each cycle."""
+    """Hardware that must poll its joints to detect disabled torque, a few joints in each cycle."""
 
     def ask_for_torque(self) -> frozenset[str]:
         """Poll all joints of the active hardware, and update ``without_torque``.
@@ -181,7 +181,7 @@ class Holding(Protocol):
         ...
 
     def disable_torque(self) -> Sequence[str]:
-        """Disable the torque of all joints of inactive or unconfigured hardware. Its state does not change.
+        """Disable the torque of all joints of inactive or unconfigured hardware. The life cycle state does not change.
 
         Returns:
             Messages about errors, each with the name of the servo.
@@ -197,7 +197,7 @@ class Undoing(Protocol):
     """Hardware that remembers which joints were limp before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
-        """Release the joints that were limp before the activation: ACTIVE → INACTIVE.
+        """Disable the torque of the joints that were limp before the activation: ACTIVE → INACTIVE.
 
         Returns:
             Messages about errors.

@@ -25,9 +25,9 @@ class Joint:
     reduction: float = 1.0
     """Gear ratio: servo turns per turn of the gear's output. ``transmission`` includes this reduction."""
     homing_offset: int | None = None
-    """Homing offset of the servo for which ``zero_counts`` is valid; None if the offset is not checked."""
+    """Homing offset that the servo must have for ``zero_counts`` to be valid; None if the offset is not checked."""
     extended: bool = False
-    """Whether the servo, a Dynamixel X, must be in extended position mode because the joint passes its last count."""
+    """Whether the servo, a Dynamixel X, must be in extended position mode because the joint passes the last count."""
     seam_inside: bool = False
     """Whether the joint may pass from the servo's last count to the first, as is possible before a calibration."""
     torque_limit: float = 1.0

@@ -17,10 +17,10 @@ class LifecycleState(Enum):
 def require(state: LifecycleState, wanted: LifecycleState, action: str) -> None:
     """Raise LifecycleError unless the component is in the required state. ``action`` is a verb for the message."""
     if state is not wanted:
-        raise LifecycleError(f"cannot {action} while {state.name.lower()}: it must be {wanted.name.lower()}")
+        raise LifecycleError(f"cannot {action} while {state.name.lower()}: the component must be {wanted.name.lower()}")
 
 
 def require_configured(state: LifecycleState, action: str) -> None:
     """Raise LifecycleError unless the component is inactive or active. ``action`` is a verb for the message."""
     if state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
-        raise LifecycleError(f"cannot {action} while {state.name.lower()}: it must be inactive or active")
+        raise LifecycleError(f"cannot {action} while {state.name.lower()}: the component must be inactive or active")

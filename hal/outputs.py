@@ -12,9 +12,9 @@ class Outputs:
     def __init__(self, infos: Mapping[str, OutputInfo] | None = None) -> None:
         """Start with the initial values of the outputs."""
         self.infos = dict(infos or {})
-        """Outputs by interface."""
+        """Outputs, keyed by interface."""
         self.values = {name: info.initial for name, info in self.infos.items()}
-        """Requested values by interface; NaN before the first command."""
+        """Requested values, keyed by interface; NaN before the first command."""
 
     def set(self, name: str, value: float) -> None:
         """Request a value. The value is clamped to the range of the output."""

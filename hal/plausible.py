@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Range that covers the values of all arms."""
+    """Range of plausible values, wide enough for all arms."""
 
     lowest: float
     highest: float
@@ -61,7 +61,7 @@ RANGES: Final = {
     "multiplier": Range(-100_000.0, 100_000.0, "(1 is usual)"),
     "initial_value": Range(-1_000_000.0, 1_000_000.0, "in units of the interface"),
 }
-"""Plausible ranges by kind of number."""
+"""Plausible ranges, keyed by kind of number."""
 
 
 def range_mistake(kind: str, value: float) -> str | None:

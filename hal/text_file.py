@@ -22,14 +22,14 @@ def read_text(path: Path, error: type[Exception]) -> str:
         error: Class of the error.
 
     Raises:
-        error: The file cannot be read, is too large or is not text. The message has the file, the line and a remedy.
+        error: The file cannot be read, is too large or is not text. The message contains file, line and remedy.
     """
     data = _read(path, error)
     return _decoded(data, _encoding(data), path, error)
 
 
 def read_xml(path: Path, error: type[Exception], kind: str = "") -> str:
-    """Read an XML file in the encoding that it declares; the returned text declares UTF-8.
+    """Read an XML file in the encoding that it declares. The returned text declares UTF-8.
 
     Args:
         path: The file.
@@ -72,7 +72,7 @@ def _declared(data: bytes, encoding: str, path: Path, error: type[Exception]) ->
     except LookupError as reason:
         raise error(f"{path}, line 1: the encoding {encoding} is unknown: {_SAVE_AS_UTF_8}") from reason
     if name.startswith(("utf-16", "utf-32")):  # the first bytes would have shown these encodings
-        raise error(f"{path}, line 1: the file declares {encoding} but has another encoding: {_SAVE_AS_UTF_8}")
+        raise error(f"{path}, line 1: the file declares {encoding} but has a different encoding: {_SAVE_AS_UTF_8}")
     return _decoded(data, "utf-8-sig" if name == "utf-8" else name, path, error)
 
 

@@ -188,9 +188,9 @@ class JointState:
     effort: FloatArray
     """Torques or forces, in N m or N; NaN if unknown."""
     faults: Mapping[str, JointFault] = field(default_factory=dict)
-    """Faults by joint name."""
+    """Faults, keyed by joint name."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
-    """Health by joint name, for joints with a servo."""
+    """Health of joints with a servo, keyed by joint name."""
     extra: Mapping[str, float] = field(default_factory=dict)
     """Values of other state interfaces, keyed by full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)

@@ -46,7 +46,7 @@ class YamlFile:
     aliases: Sequence[int] = ()
     """Line numbers of the aliases in the file."""
     _entries: dict[int, dict[str, list[tuple[int, yaml.Node]]]] = field(default_factory=dict)
-    """Cache of lines and values by key, for each mapping that ``line`` has searched."""
+    """Cache of lines and values, keyed by key name, for each mapping that ``line`` has searched."""
 
     def place(self, location: Sequence[int | str]) -> str:
         """Return ``path:line`` of the innermost part of ``location`` that exists in the file."""

@@ -27,19 +27,19 @@ SCENE = "planning_scene.yaml"
 
 
 class FileError(Exception):
-    """A file cannot be used. `ros2 launch` prints the message, which contains the reason."""
+    """Raised if a file cannot be used. `ros2 launch` prints the message, which contains the reason."""
 
 
 def read(file: Path) -> dict[str, Any]:
     """Read a YAML file that contains a mapping. Raise FileError if it does not."""
     _, values = read_yaml(file, FileError)
     if not isinstance(values, dict):
-        raise FileError(f"{file}:1: the file must contain a mapping: write parameters by name")
+        raise FileError(f"{file}:1: the file must contain a mapping from parameter names to values")
     return values
 
 
 def described(urdf: Path, moveit: Path) -> Path:
-    """Return the URDF: the given one, or by default the one in the folder that `servoloop arms moveit` wrote."""
+    """Return the path of the given URDF, or by default of the URDF in the folder that `servoloop arms moveit` wrote."""
     written = sorted(moveit.glob("*.urdf")) if urdf == URDF else []
     return written[0] if written else urdf
 
@@ -49,7 +49,7 @@ def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
     semantic = sorted(moveit.glob("*.srdf"))
     if len(semantic) != 1:
         raise FileError(
-            f"{moveit} has {len(semantic)} files *.srdf and needs one: name a folder that `servoloop arms moveit` wrote"
+            f"{moveit} has {len(semantic)} files *.srdf instead of one: use a folder that `servoloop arms moveit` wrote"
         )
     return {
         "robot_description": read_xml(described(urdf, moveit), FileError, "the URDF"),
@@ -63,7 +63,7 @@ def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
 
 
 def move_group_parameters(moveit: Path) -> dict[str, Any]:
-    """Return the parameters for the execution of trajectories and the publication of the scene."""
+    """Return the parameters for executing trajectories and publishing the scene."""
     return {
         **read(moveit / "moveit_controllers.yaml"),
         "publish_robot_description_semantic": True,
@@ -110,7 +110,7 @@ def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the description that ``ros2 launch`` runs. It also has the arguments of the included file."""
+    """Return the description that ``ros2 launch`` runs, including the arguments of the included file."""
     control = PythonLaunchDescriptionSource(str(SHARE / "launch" / "robot_arm_ros2_control.launch.py"))
     return LaunchDescription(
         [
@@ -125,7 +125,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=str(MOVEIT / SCENE),
                 description="Objects around the arm, instead of the folder's file; an empty scene:= means no objects.",
             ),
-            # Declared in the included file, too, but start_moveit also needs it.
+            # The included file also declares this argument, but start_moveit needs it too.
             DeclareLaunchArgument("urdf", default_value=str(URDF)),
             IncludeLaunchDescription(control),
             OpaqueFunction(function=start_moveit),

@@ -30,7 +30,7 @@ ARGUMENTS = {
 
 
 def command(values: dict[str, str]) -> list[str]:
-    """Return the arguments of ``servoloop``. Empty values, and defaults of another arm, are left out."""
+    """Return the arguments of ``servoloop``. Empty values, and defaults of another arm, are omitted."""
     ports = [("port", port) for port in values["port"].split()]
     said = {name: values[name] for name in ("arm", "urdf", "controllers", "robot", "hardware", "namespace")}
     if said["arm"]:
@@ -50,7 +50,7 @@ def start_servoloop(context: LaunchContext) -> list[ExecuteProcess]:
         # A real arm first moves to its park pose. A second signal would release its torque immediately.
         sigterm_timeout="60",
         sigkill_timeout="15",
-        on_exit=Shutdown(reason="servoloop has ended"),
+        on_exit=Shutdown(reason="servoloop has exited"),
     )
     return [process]
 

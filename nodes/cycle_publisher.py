@@ -43,13 +43,13 @@ class CyclePublisher:
         self._wake()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all posted cycles are published, and return whether this was done in
-        time."""
+        """Wait at most ``longest_s`` seconds until all posted cycles are published. Return whether they were published
+        in time."""
         with self._caught_up:
             return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
 
     def stop(self) -> None:
-        """Publish the remaining cycles and end the thread."""
+        """Publish the remaining cycles and stop the thread."""
         self._ended = True
         self._wake()
         if self._thread.is_alive():

@@ -8,7 +8,7 @@ setting only disables multicast reception. The unicast sockets remain bound to a
 this machine in its ROS_STATIC_PEERS can connect (as measured between two network namespaces). ROS_LOCALHOST_ONLY=1 has
 the same effect, but ignores the static peers of the process. The profile this_machine.xml binds the sockets to the
 loopback interface. The profile also shortens the announcement period from 3 s to 0.5 s, so that programs find each
-other sooner.
+other earlier.
 """
 
 from collections.abc import Mapping, MutableMapping

@@ -32,8 +32,8 @@ def parse_namespace(text: str) -> str:
         return ""
     if not all(_PART.fullmatch(part) and "__" not in part for part in parts):
         raise DriverError(
-            f"{text!r} is not a namespace: use letters, digits and single underscores, such as left or lab/left; "
-            "a part cannot start with a digit or be empty"
+            f"{text!r} is not a namespace: use letters, digits and single underscores, such as left or lab/left. "
+            "A part cannot start with a digit or be empty"
         )
     return "/" + "/".join(parts)
 

@@ -1,4 +1,5 @@
-"""Discover other nodes with the name of an own node, so that two programs do not move the same arm."""
+"""Detect other programs' nodes that have the name of a node of this program, so that two programs do not move one
+arm."""
 
 import os
 import time
@@ -53,8 +54,8 @@ class Discovery(Enum):
 class Seniority:
     """Check that decides which of two nodes is newer, even if it discovers the older node late.
 
-    DDS discovers nodes late on a loaded machine, so a second node can start. A new node reports another node at once.
-    An old node gives the other one time to end.
+    DDS discovers nodes late on a loaded machine, so a second node can start. A new node reports another node
+    immediately. An older node gives the newer node time to exit.
     """
 
     def __init__(self) -> None:
@@ -65,7 +66,7 @@ class Seniority:
         """Count one check and return its result.
 
         Args:
-            nodes: Number of nodes with the name in the ROS graph, including the own node.
+            nodes: Number of nodes with the name in the ROS graph, including the node of this program.
         """
         self._checks += 1
         self._in_a_row = self._in_a_row + 1 if nodes > 1 else 0
@@ -81,15 +82,16 @@ def nodes_in_graph(node: Node, name: str) -> int:
 
 
 class OtherNodes:
-    """Periodic check, once per second, for another node with the name of an own node.
+    """Checks once per second for another node that has the name of a node of this program.
 
-    A new stack ends when it discovers another stack. An old stack, whose arm may be in motion, only reports the other.
+    A new stack exits when it discovers another stack. An old stack, whose arm may be in motion, only reports the other
+    stack.
     """
 
     def __init__(self, node: Node, message: str) -> None:
-        """Begin to check. The braces in ``message`` stand for the full name of the node."""
+        """Start checking. The braces in ``message`` stand for the full name of the node."""
         self.must_end = False
-        """Whether this stack must end, because it is the newer one."""
+        """Whether this stack must exit because it is the newer stack."""
         self.message = message.format(node.get_fully_qualified_name())
         self._node = node
         self._seniority = Seniority()
@@ -103,7 +105,7 @@ class OtherNodes:
         return Status(level, STATUS, message, hardware_id)
 
     def require_none(self) -> None:
-        """Raise RosError if this stack must end."""
+        """Raise RosError if this stack must exit."""
         if self.must_end:
             raise RosError(self.message)
 
@@ -116,20 +118,20 @@ class OtherNodes:
 
 
 class Search:
-    """Search for a node before an own node with the same name is created.
+    """Search for a node of another program before this program creates a node with the same name.
 
-    The search uses a ROS context of its own. A new context discovers only running programs. A program that was killed
-    stays in the graph of others for up to 20 s, but no longer announces itself.
+    The search uses its own ROS context, because a new context discovers only running programs. A program that was
+    killed stays in the graphs of other programs for up to 20 s, but no longer announces itself.
     """
 
     def __init__(self, name: str, namespace: str, message: str, patient: bool = False) -> None:
-        """Begin to discover other nodes. Raises RosError if ROS 2 does not start.
+        """Start discovering other nodes. Raises RosError if ROS 2 does not start.
 
         Args:
             name: Name of the node.
             namespace: Namespace of the node; empty for the root namespace.
             message: Error message if there is such a node. The braces stand for its full name.
-            patient: Whether to wait longer, because there is probably such a node.
+            patient: Whether to wait longer, because such a node probably exists.
         """
         self._name = name
         self._message = message.format(f"{namespace}/{name}")
@@ -147,10 +149,10 @@ class Search:
         self._end_s = time.monotonic() + (PATIENT_DISCOVERY_S if patient else DISCOVERY_S)
 
     def finish(self) -> None:
-        """Wait until the time for discovery has passed since the beginning, and leave the ROS graph.
+        """Wait until the discovery time has passed since the start of the search, and leave the ROS graph.
 
         Raises:
-            RosError: There is such a node.
+            RosError: Another node has this name.
         """
         try:
             while not self._found():

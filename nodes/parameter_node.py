@@ -32,7 +32,7 @@ class ParameterNode(Node):
         self._ros_time = ros_time
         self._undeclared_allowed = allow_undeclared_parameters
         self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
-        """Parameter callbacks of the node, each as a pair of the method that removes it and the callback."""
+        """Parameter callbacks of the node, stored as pairs: the method that removes the callback, and the callback."""
         super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
         if ros_time.simulated:
             self.set_parameters([Parameter(USE_SIM_TIME_NAME, value=True)])
@@ -89,7 +89,7 @@ class ParameterNode(Node):
         new = [parameter.name for parameter in parameter_list if not self.has_parameter(parameter.name)]
         result: SetParametersResult = super().set_parameters_atomically(parameter_list)
         for name in new if result.successful else ():
-            if self.has_parameter(name):  # Its type was not declared, so the next value may differ in type.
+            if self.has_parameter(name):  # Its type was not declared, so the next value may have a different type.
                 self.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
         return result
 

@@ -9,7 +9,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from hal.types import FloatArray
 
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Publisher profile of ros2_control: a late subscriber immediately receives the latest message."""
+"""Publisher profile of ros2_control. A late subscriber immediately receives the latest message."""
 LATCHED_WHILE_NEW: Final = QoSProfile(depth=1, durability=LATCHED.durability, lifespan=Duration(seconds=0.5))
 """Profile like LATCHED for topics published only while there are subscribers. An old message expires after 0.5 s."""
 ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

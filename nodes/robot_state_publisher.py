@@ -46,7 +46,7 @@ class RobotStateParameters(BaseModel):
 
 
 class RobotStatePublisher:
-    """Node that publishes fixed joints once, and moving joints after each cycle but at most at
+    """Publishes fixed joints once, and moving joints after each cycle, but no more often than
     ``publish_frequency``."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:

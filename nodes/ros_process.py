@@ -33,15 +33,15 @@ MIXED_LIST: Final = "Sequence should be of same type"
 def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> str:
     """Initialize rclpy with the discovery range of this process.
 
-    The caller remains responsible for signal handling. The handlers of rclpy would close the middleware
-    immediately, and running goals could not be ended.
+    The caller remains responsible for signal handling. rclpy's handlers would close the middleware
+    immediately, and running goals could not be finished.
 
     Args:
         arguments: Arguments in the form of ``sys.argv``, which is the default.
         namespace: Namespace of all nodes of this process; empty if the arguments may specify it.
 
     Returns:
-        A sentence that names the programs that can command the arm.
+        A sentence that states which programs can command the arm.
 
     Raises:
         RosError: rcl rejects a setting or an argument.
@@ -110,9 +110,9 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
 def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
     """Terminate the process with status 1 and a traceback if the body takes longer than ``seconds``.
 
-    Fast DDS (2.14) can deadlock if two participants leave at the same moment, for example on Ctrl-C in a launch file:
-    ``DomainParticipant::set_listener`` waits for a lock that it already holds. Because the GIL may be held during the
-    deadlock, the watchdog is a thread in C.
+    Fast DDS (2.14) can deadlock if two participants leave at the same moment, for example on Ctrl-C in a launch file.
+    ``DomainParticipant::set_listener`` then waits for a lock that it already holds. Because the GIL may be held during
+    the deadlock, the watchdog is a thread in C.
     """
     faulthandler.dump_traceback_later(seconds, exit=True, file=STDERR)
     try:

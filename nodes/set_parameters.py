@@ -20,8 +20,8 @@ _TYPES: Final = {kind.value for kind in Parameter.Type}
 def answering(kind: Any, callback: Callback) -> Callback:
     """Wrap the callback of a parameter service so that it always responds. Other callbacks are returned unchanged.
 
-    The callback of rclpy raises an error if the type of a value does not exist or if a callback of a plug-in fails. In
-    both cases, the client would not receive a response.
+    rclpy's callback raises an error if a value's type does not exist or if a plug-in's callback fails. In both cases,
+    the client would not receive a response.
     """
     if kind is SetParameters:
         return lambda request, response: _each(callback, request, response)

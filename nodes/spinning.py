@@ -15,7 +15,7 @@ from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.ros_process import init_rclpy
 
 FINISH_S: Final = 0.2
-"""Time clients are still served after the control loop has ended, in seconds."""
+"""Time clients are still served after the control loop has stopped, in seconds."""
 WAKE_S: Final = 0.1
 """Interval, in seconds, at which the executor wakes to check whether to end and to send delayed answers."""
 
@@ -53,8 +53,8 @@ def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> No
 
 @contextmanager
 def errors_logged() -> Iterator[None]:
-    """Log errors instead of raising them, so that an unusual request of one client does not end the service for the
-    others."""
+    """Log errors instead of raising them, so that an unusual request of one client does not end the service for other
+    clients."""
     try:
         yield
     except ExternalShutdownException:

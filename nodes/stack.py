@@ -39,7 +39,7 @@ class Stack:
     loop: ControlLoop
     description: Description
     component: HardwareInfo
-    """All hardware components combined into one."""
+    """All hardware components, combined into one component."""
     servo_ids: Mapping[str, str]
     """Servo ID of each joint, prefixed with the bus name if buses are named (``hand/1``). Empty without servos."""
     scene: Scene

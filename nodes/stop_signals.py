@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Final
 
 LAST_S: Final = 1.0
-"""Time from the second signal to the end of the process, in seconds, as in servoloop/stack/signals.py."""
+"""Time from the second signal until the process exits, in seconds, as in servoloop/stack/signals.py."""
 
 
 def on_stop_signal(call: Callable[[], object]) -> None:
-    """Run ``call`` at the first signal, and end the process at the second. This function must be called in the main
+    """Run ``call`` at the first signal, and exit at the second signal. This function must be called in the main
     thread.
 
     A SIGHUP never counts as the second signal, because the kernel and the shell both send one when a terminal is
@@ -21,7 +21,7 @@ def on_stop_signal(call: Callable[[], object]) -> None:
     An ordinary handler would run only when the main thread returns to Python, but that thread sleeps in the middleware.
     The wake-up descriptor is written immediately, regardless of the thread that receives the signal.
     """
-    reader, writer = os.pipe()  # The pipe stays open until the process ends.
+    reader, writer = os.pipe()  # The pipe stays open until the process exits.
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

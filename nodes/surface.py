@@ -1,7 +1,7 @@
 """Run all ROS nodes of a stack on one executor, and publish the cycles of the control loop in a second thread.
 
-The executor wakes only when a client sends something or expects an answer. Callbacks of the executor and the
-publication of cycles take turns, so that both can use the nodes.
+The executor wakes only when a client sends something or expects an answer. The executor's callbacks and the
+publisher of cycles take turns, so that both can use the nodes.
 """
 
 import threading
@@ -83,14 +83,14 @@ class Surface:
         """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end this loop.
 
         Raises:
-            RosError: This stack has just started, and there is another controller manager with the same name.
+            RosError: This stack has just started, and another controller manager with the same name is running.
         """
         others = self._manager.others
         self._serve(lambda: stop() or others.must_end)
         others.require_none()
 
     def finish(self) -> None:
-        """Send results and responses to clients after the control loop has ended."""
+        """Send results and responses to clients after the control loop has stopped."""
         self._publisher.stop()
         with self._turn:
             self._controllers.publish(self._manager.node.get_clock().now().to_msg())

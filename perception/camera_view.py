@@ -16,7 +16,7 @@ from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
 
 LOWEST_SLOPE: Final = 0.05
-"""Smallest downward slope of a ray that is intersected with the plane. A flatter ray meets the plane too far away."""
+"""Minimum downward slope of a ray that is intersected with the plane. A flatter ray meets the plane too far away."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,13 +103,13 @@ def read_pose(path: Path, camera: str) -> CameraPose:
         camera: Name of the camera in its intrinsics.
 
     Raises:
-        CameraFileError: The file has mistakes, or belongs to a different camera.
+        CameraFileError: The file has errors, or belongs to a different camera.
     """
     file = load(path, _PoseFile, CameraFileError)
     if file.camera_name != camera:
         raise CameraFileError(
-            f"{path} is the pose of camera {file.camera_name}, but the intrinsics are those of {camera}: name two "
-            f"files of the same camera"
+            f"{path} is the pose of camera {file.camera_name}, but the intrinsics are those of {camera}: specify "
+            f"two files of the same camera"
         )
     quaternion = np.array(file.orientation_xyzw)
     return CameraPose(
@@ -132,11 +132,11 @@ def pose_text(pose: CameraPose) -> str:
 
 
 def looking_at(position_m: FloatArray, target_m: FloatArray, plane_height_m: float) -> CameraPose:
-    """Return the pose of a camera that looks at a target. The far side of the plane is at the top of the picture.
+    """Return the pose of a camera that looks at a target. The far side of the plane is at the top of the image.
 
     Args:
         position_m: Position (3,) of the camera in base_link, in m.
-        target_m: Point (3,) in the center of the picture, in m.
+        target_m: Point (3,) in the center of the image, in m.
         plane_height_m: z of the plane, in m.
     """
     forward = np.asarray(target_m, dtype=np.float64) - position_m

@@ -9,9 +9,9 @@ PerceptionError
 │   ├── CameraSilent     no new frame arrived in time
 │   └── SourceEnded      a recording has no more frames
 ├── CalibrationRefused   the views do not determine the calibration
-├── PictureRefused       the picture cannot be graded
-├── CameraFileError      mistakes in a calibration file
-├── GradesFileError      mistakes in a file of thresholds or classes
+├── PictureRefused       the image cannot be graded
+├── CameraFileError      errors in a calibration file
+├── GradesFileError      errors in a file of thresholds or classes
 └── DetectorError        the file of the detector cannot be used
 """
 
@@ -55,15 +55,15 @@ class CalibrationRefused(PerceptionError):
 
 
 class PictureRefused(PerceptionError):
-    """The picture cannot be graded."""
+    """The image cannot be graded."""
 
 
 class CameraFileError(PerceptionError):
-    """A calibration file has mistakes. The message lists all of them."""
+    """A calibration file has errors. The message lists all of them."""
 
 
 class GradesFileError(PerceptionError):
-    """A file of thresholds or classes has mistakes. The message lists all of them."""
+    """A file of thresholds or classes has errors. The message lists all of them."""
 
 
 class DetectorError(PerceptionError):

@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Picture: TypeAlias = NDArray[np.uint8]
-"""An RGB picture (height, width, 3); red comes first."""
+"""An RGB image (height, width, 3); red comes first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture of a camera."""
+    """One image of a camera."""
 
     rgb: Picture
-    """The picture (height, width, 3), which its owner must no longer change."""
+    """The image (height, width, 3), which its owner must no longer change."""
     stamp_s: float
     """Time of capture, in seconds on the clock of the source."""
     number: int
-    """Number of the frame since the source was opened. A gap means that frames were lost."""
+    """Sequence number of the frame since the source was opened. A gap means that frames were lost."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -55,7 +55,7 @@ class CameraSource(Protocol):
             timeout_s: Maximum time to wait, in seconds.
 
         Returns:
-            The newest frame.
+            The latest frame.
 
         Raises:
             CameraSilent: No new frame arrived in time. The next call tries again.

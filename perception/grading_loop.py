@@ -12,7 +12,7 @@ from perception.grading.grader import GradedApple
 RETRY_S: Final = 1.0
 """Time between two attempts to open a camera, in seconds."""
 Grading = Callable[[Picture], Sequence[GradedApple]]
-"""Function that grades a picture, or raises a PerceptionError."""
+"""Function that grades an image, or raises a PerceptionError."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Seen:
 
     frame: Frame
     apples: tuple[GradedApple, ...] | None
-    """The apples in the picture; None if the picture could not be graded."""
+    """The apples in the image; None if the image could not be graded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class GradingStatus:
     message: str
     """One sentence about the state."""
     values: dict[str, str] = field(default_factory=dict)
-    """Figures by name."""
+    """Values, keyed by name."""
 
 
 class GradingLoop:
@@ -71,7 +71,7 @@ class GradingLoop:
             timeout_s: Maximum time to wait, in seconds.
 
         Returns:
-            The frame, or None if there is no frame. ``status`` then has the reason.
+            The frame, or None if there is no frame. In this case, ``status`` contains the reason.
         """
         if not self._open and not self._opened(timeout_s):
             return None
@@ -119,7 +119,7 @@ class GradingLoop:
             return None
         self._grading_s = self._clock.now() - start_s
         self._apples = len(apples)
-        self._state = (True, f"{len(apples)} apples in the picture")
+        self._state = (True, f"{len(apples)} apples in the image")
         return apples
 
     def _count(self, frame: Frame) -> None:

@@ -27,15 +27,15 @@ class Intrinsics:
     distortion: FloatArray
     """Coefficients of OpenCV: k1, k2, p1, p2, k3 (5,), and also k4, k5, k6 (8,) for the rational model."""
     width: int
-    """Width of the pictures, in pixels."""
+    """Width of the images, in pixels."""
     height: int
-    """Height of the pictures, in pixels."""
+    """Height of the images, in pixels."""
     name: str = "camera"
     """Name of the camera, which distinguishes the calibrations of several cameras."""
 
     @classmethod
     def pinhole(cls, focal_px: float, width: int, height: int, name: str = "camera") -> "Intrinsics":
-        """Return the intrinsics of a camera without distortion. Its principal point is the center of the picture."""
+        """Return the intrinsics of a camera without distortion. Its principal point is the center of the image."""
         matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
         return cls(matrix, np.zeros(5), width, height, name)
 
@@ -66,7 +66,7 @@ class _Matrix(BaseModel):
     @model_validator(mode="after")
     def _complete(self) -> "_Matrix":
         if len(self.data) != self.rows * self.cols:
-            raise ValueError(f"has {len(self.data)} values instead of {self.rows} × {self.cols}: correct it")
+            raise ValueError(f"has {len(self.data)} values instead of {self.rows} × {self.cols}: correct the matrix")
         return self
 
     def array(self) -> FloatArray:
@@ -86,7 +86,7 @@ class _CameraFile(BaseModel):
     def _plausible(self) -> "_CameraFile":
         matrix, wanted = self.camera_matrix, MODELS[self.distortion_model]
         if (matrix.rows, matrix.cols) != (3, 3):
-            raise ValueError(f"camera_matrix is {matrix.rows} × {matrix.cols} instead of 3 × 3: correct it")
+            raise ValueError(f"camera_matrix is {matrix.rows} × {matrix.cols} instead of 3 × 3: correct the matrix")
         if min(matrix.data[0], matrix.data[4]) <= 0.0:
             raise ValueError("camera_matrix has a focal length that is not above 0: calibrate the camera again")
         if len(self.distortion_coefficients.data) != wanted:
@@ -132,12 +132,12 @@ def _matrix(values: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def check_size(intrinsics: Intrinsics, size: Sequence[int], source: str) -> None:
-    """Check that pictures have the resolution of the calibration.
+    """Check that images have the resolution of the calibration.
 
     Args:
         intrinsics: Calibration of the camera.
-        size: Width and height of the pictures, in pixels.
-        source: Name of the source of the pictures.
+        size: Width and height of the images, in pixels.
+        source: Name of the source of the images.
 
     Raises:
         CameraFileError: The resolutions differ.
@@ -145,5 +145,5 @@ def check_size(intrinsics: Intrinsics, size: Sequence[int], source: str) -> None
     if tuple(size) != intrinsics.size:
         raise CameraFileError(
             f"{source} delivers {size[0]} × {size[1]} pixels, but the calibration of {intrinsics.name} is for "
-            f"{intrinsics.width} × {intrinsics.height}: calibrate at this resolution, or set the camera to the other"
+            f"{intrinsics.width} × {intrinsics.height}: calibrate at this resolution, or change that of the camera"
         )

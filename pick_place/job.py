@@ -78,7 +78,7 @@ class JobArm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running ``move`` end soon, at the current position of the arm."""
+        """Stop the running ``move`` soon, with the arm at its current position."""
         ...
 
 
@@ -117,7 +117,7 @@ class JobMotions(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running step end soon, at the current position of the arm."""
+        """Stop the running step soon, with the arm at its current position."""
         ...
 
 
@@ -146,7 +146,7 @@ class PickPlaceJob:
         self._cancel_reason: str | None = None
 
     def cancel(self, reason: str = "canceled") -> None:
-        """End the job soon, with arm and fingers at their current positions.
+        """Stop the job soon, with the arm and the fingers at their current positions.
 
         Only the reason of the first call is kept.
         """

@@ -32,7 +32,7 @@ class JointMotions:
         )
 
     def stop(self) -> None:
-        """Make the running motion end soon, at the current position of the arm."""
+        """Stop the running motion soon, with the arm at its current position."""
         self._arm.stop()
 
     def _move(self, positions_rad: Sequence[float]) -> Run:

@@ -39,7 +39,7 @@ class JobPlanner(Protocol):
         ...
 
     async def remove_object(self) -> JobOutcome:
-        """Remove the object from the tool and from the scene. This is not an error if the object is not there."""
+        """Remove the object from the tool and from the scene. It is not an error if the object does not exist."""
         ...
 
     async def drop_object(self) -> JobOutcome:
@@ -47,7 +47,7 @@ class JobPlanner(Protocol):
         ...
 
     def stop(self) -> None:
-        """Make the running call end soon, at the current position of the arm."""
+        """Stop the running call soon, with the arm at its current position."""
         ...
 
 
@@ -95,7 +95,7 @@ class PoseMotions:
         )
 
     def stop(self) -> None:
-        """Make the running step end soon, at the current position of the arm."""
+        """Stop the running step soon, with the arm at its current position."""
         self._stopped = True
         self._planner.stop()
 

@@ -28,7 +28,7 @@ class PickObject:
     """The object that the job picks, as a box in the planning scene."""
 
     name: str = "cube"
-    """Name in the scene. An object of this name that is already there is replaced."""
+    """Name in the scene. The object replaces an existing object with the same name."""
     size_m: tuple[float, ...] = (0.04, 0.04, 0.04)
     """Lengths of the edges, in m.
 
@@ -107,6 +107,6 @@ def _tool_pose_mistakes(name: str, pose: Sequence[float]) -> Iterator[str]:
     elif not all(map(math.isfinite, pose)):
         yield f"{name} contains a number that is not finite"
     elif abs((length := math.hypot(*pose[3:])) - 1.0) > NORMALIZED_WITHIN:
-        yield f"{name}: the quaternion has length {length:.4g}: normalize it to length 1"
+        yield f"{name}: the quaternion has length {length:.4g} and must be normalized to length 1"
     else:
         yield from (f"{name}: {mistake}" for value in pose[:3] if (mistake := range_mistake("position", value)))

@@ -20,6 +20,6 @@ def reason_not_fresh(stamp_s: float, now_s: float, max_age_s: float) -> str | No
         return "its header has no stamp (in `ros2 topic pub`, use header: auto)"
     if age_s >= max_age_s:
         return f"it is {age_s:.1f} s old; the maximum age is {max_age_s:g} s"
-    if age_s <= -max_age_s:  # Such a message would remain valid as long as the clocks differ.
+    if age_s <= -max_age_s:  # If accepted, such a message would remain valid as long as the clocks differ.
         return f"its stamp is {-age_s:.1f} s in the future: synchronize the clocks"
     return None

@@ -45,8 +45,8 @@ class ArmModel:
 
     Args:
         model: Compiled scene (mujoco.MjModel), which this object keeps.
-        limits: Limits of the planned joints by name. All joint vectors (n,) have the same order. A continuous joint has
-            infinite position limits.
+        limits: Limits of the planned joints, keyed by name. All joint vectors (n,) have the same order. A
+            continuous joint has infinite position limits.
 
     Raises:
         PlanningError: A planned joint is missing, follows another joint, or is neither a hinge nor a slide.

@@ -17,7 +17,7 @@ from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3
-"""Default minimum clearance of a pose, in m. The padding between links of the arm is never larger than this."""
+"""Default minimum clearance of a pose, in m. The padding between links of the arm is never larger than this value."""
 TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this value.
 """
@@ -40,7 +40,7 @@ class Clearance(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Point of an edge at which the arm comes too near to something."""
+    """Point of an edge at which the arm comes too close to something."""
 
     part: float
     """Position on the edge, from 0 to 1."""
@@ -165,7 +165,10 @@ class Collisions:
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
     def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None. ``part`` also counts previous edges."""
+        """Return the first contact of the edges between points (m, n), or None.
+
+        ``part`` is the index of the edge plus the position on this edge.
+        """
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
                 return Contact(index + contact.part, contact.pair)

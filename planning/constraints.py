@@ -1,4 +1,4 @@
-"""Constraints that a motion keeps at each of its points: ranges of joints, and regions of the poses of links."""
+"""Constraints that a motion satisfies at each of its points: ranges of joints, and regions of the poses of links."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -42,8 +42,8 @@ class PathConstraints:
     """Constraints of a motion."""
 
     joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Lowest and highest positions by joint, in rad or m. If both ends of an edge are within these ranges, the whole
-    edge is within them.
+    """Lowest and highest positions, keyed by joint name, in rad or m. If both ends of an edge are within these
+    ranges, the whole edge is within them.
     """
     regions: Sequence[LinkRegion] = ()
     """Regions of links, checked at steps of ``STEP_RAD``."""

@@ -36,11 +36,12 @@ from planning.scene import Pose, Scene
 THINNING_M: Final = 2e-4
 """Maximum deviation of the timed motion from a straight path, as motion of any geometry, in m."""
 ROUNDING_M: Final = 1e-6
-"""Maximum distance of a point from a straight edge at which the point counts as being on the edge, as motion of any
+"""Maximum distance between a straight edge and a point that counts as on the edge. The distance is the motion of any
 geometry, in m.
 """
 SLOWER: Final = 1.5
-"""Maximum factor by which a spline may be slower than blends. A spline follows the line of a straight motion better.
+"""Maximum factor by which a spline may be slower than blends. A spline follows the line of a straight motion more
+closely.
 """
 NEAR: Final = Margins(1e-3, 5e-4)
 """Margins below which a motion in progress counts as being in contact."""
@@ -54,7 +55,7 @@ class GroupPlanner:
 
     Args:
         model: Compiled scene (mujoco.MjModel).
-        limits: Limits of all driven joints by name.
+        limits: Limits of all driven joints, keyed by name.
         group: The group. All joints of the group are in ``limits``.
     """
 
@@ -63,7 +64,7 @@ class GroupPlanner:
         self.joints = group.joints
         """Names of the joints (n), in the order of all arrays."""
         self.limits = {joint: limits[joint] for joint in group.joints}
-        """Limits of the joints by name."""
+        """Limits of the joints, keyed by name."""
         self._model: Any = model
         self._others = tuple(joint for joint in limits if joint not in self.limits)
 
@@ -138,13 +139,13 @@ class GroupPlanner:
 
         Args:
             goal: Link and region of poses.
-            state: Positions of all driven joints. The joints of other groups stay there.
+            state: Positions of all driven joints. The joints of other groups keep these positions.
             scene: Scene in which the state must be free of contact. If None, contacts are ignored.
             margins: Distances that the state keeps if possible.
             accepts: Function that returns whether a state that reaches the pose is allowed; by default, all are.
 
         Raises:
-            UnreachableError: The pose cannot be reached. The error has the nearest pose.
+            UnreachableError: The pose cannot be reached. The error contains the nearest pose.
             CollidingError: The pose can be reached only in contact or in states that are not accepted.
             PlanningError: The link does not exist.
         """
@@ -181,7 +182,7 @@ class GroupPlanner:
             path: The motion.
             from_s: Time at which the check begins, in seconds since the start of the motion.
             state: Positions of all driven joints, for those of other groups.
-            scene: The scene as it is now.
+            scene: The current scene.
             margins: Distances that count as a contact.
         """
         collisions = Collisions(self._arm(state), scene)
@@ -226,7 +227,9 @@ class GroupPlanner:
         if not constraints.joints:
             return self
         if text := constraints.broken_range(start):
-            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint there first")
+            raise PlanningError(
+                "START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint into its range first"
+            )
         return self.narrowed(constraints)
 
     def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
@@ -235,7 +238,9 @@ class GroupPlanner:
             return Collisions(arm, scene)
         collisions = ConstrainedCollisions(arm, scene, self._regions(constraints, start))
         if text := collisions.broken_region(self._inside(start)):
-            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link there first")
+            raise PlanningError(
+                "START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link into its region first"
+            )
         return collisions
 
     def _regions(self, constraints: PathConstraints, state: State) -> list[Region]:
@@ -277,7 +282,9 @@ def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArra
     texts = [collisions.broken_region(goal) for goal in goals]
     kept = [goal for goal, text in zip(goals, texts, strict=True) if not text]
     if not kept:
-        raise PlanningError("GOAL_VIOLATES_PATH_CONSTRAINTS", f"goal: {texts[0]}: move the goal, or widen it")
+        raise PlanningError(
+            "GOAL_VIOLATES_PATH_CONSTRAINTS", f"goal: {texts[0]}: move the goal, or widen the constraint"
+        )
     return kept
 
 

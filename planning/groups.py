@@ -72,8 +72,8 @@ def derive_groups(description: Description, driven: Sequence[str], tool: str, st
         description: Robot description.
         driven: Names of the driven joints.
         tool: Link that carries the hand. The driven joints between the base and this link form the group ``arm``,
-            the others form the group ``hand``.
-        states: Poses of the arm by name. A pose with joints of both groups becomes a state of each group.
+            and the others form the group ``hand``.
+        states: Poses of the arm, keyed by name. A pose with joints of both groups becomes a state of each group.
 
     Raises:
         PlanningError: A name is not in the description, no joint moves the tool, or a position is outside its limits.

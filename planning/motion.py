@@ -15,7 +15,7 @@ from planning.paths.timing import TimedPath
 from planning.scene import Pose, Scene
 
 State = Mapping[str, float]
-"""Positions of all driven joints of a robot by name, in rad or m."""
+"""Positions of all driven joints of a robot, keyed by joint name, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,11 @@ class MotionRequest:
     remaining_s: Remaining
     """Function that returns the remaining planning time, in seconds."""
     constraints: PathConstraints = field(default_factory=PathConstraints)
-    """Constraints that the motion keeps."""
+    """Constraints that the motion satisfies."""
     planner_id: str = ""
     """MoveIt's planner id; RRT-Connect by default."""
     searches: int = 2
-    """Maximum number of searches. The shortest path that they find is used."""
+    """Maximum number of searches. The shortest path found is used."""
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
     """Distances that the motion keeps from obstacles."""
@@ -92,7 +92,7 @@ class LineRequest:
     margins: Margins = field(default_factory=Margins)
     avoid_collisions: bool = True
     constraints: PathConstraints = field(default_factory=PathConstraints)
-    """Constraints that the motion keeps."""
+    """Constraints that the motion satisfies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +152,7 @@ class Validity:
 
 @dataclass(frozen=True, slots=True)
 class FutureContact:
-    """Point of a timed motion at which the arm comes too near to something."""
+    """Point of a timed motion at which the arm comes too close to something."""
 
     time_s: float
     """Time since the start of the motion, in seconds."""

@@ -19,7 +19,7 @@ MOST: Final = 1_000_000
 
 
 class SceneFileError(PlanningError):
-    """A scene file contains an error. The message has the file and the line."""
+    """A scene file contains an error. The message contains the file and the line."""
 
     def __init__(self, message: str) -> None:
         super().__init__("INVALID_OBJECT_NAME", message)
@@ -74,7 +74,7 @@ class _Reader:
         """Return the next word. ``what`` is its name in error messages."""
         while not self._words:
             if self._line + 1 >= len(self._lines):
-                raise self.error(f"the file ends where {what} is expected: complete it")
+                raise self.error(f"the file ends where {what} is expected: complete the file")
             self._line += 1
             self._words = self._split()
         return self._words.pop(0)

@@ -23,13 +23,13 @@ class PlanningRobot:
 
     The object never changes, and several threads may use it. OMPL's random generator is global in a process, so only
     one thread at a time may run ``GroupPlanner.plan``. Poses of links are in the frame of ``frame``, the body on which
-    the arm is mounted. Poses of objects of a ``Scene`` are in the world of the scene file; ``origin`` is the pose of
-    ``frame`` there.
+    the arm is mounted. Poses of objects of a ``Scene`` are in the world of the scene file. ``origin`` is the pose of
+    ``frame`` in this world.
 
     Args:
         model: Compiled scene (mujoco.MjModel), which this object keeps.
         description: Robot description.
-        limits: Limits of all driven joints by name.
+        limits: Limits of all driven joints, keyed by name.
         groups: Groups, end effectors and named states.
         allowed: Pairs of links that may touch. Adjacent links may always touch.
 
@@ -48,7 +48,7 @@ class PlanningRobot:
         self.model: Any = model
         self.description = description
         self.limits = dict(limits)
-        """Limits of all driven joints by name, in the order of all states."""
+        """Limits of all driven joints, keyed by name, in the order of all states."""
         self.groups = groups
         arm = self.arm()
         self.links = arm.links

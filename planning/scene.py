@@ -150,7 +150,7 @@ class Attached:
 class Scene:
     """World objects, attached objects and pairs that may touch.
 
-    ``allowed`` has pairs of names of links and objects in sorted order. Adjacent links may always touch.
+    ``allowed`` holds pairs of names of links and objects, each pair in sorted order. Adjacent links may always touch.
     """
 
     objects: Mapping[str, SceneObject] = field(default_factory=dict)
@@ -204,7 +204,7 @@ class Scene:
 def check_object(item: SceneObject) -> None:
     """Check an object. Raise PlanningError if the object has no shape, or a size that is not positive and finite."""
     if not item.shapes:
-        raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: give it at least one')
+        raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: add at least one shape')
     for shape, pose in item.shapes:
         kind = type(shape).__name__.lower()
         if isinstance(shape, Mesh) and len(shape.vertices_m) < 4:

@@ -168,7 +168,7 @@ def read_scene_file(path: Path) -> list[SceneObject]:
         The objects, with their poses in the planning frame.
 
     Raises:
-        SceneFileError: The file contains errors. The message has the line of each error.
+        SceneFileError: The file contains errors. The message contains the line of each error.
     """
     if path.suffix.lower() == ".scene":
         return parse_moveit_scene(read_text(path, SceneFileError), str(path))

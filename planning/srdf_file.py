@@ -77,7 +77,7 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
         file: Name of the file, for messages.
 
     Returns:
-        The reason for each pair of links, such as "Adjacent" or "Never". It is empty if the element has none.
+        The reason for each pair of links, such as "Adjacent" or "Never". The reason is empty if the element has none.
 
     Raises:
         SrdfError: The text is not XML, or an element names fewer than two links.
@@ -103,7 +103,9 @@ class _Reader:
     def groups(self) -> Groups:
         elements = self._named("group")
         if not elements:
-            self._problems.append(f"the SRDF has no <group> ({place(self._robot)}): add one with the joints of the arm")
+            self._problems.append(
+                f"the SRDF has no <group> ({place(self._robot)}): add a <group> with the joints of the arm"
+            )
         groups = {name: self._group(name, elements) for name in elements}
         groups = self._with_states(groups)
         effectors = self._end_effectors(groups)
@@ -116,7 +118,7 @@ class _Reader:
         return Groups(groups, effectors)
 
     def _named(self, tag: str) -> dict[str, Element]:
-        """Return the elements with a tag by name."""
+        """Return the elements with a tag, keyed by name."""
         found: dict[str, Element] = {}
         for element in self._robot.findall(tag):
             name = element.get("name", "")
@@ -191,7 +193,7 @@ class _Reader:
                 self._unknown(element, "group", group, groups)
             elif not name or name in found[group]:
                 self._problem(
-                    element, f"a state of {group} has no name, or the name of another state: give it its own name"
+                    element, f"a state of {group} has no name, or the name of another state: give it a unique name"
                 )
             else:
                 found[group][name] = self._state(element, groups[group])

@@ -10,7 +10,7 @@ from planning.scene import Box, Cylinder, Mesh, Pose, SceneObject, Shape, Sphere
 
 
 def world_objects(arm: ArmModel) -> dict[str, SceneObject]:
-    """Return the world objects of a scene file by name, in their initial poses.
+    """Return the world objects of a scene file, keyed by name, in their initial poses.
 
     Objects with a plane, a capsule or an ellipsoid are omitted, because a planning scene does not support these shapes.
     """

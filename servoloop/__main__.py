@@ -1,4 +1,4 @@
-"""``python -m servoloop`` is the same as ``servoloop``."""
+"""Run the ``servoloop`` command with ``python -m servoloop``."""
 
 from servoloop.cli import main
 

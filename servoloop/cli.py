@@ -58,9 +58,9 @@ VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Work without hardware": (emulate, hand, fault, simulate, campaign),
 }
-"""Commands of each panel of ``servoloop --help``."""
+"""Commands in each panel of ``servoloop --help``."""
 NEGATIVE_NUMBERS = (hand, goto)
-"""Commands that accept negative numbers as arguments, although these look like options."""
+"""Commands that accept negative numbers as arguments, although negative numbers look like options."""
 ERRORS = (
     DriverError,
     HalError,
@@ -73,7 +73,7 @@ ERRORS = (
 )
 """Errors that a user can correct. They are printed without a traceback."""
 INTERRUPTED = 130
-"""Exit status of a program that was ended by Ctrl-C."""
+"""Exit status after Ctrl-C."""
 
 for panel, verbs in VERBS.items():
     for verb in verbs:
@@ -94,7 +94,8 @@ app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")
 
 
 SERVO_MODELS: Final = Path("servo_models.yaml")
-"""File of servo models in the current folder. Its loader is imported only if it exists, so that commands start fast."""
+"""File of servo models in the current folder. Its loader is imported only if the file exists, so that commands start
+quickly."""
 
 
 def _version(wanted: bool) -> None:
@@ -109,7 +110,7 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Handle the options of the program itself, and add the servo models of the current folder."""
+    """Handle the program's own options, and load the servo models in the current folder."""
     if SERVO_MODELS.exists():
         from hal.robot_file.servo_models import load_servo_models
 

@@ -22,7 +22,7 @@ LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "xacro": {"xacro": "xacro"},
     "ray": {"ray": "ray"},
 }
-"""Modules of each extra, with their package names in pip. nodes/ros_environment.py checks the extra ros."""
+"""Modules of each extra, mapped to pip package names. nodes/ros_environment.py checks the extra ros."""
 
 
 class ExtraError(DriverError):
@@ -30,10 +30,10 @@ class ExtraError(DriverError):
 
 
 def require_extras(purpose: str, *extras: str) -> None:
-    """Check that the libraries of extras are installed.
+    """Check that all libraries of the given extras are installed.
 
     Args:
-        purpose: Part that needs the extras, such as "the view".
+        purpose: Part of servoloop that needs the extras, such as "the view".
         extras: Names of the extras.
 
     Raises:
@@ -44,7 +44,7 @@ def require_extras(purpose: str, *extras: str) -> None:
 
 
 def missing_extras(purpose: str, *extras: str) -> str:
-    """Return a sentence that names the missing libraries of extras and how to install them, or an empty string."""
+    """Return a sentence with the missing libraries and the command that installs them, or an empty string."""
     absent = {extra: names for extra in extras if (names := _absent(LIBRARIES[extra]))}
     names = list(dict.fromkeys(name for libraries in absent.values() for name in libraries))
     return _sentence(purpose, names, list(absent)) if absent else ""
@@ -76,9 +76,9 @@ def _sentence(purpose: str, names: list[str], extras: list[str]) -> str:
 
 
 def install_command(*extras: str) -> str:
-    """Return the command that installs extras in the environment of this program.
+    """Return the command that installs extras in this program's environment.
 
-    servoloop is not on a package index, so the command contains the folder or the URL of the installation.
+    servoloop is not on a package index, so the command contains the folder or URL from which servoloop was installed.
     """
     python, requirement = shlex.quote(sys.executable), shlex.quote(f"{_source()}[{','.join(extras)}]")
     if importlib.util.find_spec("pip") is None:  # uv creates environments without pip

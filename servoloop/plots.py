@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 WIDTH_IN: Final = 9.0
 """Width of a figure, in inches."""
 _STYLE: Final[dict[Any, Any]] = {
-    # Text instead of paths makes files ten times smaller and searchable.
+    # Text elements, unlike paths, make files searchable and ten times smaller.
     "svg.fonttype": "none",
     # Without a salt, the names of markers and clip paths are random.
     "svg.hashsalt": "servoloop",
@@ -60,12 +60,12 @@ PANEL_IN = 1.9
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Values over time. NaN leaves a gap. Curves with the same ``label`` share a color."""
+    """Values over time. A NaN value leaves a gap. Curves with the same ``label`` share a color."""
 
     label: str
     values: Sequence[float]
     dashed: bool = False
-    """Whether the curve is dashed, as for commands."""
+    """Whether the curve is dashed. Commands are dashed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ def _draw(axes: Axes, times_s: Sequence[float], panel: Panel, colors: dict[str, 
     for curve in panel.curves:
         color = colors.setdefault(curve.label, PALETTE[len(colors) % len(PALETTE)])
         label = f"_{curve.label}" if curve.dashed else curve.label  # matplotlib hides labels with _ from the legend
-        # A command holds until the next cycle, so it is drawn as steps.
+        # A command does not change until the next cycle, so commands are drawn as steps.
         (line,) = axes.plot(times_s, curve.values, color=color, linewidth=1.2, label=label)
         if curve.dashed:
             line.set(linestyle="--", drawstyle="steps-post")
@@ -139,7 +139,7 @@ ROW_IN = 0.2
 
 
 def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], colors: Sequence[str], unit: str) -> str:
-    """Return stacked horizontal bars as SVG, one per row from top to bottom. Each of ``series`` has a value per row."""
+    """Return stacked horizontal bars as SVG, one per row from top to bottom. Each series has one value per row."""
     with style():
         figure = new_figure(1.0 + ROW_IN * len(rows))
         axes = figure.add_subplot()
@@ -158,7 +158,7 @@ def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], col
 def histogram(
     edges: Sequence[float], series: Mapping[str, Sequence[float]], colors: Sequence[str], axis: str, unit: str
 ) -> str:
-    """Return a stacked histogram as SVG. Each of ``series`` has a count for each interval between two ``edges``."""
+    """Return a stacked histogram as SVG. Each series has a count for each interval between two ``edges``."""
     with style():
         figure = new_figure(2.2)
         axes = figure.add_subplot()
@@ -179,7 +179,7 @@ MOST = 2000
 
 
 def points(groups: Mapping[str, Points], colors: Sequence[str], axis: str, unit: str) -> str:
-    """Return groups of points (x, y) as SVG. x is an integer; y is in ``unit``, finite and not negative."""
+    """Return groups of points (x, y) as SVG. Each x is an integer. Each y is in ``unit``, finite and not negative."""
     with style():
         figure = new_figure(2.6)
         axes = figure.add_subplot()

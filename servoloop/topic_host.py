@@ -28,7 +28,7 @@ NAME: Final = "host_controller"
 
 @dataclass(slots=True)
 class ForeignControllers:
-    """Controllers of another controller manager, which is connected by two topics."""
+    """Controllers of another controller manager, which two topics connect to the stack."""
 
     topics: HostTopics
     record: Path | None = None
@@ -36,15 +36,15 @@ class ForeignControllers:
     search: "Search | None" = None
     """Search for another topic-host. The search began before the hardware was opened."""
     controllers: list[HostController] = field(default_factory=list)
-    """Controller that follows the commands, or None before it is loaded."""
+    """List with the controller that follows the commands; empty before that controller is loaded."""
 
     def load_controllers(self, stack: ControlStack) -> None:
-        """Load the controller that follows the commands. Raises DriverError if the arm has no position commands."""
+        """Load the controller that follows the commands. Raises DriverError if no joint accepts position commands."""
         hardware = stack.loop.hardware
         positions = [name for name in hardware.command_interfaces if Interface.parse(name).kind == "position"]
         if not positions:
             raise DriverError(
-                f"{stack.files.urdf_path} has no position command interface: topic-host moves joints to positions"
+                f"{stack.files.urdf_path} has no position command interface, which topic-host needs to move joints"
             )
         joints = joints_of(positions)
         others = stack.files.description.joints.keys() - set(joints)
@@ -72,13 +72,13 @@ def topic_host(
     ready: Callable[[str], None],
     program: ForeignControllers,
 ) -> int:
-    """Run an arm under another controller manager until a signal or a fault.
+    """Run an arm under another controller manager until a signal arrives or a fault occurs.
 
     Args:
-        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        kind: Hardware of all components. If None, each component uses its own ``<plugin>``.
         ports: Devices, keyed by bus name; None for virtual servos.
-        files: Files of the arm. The controllers of its controllers file are not used.
-        ready: Function called with the name and the rate of the stack when the stack accepts commands.
+        files: Files of the arm. The controllers in the controllers file are not used.
+        ready: Function called with the stack's name and rate when the stack accepts commands.
         program: The other controller manager.
 
     Returns:

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
-WORKS: Final = "It has no topics, services or actions; its controllers, recordings, view and command socket work."
+WORKS: Final = "Topics, services and actions are unavailable. Controllers, recordings, view and command socket work."
 
 
 class Program(Protocol):
-    """Source of the commands of a stack: its controllers and its ROS interface."""
+    """Source of a stack's commands: the controllers and the ROS interface."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load the controllers. Raises an error if a controller cannot be built."""
@@ -51,7 +51,7 @@ class Program(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class OwnControllers:
-    """Controllers of the controllers file, with ros2_control's ROS interfaces."""
+    """Controllers from the controllers file, with ros2_control's ROS interfaces."""
 
     search: "Search | None" = None
     """Search for another controller manager. The search began before the hardware was opened."""
@@ -84,13 +84,13 @@ def up(
     options: UpOptions = NO_OPTIONS,
     program: Program = OWN_CONTROLLERS,
 ) -> int:
-    """Run the stack until a signal or a fault.
+    """Run the stack until a signal arrives or a fault occurs.
 
     Args:
-        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        kind: Hardware of all components. If None, each component uses its own ``<plugin>``.
         ports: Devices, keyed by bus name; None for virtual servos.
         files: Files of the robot.
-        ready: Function called with the name and the rate of the stack when clients can use the stack.
+        ready: Function called with the stack's name and rate when clients can use the stack.
         options: Other options.
         program: Source of the commands for the joints.
 
@@ -111,7 +111,7 @@ def up(
 
 
 def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
-    """Return the simulated time of virtual servos in this process, or None for real time."""
+    """Return the simulated time of virtual servos in this process, or None if the stack runs in real time."""
     if options.rtf is None and not options.step:
         return None
     from servoloop.simulation.pace import Pace, parse_factor
@@ -123,7 +123,7 @@ def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
 
 
 class _Up:
-    """Run of the stack with its clients."""
+    """One run of the stack, from the configuration of the hardware to the exit status."""
 
     def __init__(
         self,
@@ -141,14 +141,14 @@ class _Up:
         self._stack = ControlStack.build(setup, files, clock, worker, options.keep_alive)
         program.load_controllers(self._stack)
         self._must_end = False
-        """Whether the ROS interface has ended the stack."""
+        """Whether an error in the ROS interface has stopped the stack."""
 
     def run(self, signals: Signals, ready: Callable[[str], None]) -> int:
         """Configure the hardware, serve clients until the end, and return the exit status."""
         thread = LoopThread(self._stack, signals)
         with self._stack.configured(self._initial.unconfigured, self._options.keep_alive, thread.hangs):
             ros = self._has_ros()
-            if self._simulated is None:  # in simulated time no cycle is late, and the clients need the processor
+            if self._simulated is None:  # in simulated time, no cycle is late, and the clients need the CPU
                 claim_realtime_priority()
             surface = self._program.ros_interface(self._ros_stack()) if ros else WithoutRos()
             try:
@@ -158,11 +158,11 @@ class _Up:
         return 1 if thread.failed or self._must_end else 0
 
     def _has_ros(self) -> bool:
-        """Return whether to serve clients over ROS. Log once if the stack runs without ROS.
+        """Return whether to serve clients over ROS. Log a warning if the stack runs without ROS.
 
         Raises:
             RosError: ROS is installed, but cannot be used.
-            DriverError: The options need ROS.
+            DriverError: An option needs ROS, but the stack runs without ROS.
         """
         try:
             if self._options.ros:
@@ -172,7 +172,7 @@ class _Up:
         except RosMissing:
             reason = f"because Python cannot find rclpy ({INSTALL})"
         if self._simulated is not None and self._simulated.pace.paused:
-            raise DriverError(f"--step needs ROS, but the stack runs without it {reason}: use --rtf instead")
+            raise DriverError(f"--step needs ROS, but the stack runs without ROS {reason}: use --rtf instead")
         LOG.warning("the stack runs without ROS %s. %s", reason, WORKS)
         return False
 
@@ -201,7 +201,7 @@ class _Up:
         )
 
     def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
-        """Activate the hardware and serve clients until the end, while cycles are published and recorded."""
+        """Activate the hardware and serve clients until the loop ends. Publish all cycles; record them if requested."""
         stack, loop = self._stack, self._stack.loop
         loop.on_cycle = surface.post
         if self._simulated is not None:
@@ -214,7 +214,7 @@ class _Up:
             self._serve_clients(thread, surface, ready)
 
     def _serve_clients(self, run: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
-        """Run the loop in its thread and its ROS interface in this thread until the loop has ended or hangs."""
+        """Run the loop in its own thread and the ROS interface in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
         _prepare_interpreter()
         thread = run.start()
@@ -226,7 +226,7 @@ class _Up:
             self._must_end = True
             LOG.error("the stack ends: %s", error)
         finally:
-            run.signals.ask()  # also end the loop if ROS fails
+            run.signals.ask()  # also stop the loop if ROS fails
             while thread.is_alive() and not run.hangs():
                 thread.join(0.1)
             if thread.is_alive():
@@ -239,7 +239,7 @@ class _Up:
 
 
 def _prepare_interpreter() -> None:
-    """Prevent delays of the loop by other Python threads and by the garbage collector."""
+    """Keep other Python threads and the garbage collector from delaying the loop."""
     sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
     gc.collect()
     gc.freeze()

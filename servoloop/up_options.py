@@ -20,14 +20,14 @@ class UpOptions:
         bool,
         typer.Option(
             "--robot-state-publisher/--no-robot-state-publisher",
-            help="Publish robot_description and the transforms of the links, unless your own node does.",
+            help="Publish robot_description and the link transforms. Disable this if your own node publishes them.",
         ),
     ] = True
     spawn: Annotated[
         bool,
         typer.Option(
             "--spawn/--no-spawn",
-            help="Load and activate the controllers of the file, unless ros2_control's spawner does so.",
+            help="Load and activate all controllers in the controllers file. Disable this if a spawner loads them.",
         ),
     ] = True
     rtf: Annotated[

@@ -23,16 +23,16 @@ RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
 """Interval at which the camera checks for a new state of the world, in seconds."""
 REGION: Final = (1.2, 0.8)
-"""Half the size, along x and y, of the region around the stand in which the camera looks for apples.
+"""Half the extent, along x and y, of the region around the stand that the camera searches for apples.
 
 The unit is the diameter of the largest apple.
 """
 TOLERANCE: Final = 0.15
 """Maximum relative deviation of a measured diameter from the sizes in the scene."""
 FRESH_S: Final = 0.02
-"""Maximum age of a state of the world that is drawn immediately, in seconds."""
+"""Maximum age at which a world state is drawn immediately, in seconds."""
 NEXT_S: Final = 1.5 * PERIOD_S
-"""Maximum time to wait for the next state if the latest state is older, in seconds."""
+"""Maximum time to wait for the next world state if the latest state is older than ``FRESH_S``, in seconds."""
 SMOOTHING: Final = 0.2
 """Weight of the latest interval in the measured rate."""
 
@@ -40,7 +40,7 @@ SMOOTHING: Final = 0.2
 def grading_settings(camera: SceneCamera) -> GradingSettings:
     """Return the grading settings for a scene.
 
-    Only apples with the sizes of the scene that lie on its stand have a grade.
+    Only apples that lie on the scene's stand and have a size from the scene are graded.
     """
     x, y, _ = camera.stand_m
     low_mm, high_mm = camera.diameters_mm
@@ -52,7 +52,7 @@ def grading_settings(camera: SceneCamera) -> GradingSettings:
 
 
 class VirtualCamera:
-    """Camera of an emulator's scene; implementation of ``perception.frames.CameraSource``."""
+    """Camera that views an emulator's scene. It implements ``perception.frames.CameraSource``."""
 
     def __init__(self, link: Path, scene: Path, clock: Clock, light: Light | None = None, seed: int = 0) -> None:
         """Prepare the camera. The emulator need not run before ``open``.
@@ -60,8 +60,8 @@ class VirtualCamera:
         Args:
             link: Path of the emulator's bus.
             scene: The MuJoCo file of the emulator, with a camera and apples.
-            clock: Clock of the stamps. The emulator uses the same clock.
-            light: The light; by default daylight in a room.
+            clock: Clock of the time stamps. The emulator must use the same clock.
+            light: Light in the scene. If None, daylight in a room is used.
             seed: Seed of the noise.
 
         Raises:
@@ -103,7 +103,7 @@ class VirtualCamera:
             self._client = WorldFeedClient(self._feed)
         except OSError as error:
             raise CameraMissing(
-                f"{self.name} has no world: {error.strerror or error}: start the emulator first"
+                f"{self.name} cannot connect to the emulator ({error.strerror or error}): start the emulator first"
             ) from error
         self._number, self._last_s, self._interval_s = 0, None, 0.0
         self._next_s = self._clock.now()
@@ -112,8 +112,8 @@ class VirtualCamera:
         """Wait for the next image, and return it.
 
         Raises:
-            CameraSilent: The emulator published nothing in time.
-            CameraLost: The emulator has ended, or the camera is not open.
+            CameraSilent: The emulator published no world state in time.
+            CameraLost: The emulator has exited, or the camera is not open.
         """
         deadline_s = self._clock.now() + timeout_s
         self._clock.sleep_until(min(self._next_s, deadline_s))
@@ -137,7 +137,7 @@ class VirtualCamera:
         self._client = None
 
     def _fresh(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return a state that is almost new, so that the image is not late. Wait for at most one further state."""
+        """Return a recent state, so that the image is up to date. Wait for at most one new state."""
         publication = self._newest(deadline_s, timeout_s)
         now_s = self._clock.now()
         if now_s - self._stamp_s(publication) > FRESH_S:
@@ -146,24 +146,24 @@ class VirtualCamera:
         return publication
 
     def _stamp_s(self, publication: Mapping[str, Any]) -> float:
-        """Return the time of a state on the clock of the camera."""
+        """Return the time of a state on the camera's clock."""
         trace = publication["trace"]
         return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return the latest unread publication, or wait for a publication if there is none."""
+        """Return the latest unread publication. If there is none, wait for the next publication."""
         while True:
             if self._client is None:
-                raise CameraLost(f"{self.name} is not open: open it first")
+                raise CameraLost(f"{self.name} is not open: call open() first")
             publication = self._client.newest()
             if publication is not None:
                 return publication
             if self._client.ended:
-                raise CameraLost(f"{self.name} has ended with its emulator: start the emulator again")
+                raise CameraLost(f"{self.name} stopped because its emulator has exited: start the emulator again")
             now_s = self._clock.now()
             if now_s >= deadline_s:
                 raise CameraSilent(
-                    f"{self.name} received no state of the world for {timeout_s:g} s: check whether the emulator hangs"
+                    f"{self.name} received no world state for {timeout_s:g} s: check whether the emulator hangs"
                 )
             self._clock.sleep_until(min(now_s + POLL_S, deadline_s))
 

@@ -8,7 +8,7 @@ import mujoco
 ARMS: Final = "arms"
 """Name of the custom text that lists the prefixes of a scene with several arms, separated by spaces."""
 ONE_ARM: Final = ("",)
-"""Prefixes of a scene with one arm, whose names have no prefix."""
+"""Prefixes in a scene with one arm, whose part names have no prefix."""
 
 
 def arm_prefixes(model: Any) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A box of factory-new servos on one line. A script can connect single servos or the whole chain.
+"""A box of factory-new servos on one line. A script can connect individual servos or the whole chain.
 
 All servos have ID 1. As delivered, they delay each reply by 500 us, a setting that LeRobot's set-up changes. A 7.4 V
 servo allows at most 8 V. This limit is assumed, because such servos report a wrong input voltage at 12 V.
@@ -69,7 +69,7 @@ def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Comm
     if what not in ("connect", "disconnect"):
         return hand(command)
     if unknown := [name for name in wanted if name not in joints]:
-        raise ValueError(f"the box has no servo of {', '.join(unknown)}: it has {', '.join(joints)}")
+        raise ValueError(f"the box has no servo for {', '.join(unknown)}: its joints are {', '.join(joints)}")
     chain = joints if what == "connect" else ()
     box.connect(*(joints.index(name) for name in (wanted or chain) if what == "connect"))
     plugs = zip(joints, box.ids(), box.connected(), strict=True)
@@ -88,7 +88,7 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Return free shafts at random angles. Random angles let clients distinguish the replies of servos with one ID."""
+    """Return free shafts at random angles. Clients can then distinguish the replies of servos that share an ID."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

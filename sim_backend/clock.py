@@ -5,12 +5,12 @@ from math import inf
 
 
 class Hang(BaseException):
-    """Raised when a simulated program does not end. Hang is not an Exception, so that the program under test cannot
+    """Raised when a simulated program does not exit. Hang is not an Exception, so that the program under test cannot
     catch it."""
 
 
 class SimulatedClock:
-    """A ``drivers.clock.Clock`` whose ``sleep_until`` advances the time at once.
+    """A ``drivers.clock.Clock`` whose ``sleep_until`` advances the time immediately.
 
     The clock starts at ``start_s``, in seconds.
     """

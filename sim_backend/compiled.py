@@ -11,9 +11,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 COMPILES: Final = "numba:compile"
 """Event that numba emits when it begins to compile. Loading a function from the cache does not emit the event."""
-COMPILING: Final = (
-    "compiling the simulation into machine code; this happens once for each installation and takes about 20 s"
-)
+COMPILING: Final = "compiling the simulation into machine code; this happens once per installation and takes about 20 s"
 
 
 def compiled(function: Function) -> Function:

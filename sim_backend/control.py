@@ -93,7 +93,7 @@ class ControlServer:
 def ask(path: Path, command: Command) -> dict[str, Any]:
     """Send a command to the emulator at ``path`` and return its answer.
 
-    Raises PortError if no emulator answers, or ValueError if it refuses the command.
+    Raises PortError if no emulator answers, or ValueError if the emulator rejects the command.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(ANSWER_S)
@@ -107,7 +107,7 @@ def ask(path: Path, command: Command) -> dict[str, Any]:
                     raise ConnectionError("the emulator closed the connection")
                 answer += more
         except OSError as error:
-            raise PortError(f"no emulator takes commands at {path} ({error}): is it running?") from error
+            raise PortError(f"no emulator accepts commands at {path} ({error}): check that it is running") from error
     found: dict[str, Any] = json.loads(answer)
     if "error" in found:
         raise ValueError(found["error"])

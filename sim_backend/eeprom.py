@@ -1,4 +1,4 @@
-"""A YAML file that keeps the EEPROM of virtual servos between runs. The file has one entry for the servo of each joint.
+"""A YAML file that stores the EEPROM of virtual servos between runs. The file has one entry per joint's servo.
 
 Entries are identified by joint, because the ID is part of the EEPROM and all factory-new servos have the same ID.
 """
@@ -19,7 +19,7 @@ from sim_backend.line.line import ServoLine
 from sim_backend.servos.generic.packet_servo import WiredServo
 
 _HEADER: Final = (
-    "# EEPROM of virtual servos. They write this file while they run: edit it only when they are stopped.\n"
+    "# EEPROM of virtual servos. The servos write this file while they run: stop them before you edit it.\n"
 )
 
 
@@ -56,7 +56,7 @@ class _Owner:
         """Load the entry into the servo and restart it. Raises ValueError if the entry is not for this servo."""
         model, memory = self.servo.model.name, self.servo.memory
         if entry.model != model:
-            raise ValueError(f"the file has a {entry.model} here, but the arm has a {model}")
+            raise ValueError(f"the model in the file is {entry.model}, but the arm has a {model}")
         defaults = bytes.fromhex(entry.defaults) or self._fresh.defaults
         if len(defaults) != len(self._fresh.defaults):
             raise ValueError(f"defaults has {len(defaults)} bytes instead of {len(self._fresh.defaults)}")
@@ -83,7 +83,7 @@ class EepromFile:
     """The EEPROM file and its servos."""
 
     def __init__(self, path: Path, owners: list[_Owner]) -> None:
-        """Load the file if it exists, and then write it. Raises EepromError."""
+        """Load the file if it exists, and then write it. Raises EepromFileError."""
         self._path, self._owners = path, owners
         if path.exists():
             self._read()
@@ -97,12 +97,12 @@ class EepromFile:
             owner, place = owners.pop(entry.joint, None), file.place(("servos", number))
             if owner is None:
                 raise EepromFileError(
-                    f"{place}: {entry.joint} has no servo, or two entries: is the file of another arm?"
+                    f"{place}: {entry.joint} has no servo, or two entries: choose the file of this arm"
                 )
             try:
                 owner.take(entry)
             except ValueError as error:
-                raise EepromFileError(f"{place}: {entry.joint}: {error}. Correct the file, or choose another") from None
+                raise EepromFileError(f"{place}: {entry.joint}: {error}. Correct it, or choose another file") from None
 
     def save_changes(self) -> None:
         """Write the file if any value has changed.
@@ -123,9 +123,9 @@ class EepromFile:
 
 
 def keep_eeprom(path: Path, lines: Iterable[ServoLine[Any]]) -> None:
-    """Load the settings of all servos on these lines from ``path``, and save them there from now on.
+    """Load the settings of all servos on these lines from ``path``, and save them to the same file from now on.
 
-    Raises EepromError if the file is damaged, belongs to other servos, or cannot be written.
+    Raises EepromFileError if the file is damaged, belongs to other servos, or cannot be written.
     """
     lines = list(lines)
     pairs = [pair for line in lines for pair in zip(line.rig.plant.couplings, line.servos, strict=True)]

@@ -1,8 +1,8 @@
-"""Serve virtual buses in real time in the thread of the caller, each on a pseudo-terminal.
+"""Serve virtual buses in real time in the caller's thread, each on a pseudo-terminal.
 
-The emulator sleeps between events. It advances the physics before every reply and at least every 5 ms. Replies that are
-less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also delivers bytes once
-per frame, and fewer deliveries save wake-ups on both sides.
+The emulator sleeps between events, and advances the physics before every reply and at least every 5 ms. Replies that
+are less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also delivers bytes
+once per frame, and fewer deliveries save wake-ups on both sides.
 """
 
 from collections import deque

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 from places import LOGS, ROOT, VENV
 
-# Shell variables that would mix another installation into this one.
+# Shell variables that would mix another installation into this installation.
 FOREIGN = re.compile(r"(AMENT|COLCON|CMAKE|ROS|_ROS|PYTHON|CONDA)_?|LD_LIBRARY_PATH$|PIP_(USER|TARGET|PREFIX)$")
 
 
@@ -21,7 +21,7 @@ COMMAND_S = 3600.0
 """Maximum duration of one command, in seconds. uv ends stalled connections itself, but the slowest build takes
 minutes."""
 STOP_S = 5.0
-"""Time from the request to end a command until the command is killed, in seconds."""
+"""Time a command has to stop before it is killed, in seconds."""
 
 
 class SetUpError(Exception):
@@ -37,7 +37,7 @@ def environment() -> dict[str, str]:
 
 
 class Commands:
-    """Runs commands with their output in log files. If the setup ends early, all running commands are ended."""
+    """Runs commands with their output in log files. If the setup is aborted, all running commands are stopped."""
 
     def __init__(self, limit_s: float = COMMAND_S) -> None:
         self._limit_s = limit_s
@@ -74,7 +74,7 @@ class Commands:
             raise SetUpError(explain(log_path, command, status))
 
     def stop(self) -> None:
-        """End all running commands with their child processes. Kill the commands that do not end in time or after a
+        """Stop all running commands with their child processes. Kill the commands that do not stop in time or after a
         Ctrl-C."""
         with self._lock:
             self._stopped = True

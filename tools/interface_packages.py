@@ -26,10 +26,10 @@ def needed_packages(package: str) -> set[str]:
 
 
 def packages() -> list[str]:
-    """Return the packages in the order of the build.
+    """Return the packages in build order.
 
     Packages that other packages need come first. After that, the largest packages come first, so that a build on
-    several cores ends sooner.
+    several cores finishes sooner.
     """
     names = [path.parent.name for path in INTERFACES.glob("*/package.xml")]
     needed = set().union(*(needed_packages(name) for name in names))

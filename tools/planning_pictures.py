@@ -69,7 +69,7 @@ def pose() -> Image.Image:
 
 
 def bench() -> MotionPlanner:
-    """Return a planner of the arm with a wall, without the objects of its scene file."""
+    """Return a planner for the arm with a wall, but without the objects of its scene file."""
     planner, (size_m, position_m) = MotionPlanner(ARM), WALL_M
     for name in ("cube", "stand", "bin_A", "bin_B", "bin_C"):
         planner.scene = planner.scene.without(name)

@@ -80,7 +80,7 @@ def set_up() -> None:
         return
     began_s = time.monotonic()
     if os.environ.get("AMENT_PREFIX_PATH"):
-        print("A ROS installation is sourced in this shell. It is ignored, because .venv contains its own ROS 2.")
+        print("The ROS installation that is sourced in this shell is ignored, because .venv contains its own ROS 2.")
     print(f"Setting up .venv: {len(steps)} steps, logs in {LOGS.relative_to(ROOT)}/", flush=True)
     for log in LOGS.glob("*.log"):
         log.unlink()
@@ -103,11 +103,11 @@ def only_one_at_a_time(patience_s: float = OTHER_S) -> int:
     said = False
     while not locked(lock):
         if not said:
-            print("Another make setup is running in this checkout; waiting until it ends.", flush=True)
+            print("Another make setup is running in this checkout; waiting until it finishes.", flush=True)
             said = True
         if time.monotonic() > deadline_s:
             raise SetUpError(
-                f"the other make setup has not ended within {patience_s / 60.0:.0f} minutes: end it first."
+                f"the other make setup did not finish within {patience_s / 60.0:.0f} minutes: stop it first."
             )
         time.sleep(0.2)
     return lock

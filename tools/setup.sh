@@ -41,10 +41,10 @@ for candidate in ${PYTHON:-"$made_by" python3 python3.13 python3.12 python3.11};
     $candidate: $(printf '%s\n' "$reason" | tail -n 1)"
 done
 [ -n "$python" ] || fail "no usable Python 3.11, 3.12 or 3.13 on the PATH.$reasons" \
-    "Install one with its headers and venv; on Debian or Ubuntu: sudo apt install python3 python3-dev python3-venv" \
-    "One that is not on the PATH: make setup PYTHON=/path/to/python3.12"
+    "Install one of them with headers and venv. Debian and Ubuntu: sudo apt install python3 python3-dev python3-venv" \
+    "If your Python is not on the PATH: make setup PYTHON=/path/to/python3.12"
 
 # Tell users who have chosen a Python with PATH or PYENV_VERSION that a different Python is used.
-[ -z "$reasons" ] || printf 'make setup: %s is used, because others cannot be used:%s\n' "$python" "$reasons"
+[ -z "$reasons" ] || printf 'make setup: %s is used, because other versions cannot be used:%s\n' "$python" "$reasons"
 
 exec "$python" -B tools/set_up.py

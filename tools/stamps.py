@@ -1,4 +1,4 @@
-"""Stamps in .venv: hashes of the sources of each installed part, so that unchanged parts are not built again."""
+"""Stamps in .venv: hashes of each installed part's sources, so that unchanged parts are not built again."""
 
 import hashlib
 import os

@@ -119,7 +119,7 @@ def uninstall_interfaces(package: str) -> None:
     manifest = STAMPS / f"{package}.files"
     for line in manifest.read_text().splitlines() if manifest.exists() else []:
         Path(line).unlink(missing_ok=True)
-    # Also remove the files that Python has compiled there.
+    # Also remove the files that Python has compiled in this folder.
     shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)
     (STAMPS / f"interfaces-{package}").unlink(missing_ok=True)
     manifest.unlink(missing_ok=True)

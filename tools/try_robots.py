@@ -2,8 +2,8 @@
 
 Each subfolder of FOLDER has a ``robot.urdf`` (or ``robot.urdf.xacro``) and a ``controllers.yaml``. The tool starts the
 stack with these files, as ``servoloop up --hardware mock --no-ros`` does. The table lists for each robot whether its
-stack started, or the message with which the stack refused the files. A traceback is a defect and ends the tool with
-status 1.
+stack started, or the message with which the stack refused the files. A traceback is a defect, after which the tool
+exits with status 1.
 """
 
 import argparse
@@ -43,13 +43,13 @@ class Trial:
         if self.crashed:
             return f"TRACEBACK: {self.output.strip().splitlines()[-1]}"
         if self.up:
-            return "comes up"
+            return "starts"
         lines = [line for line in self.output.splitlines() if line.startswith("servoloop: ")] or ["no message"]
         return "; ".join(line.removeprefix("servoloop: ") for line in lines)
 
 
 def tried(folder: Path) -> Trial:
-    """Start the stack with the files of a folder, and end it."""
+    """Start the stack with the files of a folder, and stop it."""
     urdf = next((folder / name for name in NAMES if (folder / name).is_file()), folder / NAMES[0])
     with tempfile.TemporaryDirectory() as place:
         ready, log = Path(place) / "ready", Path(place) / "log"

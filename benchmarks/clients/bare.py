@@ -54,7 +54,7 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
         if again() or again():
             return again, end
         end()
-    raise DriverError(f"{device}: the servos did not answer the repeated cycle")
+    raise DriverError(f"{device}: the servos did not respond to the repeated cycle")
 
 
 def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
@@ -68,7 +68,7 @@ def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
         if cycle() and port.steps == last:
             return last
         last = list(port.steps)
-    raise DriverError(f"{port.name}: not all servos answer: no two of {_TRIES} cycles were equal and complete")
+    raise DriverError(f"{port.name}: not all servos respond; no two of {_TRIES} cycles were equal and complete")
 
 
 def _replay(line: serial.Serial, steps: list[Step]) -> Client:
@@ -103,7 +103,7 @@ def _taken(read: Callable[[int, int], bytes], fd: int, size: int) -> int:
         while taken < size:
             piece = read(fd, size - taken)
             if not piece:
-                raise DriverError("the simulator has ended")
+                raise DriverError("the simulator has exited")
             taken += len(piece)
     except BlockingIOError:
         pass

@@ -58,14 +58,14 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use the SDK of the servo maker."""
+    """Use the servo maker's SDK."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
 def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a fast sync read with the SDK of the servo maker."""
+    """Use a fast sync read with the servo maker's SDK."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))

@@ -39,7 +39,7 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def feetech_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use the SDK of the servo maker."""
+    """Use the servo maker's SDK."""
     import scservo_sdk as sdk
 
     return peers.makers_sdk(sdk, 0, device, baud, servo_ids, WORK)

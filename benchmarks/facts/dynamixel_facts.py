@@ -1,7 +1,7 @@
 """Facts about Dynamixels, and the behavior of virtual Dynamixels: ranges, errors, modes, positions, profiles and the
 bus.
 
-Sources: "E" is ROBOTIS's e-manual, and "I" is an answer of ROBOTIS in an issue of DynamixelSDK.
+Sources: "E" is ROBOTIS's e-manual, and "I" is a reply from ROBOTIS in a DynamixelSDK issue.
 """
 
 from collections.abc import Iterator, Sequence

@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--seed", type=positive, default=1, help="seed of the poses")
     arguments = parser.parse_args()
     if bool(arguments.poses) == bool(arguments.data):
-        parser.error("give either the folder of the problems, or --poses")
+        parser.error("specify either the folder of the problems, or --poses")
     warm_up()
     with in_words():
         if arguments.poses:

@@ -4,7 +4,7 @@ The first line of the input is a JSON document with the URDF, the SRDF, the name
 may touch, the links that never move and the time limit in s. Each further line is a problem: the start, the goal and
 the shapes, each of which has a kind, sizes and a transform. The answer to a problem is one line: the path, the search
 time and the total time in s, or null if there is no path. Problems alternate with those of servoloop, so that other
-load slows both planners down.
+load slows down both planners.
 """
 
 import json
@@ -24,7 +24,7 @@ SCRIPT = Path(__file__).with_name("roboplan_peer.py")
 
 
 class Peer:
-    """Running roboplan process.
+    """A running roboplan process.
 
     Args:
         python: Interpreter in which roboplan is installed.
@@ -58,7 +58,7 @@ class Peer:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise SystemExit(f"roboplan ended with exit status {self._process.wait()}")
+            raise SystemExit(f"roboplan exited with status {self._process.wait()}")
         self.results.valid += 1
         found = json.loads(line)
         if found is None:
@@ -82,7 +82,7 @@ class Peer:
 
 
 def _allowed(allowed: frozenset[Pair], arm: ArmModel) -> frozenset[Pair]:
-    """Return the pairs that may touch, including links that are welded to each other, which MuJoCo never checks."""
+    """Return the pairs that may touch, including links welded to each other. MuJoCo never checks such links."""
     welds = dict(zip(arm.links, (int(arm.model.body_weldid[body]) for body in arm.bodies), strict=True))
     welded = {(one, other) for one in welds for other in welds if one < other and welds[one] == welds[other]}
     known = {pair for pair in allowed if set(pair) <= set(arm.links)}

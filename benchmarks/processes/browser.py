@@ -38,7 +38,7 @@ def _standing_back(chromium: str, folder: Path) -> str:
 
     Without a graphics card, a browser continuously draws on all processors. Regardless of its nice value, Linux gives
     the session of the browser as much processor time as all other sessions together (sched(7), autogroup). If root
-    starts the browser, the browser even raises its own priority; the kernel threads that transfer the bytes of serial
+    starts the browser, the browser even raises its own priority. The kernel threads that transfer the bytes of serial
     ports and pseudo-terminals then have to wait for the browser.
     """
     command = f"nice -n {NICE} "

@@ -25,7 +25,8 @@ _CAP_SYS_NICE: Final = 23
 
 
 def without_priority() -> None:
-    """Remove the right to real-time priority from this process and its children. Call it before ``exec``.
+    """Remove the right to real-time priority from this process and its children. Call this function before
+    ``exec``.
 
     Root keeps its access to files, because only CAP_SYS_NICE is removed from the bounding set. An ordinary user cannot
     drop capabilities, but loses the right that a limit ``rtprio`` would grant.
@@ -71,7 +72,7 @@ def _demo(folder: str) -> str:
             return p.communicate(timeout=DEMO_S)[0]
         except subprocess.TimeoutExpired:
             p.kill()
-            return p.communicate()[0] + f"the demo has not ended within {DEMO_S:.0f} s"
+            return p.communicate()[0] + f"the demo did not finish within {DEMO_S:.0f} s"
 
 
 def busy(count: int, runs: int, console: Console) -> bool:

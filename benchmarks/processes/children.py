@@ -1,4 +1,4 @@
-"""Child processes of a benchmark. They end with the benchmark. The benchmark ends if a process is not ready in time."""
+"""Child processes of a benchmark, which exit with it. The benchmark is aborted if a process is not ready in time."""
 
 import select
 import subprocess
@@ -41,13 +41,13 @@ def start(*command: str) -> "subprocess.Popen[str]":
 
 
 def kill(process: "subprocess.Popen[str]") -> None:
-    """Kill a process and wait until it has ended."""
+    """Kill a process and wait until it has exited."""
     process.kill()
     process.communicate()
 
 
 def next_line(process: "subprocess.Popen[str]", patience_s: float = START_S) -> str:
-    """Return the next line that the process prints, or an empty string if the process has ended.
+    """Return the next line that the process prints, or an empty string if the process has exited.
 
     The benchmark ends if no line arrives in time.
     """

@@ -26,7 +26,7 @@ HAND, HAND_COUNTS = 7, 1100
 """ID of the hand's servo, and a position of this servo between the limits of the fingers."""
 START_S: Final = 60.0
 SETTLE_S: Final = 3.0
-"""Time after the start that is not measured, in seconds. It includes first uses and discovery."""
+"""Time after the start that is not measured, in seconds. This time includes first uses and discovery."""
 MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
 """Counters of a servo for values that were not received in a cycle."""
 

@@ -1,6 +1,6 @@
 """Calibrate joints that the user moves by hand: sweep, direction and anchor.
 
-Torque stays off, and this module writes nothing to the servos or to disk.
+The torque stays disabled, and this module writes nothing to the servos or to disk.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -135,7 +135,7 @@ class ByHand:
                 )
 
     def _require_seams_outside(self) -> None:
-        """Raise CalibrationError naming every joint that crosses a fixed seam or turned through a whole turn."""
+        """Raise CalibrationError naming every joint that crosses a fixed seam or was turned through a whole turn."""
         stuck = [j for j in self._joints if self._counting[j.name].homing_offset is None and self._crosses(j)]
         endless = [j for j in self._joints if self._plans[j.name].zero != "pose" and self._fills_the_turn(j)]
         problems = [f"{joint.name}: {cannot_move_seam(joint)}" for joint in stuck]

@@ -1,7 +1,7 @@
 """Calibrate an arm automatically: drive each joint with low torque until it stops moving at its stops.
 
 Only STS servos can do this. The position limits of the servos are disabled in RAM during the calibration (with the
-EEPROM lock closed), so that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the
+EEPROM lock closed). The encoder's seam may therefore lie anywhere in the travel. A restart of the servos restores the
 limits.
 """
 
@@ -45,7 +45,7 @@ DRIVE: Final = 0.5
 def by_itself(
     open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
 ) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
-    """Return the automatic measurement as a function for ``calibrate``, which has the bus open."""
+    """Return the automatic measurement as a function for ``calibrate``. It closes the bus that it receives."""
 
     def measure(bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> dict[str, JointCalibration]:
         bus.close()
@@ -78,7 +78,7 @@ class ByItself:
     def run(self) -> dict[str, JointCalibration]:
         """Find all stops and directions, then return the arm to its start and disable the torque.
 
-        Raise CalibrationError, StoppedError.
+        Raises CalibrationError or StoppedError.
         """
         self._require_able()
         with closing(self._open_bus()) as bus:

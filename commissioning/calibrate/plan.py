@@ -31,7 +31,7 @@ class JointPlan(BaseModel):
     @model_validator(mode="after")
     def _pose_is_complete(self) -> Self:
         if self.zero == "pose" and (self.at is None or not self.pose):
-            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the joint position there)")
+            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the position of the joint)")
         return self
 
     def anchor(self, lower: float, upper: float) -> float:
@@ -49,7 +49,7 @@ def _in_order(steps: Any) -> Any:
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())
         raise ValueError(
-            "is a mapping, but the order matters here and other programs may reorder a mapping. Write a list instead, "
+            "is a mapping, but the order matters, and other programs may reorder a mapping. Write a list instead, "
             f"such as [{example}]"
         )
     if not isinstance(steps, list):

@@ -97,7 +97,7 @@ def fills_the_turn(joint: Joint, travel: Travel) -> bool:
 def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
     """Return the calibration of one joint. Raise CalibrationError if the seam cannot be kept out of the joint's range.
 
-    For a joint that turns freely, only the range in the URDF matters: the seam is put opposite the middle of this
+    For a joint that turns freely, only the range in the URDF matters. The seam is put opposite the middle of this
     range, and the travel is the whole turn.
     """
     zero = found.anchor_counts - found.sign * found.anchor_position / unit(joint)
@@ -201,7 +201,7 @@ def position_warning(joint: Joint, calibration: JointCalibration) -> str:
 
 
 def misplaced(joint: Joint, calibration: JointCalibration) -> float:
-    """Return the distance of the middle of the travel from the middle of the URDF's limits, in rad or m."""
+    """Return the distance between the middle of the travel and the middle of the URDF's limits, in rad or m."""
     return 0.5 * sum(calibration.stops(joint)) - 0.5 * (joint.limits.lower + joint.limits.upper)
 
 

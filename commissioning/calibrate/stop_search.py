@@ -7,7 +7,7 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 SEEK_RAD_S: Final = 0.3
-"""Speed of the goal during the search, rad/s of the servo's shaft."""
+"""Speed of the goal during the search, in rad/s of the servo's shaft."""
 STAND_RAD: Final = 0.01
 """Maximum motion of a servo at rest within ``STAND_S``, in rad."""
 STAND_S: Final = 0.4

@@ -36,8 +36,8 @@ def save(
     """Write the calibration of this robot file, keep the previous calibration, and return the path.
 
     The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
-    calibration is not kept, because it would replace the last complete calibration. A CalibrationError has the content
-    in a note.
+    calibration is not kept, because it would replace the last complete calibration. A CalibrationError contains the
+    content in a note.
 
     Args:
         robot: Robot file of the arm.
@@ -95,7 +95,7 @@ def set_aside(robot: Path) -> str:
 RESTART_S: Final = 1.5
 """Time allowed for the restart of a servo, in seconds. A servo needs 0.8 s."""
 AGAIN_S: Final = 0.1
-"""Time after which a silent servo is read again, in seconds."""
+"""Delay before a silent servo is read again, in seconds."""
 SLACK_COUNTS: Final = 40
 """Tolerance of the travel, in counts. A stop gives way a little, and a limp joint can move."""
 
@@ -140,7 +140,7 @@ def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     """Restart servos whose torque is off, so that they discard the turns counted while the arm was moved.
 
-    Otherwise, a servo that was turned across its seam would move to its next goal by a whole turn.
+    Otherwise, a servo that was turned across its seam would move by a whole turn at its next goal.
     """
     turned = [joint for joint in joints if can_move_seam(joint.model)]
     for joint in turned:

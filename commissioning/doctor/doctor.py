@@ -80,7 +80,7 @@ def doctor(
     """Examine the servos of an arm and return a report.
 
     The function only pings and reads. The torque does not change unless ``move`` moves the joints
-    (commissioning/doctor/motion.py). A problem of the arm never raises an exception, but is a finding in the report.
+    (commissioning/doctor/motion.py). Problems of the arm do not raise exceptions. They are findings in the report.
 
     Args:
         arm: The arm.

@@ -33,7 +33,7 @@ class ServoSnapshot:
     joint: Joint
     heard: Heard
     registers: Mapping[str, int] = field(default_factory=dict)
-    """Register values by name, without registers that could not be read."""
+    """Register values, keyed by name, without registers that could not be read."""
     states: tuple[ServoState, ...] = ()
     """Successive states at rest."""
     port: str = ""

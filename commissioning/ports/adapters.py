@@ -81,7 +81,7 @@ def machine_complaints(machine: Machine, rules: Rules) -> tuple[Complaint, ...]:
             continue
         name = f"an adapter ({chip.name}, {_text(numbers)}) is plugged in but has no port"
         if _claims(rules, numbers) or machine.runs("brltty"):
-            text = f"{name}, because the program brltty takes it for a braille display. Remove brltty"
+            text = f"{name}, because the program brltty mistakes it for a braille display. Remove brltty"
             complaints.append(Complaint("brltty", text, NO_BRLTTY))
         else:
             text = f"{name}, because its kernel driver is not loaded. Load the driver"
@@ -148,7 +148,7 @@ def _brltty(machine: Machine, rules: Rules, adapter: "Adapter") -> Complaint | N
     if not _claims(rules, (adapter.vid, adapter.pid)):
         return None
     running = "is running" if machine.runs("brltty") else "is installed"
-    text = f"the program brltty {running} and may take this adapter for a braille display. Remove brltty"
+    text = f"the program brltty {running} and may mistake this adapter for a braille display. Remove brltty"
     return Complaint("brltty", text, NO_BRLTTY)
 
 
@@ -156,8 +156,8 @@ def _modem_manager(machine: Machine, rules: Rules, adapter: "Adapter") -> Compla
     if adapter.vid is None or not machine.runs("ModemManager") or _ignored(rules, adapter):
         return None
     text = (
-        "ModemManager is running and may take a new adapter for a modem, which keeps the port busy for some seconds. "
-        f"Paste the udev rule into {RULE_FILE} and run `{RELOAD}`, or disable ModemManager"
+        "ModemManager is running and may mistake a new adapter for a modem, which keeps the port busy for some "
+        f"seconds. Paste the udev rule into {RULE_FILE} and run `{RELOAD}`, or disable ModemManager"
     )
     return Complaint("modem_manager", text, NO_MODEM_MANAGER)
 

@@ -38,7 +38,8 @@ class ListedRegister:
 def listed_models() -> tuple[ListedModel, ...]:
     """List all models that servoloop knows.
 
-    Returns: The models in the order of their series. In each series, the user's models come last.
+    Returns:
+        The models in the order of their series. In each series, the user's models come last.
     """
     return tuple(
         ListedModel(

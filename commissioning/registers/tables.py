@@ -18,7 +18,7 @@ AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 50
     103: 19_200,
     207: 9_600,
 }
-"""Nominal baud rates of Dynamixel protocol 1.0 by register value: 2 Mbit/s divided by the value plus one."""
+"""Nominal baud rates of Dynamixel protocol 1.0, keyed by register value: 2 Mbit/s divided by the value plus one."""
 MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 """Further baud rates of MX servos, keyed by register value."""
 

@@ -101,7 +101,7 @@ UNITS: Final[dict[str, dict[str, Unit]]] = {
         "goal_acceleration": Unit("°/s²", 8.583),
     },
 }
-"""Units by series and register. Other registers have no unit, or a unit that depends on the model."""
+"""Units, keyed by series and register. Other registers have no unit, or a unit that depends on the model."""
 
 
 assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == sts.CURRENT_UNIT_A

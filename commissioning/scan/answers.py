@@ -44,7 +44,7 @@ def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
 
 
 def who_answers_elsewhere(bus: Bus, rates: Iterable[int]) -> list[Answer]:
-    """Return all IDs that answer at the first of these baud rates with replies, then restore the bus's baud rate."""
+    """Return all IDs that answer at the first of these baud rates with any reply, then restore the bus's baud rate."""
     for baud in rates:
         try:
             with bus.at_baud(baud) as other:

@@ -25,7 +25,7 @@ from drivers.servos.register import ServoModel
 LIKELY_IDS: Final = tuple(range(21))
 """IDs that are pinged one by one at each baud rate until a servo is found, because some servos ignore broadcasts."""
 BROADCASTS: Final = {v1: 2, v2: 1}
-"""Number of broadcast pings by protocol. A broadcast ping of protocol 2.0 takes a second."""
+"""Number of broadcast pings, keyed by protocol. A broadcast ping of protocol 2.0 takes a second."""
 MORE_BROADCASTS: Final = {v1: 3, v2: 1}
 """Number of further broadcast pings after a reply."""
 MORE_TRIES: Final = 3
@@ -44,7 +44,7 @@ class ScanReport:
     absent: tuple[int, ...]
     """Requested IDs that do not answer."""
     noise: dict[int, int]
-    """Number of bytes that do not belong to a reply, by baud rate."""
+    """Number of bytes that do not belong to a reply, keyed by baud rate."""
     refused_bauds: tuple[int, ...]
     """Baud rates that the adapter does not support."""
     skipped: tuple[str, ...]

@@ -102,7 +102,7 @@ class Wire:
 
 
 def _v1_replies(data: bytes) -> Heard:
-    """Find replies without data. The decoder of the driver only finds replies with data."""
+    """Find replies without data. The driver's decoder finds only replies with data."""
     whole: set[int] = set()
     broken: set[int] = set()
     at = noise = 0

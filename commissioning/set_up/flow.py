@@ -236,7 +236,7 @@ class SetUp:
         answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
         known = {place.servo_id for place in self._places}
         problems = [
-            f"a servo with ID {i} answers, but the robot file does not contain it: remove it"
+            f"a servo with ID {i} answers, but the robot file does not contain it: remove the servo"
             for i in answers
             if i not in known
         ]

@@ -68,7 +68,7 @@ class ServoPlace:
         return {table[name]: value for name, value in values.items() if name in table}
 
     def differs(self, bus: Bus, servo_id: int) -> dict[str, tuple[int, int]]:
-        """Return the EEPROM values that differ in the servo with this ID, as (held, wanted) by register name."""
+        """Return the EEPROM values that differ in the servo with this ID, as (held, wanted), keyed by register name."""
         held = {register: retry(partial(bus.read, servo_id, register)) for register in self.wanted()}
         return {r.name: (held[r], value) for r, value in self.wanted().items() if held[r] != value}
 

@@ -108,7 +108,7 @@ LEAST_ROOM_RAD: Final = 0.4
 """Minimum angle that the horn must be able to turn."""
 ACCELERATION_RAD_S2: Final = 10.0
 JERK_RAD_S3: Final = 100.0
-"""Limits that every joint must have, but that are not used here."""
+"""Limits that every joint must have, but that this module does not use."""
 
 
 def turn_loose(

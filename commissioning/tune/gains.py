@@ -70,8 +70,8 @@ def _misfit(name: str, register: Register, value: int) -> str:
 def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
     """Read the gains of the joint's servo, keyed by name. Raises ServoError.
 
-    If P is in RAM and the robot file sets it, the value in the robot file is returned, because the stack writes it when
-    it enables torque.
+    If P is in RAM and the robot file sets it, return the value in the robot file, because the stack writes this value
+    when it enables torque.
     """
     known = gains_of(joint.model)
     held = {name: retry(partial(bus.read, joint.servo_id, register)) for name, register in known.items()}

@@ -67,7 +67,7 @@ class Tuner:
             open_buses: Function that opens the buses of joints.
             clock: Clock of the cycles.
             ending: State of the arm after a measurement.
-            signals: Function that returns the number of signals. After the first signal, the measurement ends and the
+            signals: Function that returns the number of signals. After the first signal, the measurement stops and the
                 arm is left as ``ending`` describes. After the second signal, the rest of the way to the park pose is
                 skipped.
         """
@@ -140,7 +140,7 @@ class Tuner:
             try:
                 found = self._measured(arm, at)
             except (StoppedError, TuneError):
-                self._end(arm)  # This ends at once if a servo is still missing.
+                self._end(arm)  # This call stops at once if a servo is still missing.
                 raise
             arm.relax = again(found) or self._ending.relax
             self._end(arm)
@@ -160,7 +160,7 @@ class Tuner:
         return done
 
     def _end(self, arm: SlowArm) -> None:
-        """Move the joint back, or move the arm to its park pose if its torque is disabled.
+        """Move the joint back, or move the arm to its park pose if its torque will be disabled.
 
         ``hurry`` skips this motion.
         """

@@ -185,7 +185,8 @@ class JointStateBroadcaster:
     def _at_limits(self, position: FloatArray) -> FloatArray:
         """Clip positions that are slightly beyond a limit to the limit.
 
-        A joint that was commanded to a limit can end slightly beyond it, because of sag and the encoder's resolution.
+        A joint that was commanded to a limit can come to rest slightly beyond it, because of sag and the encoder's
+        resolution.
         Planners (MoveIt's CheckStartStateBounds) do not start outside the limits. ``values`` returns the measured
         positions.
         """
@@ -211,7 +212,7 @@ class _Column:
         hardware_joints: Sequence[str],
         zeros: int,
     ) -> None:
-        """Create a column for ``joints`` with the given interfaces. ``zeros`` is the number of zeros that follow."""
+        """Create a column for ``joints`` with the given interfaces. ``zeros`` is the number of zeros to append."""
         self._interface = interface
         self._count, self._size = len(joints), len(joints) + zeros
         following = [mimics.get(joint, Mimic(joint, 1.0, 0.0)) for joint in joints]

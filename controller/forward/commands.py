@@ -1,7 +1,7 @@
 """Define the parameters and the command inbox of the forward command controllers.
 
-Unlike in ros2_control, a message of the wrong length is dropped and the controller stays active, so that one bad
-message does not end the control of the joints. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
+Unlike in ros2_control, a message of the wrong length is dropped and the controller stays active, so that one invalid
+message does not stop the control of the joints. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
 """
 
 from collections import deque

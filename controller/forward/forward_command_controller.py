@@ -97,7 +97,7 @@ class ForwardCommandController:
     def _go(self, wanted: FloatArray) -> None:
         clipped = np.clip(wanted, self._lower, self._upper)
         if (clipped != wanted).any():
-            LOG.warning("%s: %s is outside the limits, moving to %s", self.name, wanted, clipped)
+            LOG.warning("%s: %s is outside the limits; the joints move to %s instead", self.name, wanted, clipped)
         if (clipped != self._goal).any():
             self._settling.command_changed()
         self._goal = clipped

@@ -42,7 +42,7 @@ class OutputController:
         raise ValueError("outputs have no timeout: command_timeout is for velocities and efforts")
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Submit values from any thread. Return None, or the reason why they are dropped."""
+        """Submit values from any thread. Return None, or the reason why the values are dropped."""
         return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:

@@ -75,7 +75,7 @@ class RateCommandController:
         if newest is not None:
             self._wanted = self._bounded(newest)
         elif self._is_stale():
-            LOG.warning("%s: no command for %.2f s, commanding 0", self.name, self._age_s)
+            LOG.warning("%s: no command for %.2f s; the command is now 0", self.name, self._age_s)
             self._wanted = np.zeros_like(self._wanted)
         step = self._quickest * period_s
         self.command = np.clip(self._wanted, self.command - step, self.command + step)
@@ -92,7 +92,7 @@ class RateCommandController:
     def _bounded(self, wanted: FloatArray) -> FloatArray:
         clipped = np.clip(wanted, self._lowest, self._highest)
         if (clipped != wanted).any():
-            LOG.warning("%s: %s is beyond the limits, commanding %s", self.name, wanted, clipped)
+            LOG.warning("%s: %s is beyond the limits; the command is %s instead", self.name, wanted, clipped)
         return clipped
 
     def _is_stale(self) -> bool:

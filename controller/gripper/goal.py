@@ -23,7 +23,7 @@ class GripperParameters(Parameters):
     stall_velocity_threshold: Speed = 0.001
     stall_timeout: Time = 1.0
     max_velocity: Speed = 0.0
-    """Maximum velocity for goals that contain none. 0 means the limit of the joint. ros2_control's default is 0.1."""
+    """Maximum velocity of goals without a velocity. 0 means the joint's limit. ros2_control's default is 0.1."""
     max_effort: Effort = 0.0
     state_interfaces: tuple[str, ...] = ("position", "velocity")
     max_effort_interface: str = ""
@@ -71,13 +71,13 @@ class GripperState:
 
 
 class GripperHandle:
-    """An accepted goal. The thread of the loop decides its result, and any thread may read it."""
+    """An accepted goal. The loop thread decides its result, and any thread may read it."""
 
     def __init__(self, goal: GripperGoal) -> None:
         self.goal = goal
         self.status = GoalStatus.EXECUTING
         self.state = GripperState()
-        """State of the gripper when the goal was decided."""
+        """State of the gripper when the result of the goal was decided."""
         self.text = ""
 
     @property

@@ -103,7 +103,7 @@ class GripperActionController:
         """Set the parameters that can be changed at run time. The new values take effect at once."""
         self.parameters = parameters
 
-    # Only the thread of the loop may call the following methods.
+    # Only the loop thread may call the following methods.
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._refuse_waiting()
@@ -155,7 +155,7 @@ class GripperActionController:
             self._inbox.popleft().decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
 
     def _sample(self, ahead_s: float) -> Kinematics:
-        assert self._motion is not None, "activated before the first update"
+        assert self._motion is not None, "the controller is updated before it is activated"
         return self._motion.sample(self._elapsed_s + ahead_s)
 
     def _follow(self, motion: RuckigMotion) -> None:
@@ -166,7 +166,7 @@ class GripperActionController:
         self._follow(plan_stop(reference, (self._limits,)))
 
     def _decide(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
-        assert self.state is not None, "measured before anything is decided"
+        assert self.state is not None, "a result is decided before the first measurement"
         handle.decide(status, replace(self.state, **flags), text)
 
     def _take_cancels(self, reference: Kinematics) -> None:
@@ -196,13 +196,13 @@ class GripperActionController:
             self._follow(motion_to(reference, target, limits, 0.0))
         except MotionError as error:
             self._give_up(handle, reference, str(error))
-        assert self.state is not None, "measured before a goal starts"
+        assert self.state is not None, "a goal starts before the first measurement"
         self._still_s, self._stood_at = 0.0, self.state.position
         self._fault_timeout = FaultTimeout((self.joint,))
         self._settling.command_changed()
 
     def _check_goal(self, handle: GripperHandle, state: JointState, step_s: float, period_s: float) -> None:
-        assert self.state is not None, "measured before it is judged"
+        assert self.state is not None, "a goal is checked before the first measurement"
         if fault := self._fault_timeout.lasting(state.faults, period_s):
             self._give_up(handle, self._sample(0.0), fault)
         elif self.joint in state.faults:
@@ -231,7 +231,7 @@ class GripperActionController:
         return self._still_s > self.parameters.stall_timeout
 
     def _end(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
-        """Decide the goal. The command does not change, so the fingers continue to hold an object."""
+        """Set the result of the goal. The command does not change, so the fingers continue to hold an object."""
         self._active = None
         self._decide(handle, status, text, **flags)
 

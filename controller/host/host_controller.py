@@ -27,9 +27,12 @@ NEAR: Final = 0.02
 distance covers sag.
 """
 SLOW: Final = 0.1
-"""Fraction of the velocity limit at which a joint approaches a first command that is not near."""
+"""Fraction of the velocity limit at which a joint approaches a first command that is not near the joint."""
 JOINED: Final = 0.002
-"""Distance at which a slow approach ends, as a fraction of the joint's range. A slow joint can brake within it."""
+"""Distance at which a slow approach ends, as a fraction of the joint's range.
+
+A slow joint can brake within this distance.
+"""
 
 
 class HostPhase(StrEnum):
@@ -44,10 +47,11 @@ class HostPhase(StrEnum):
 class HostController:
     """Controller of n joints whose commands another program sends at its own rate.
 
-    The commands approach the latest message within the velocity and acceleration limits. At the start or after a
-    silence, a joint approaches its first command slowly if the command is not near the measured position. The joints
-    brake and hold if the messages end while a joint is on its way, if the sender leaves, or if a joint is not measured.
-    The joints follow again from the next message on.
+    The commands approach the latest message within the velocity and acceleration limits. At the start or after a pause
+    in the messages, a joint approaches its first command slowly if the command is not near the measured position.
+
+    The joints brake and hold their positions in three cases: the messages stop while a joint is still moving to its
+    goal, the sender disconnects, or a joint is not measured. The joints follow again from the next message on.
 
     NaN in a message means that no controller of the sender commands the joint. A joint that is missing from a message
     is treated in the same way.
@@ -70,7 +74,7 @@ class HostController:
             joints: Names of the joints.
             limits: Limits in the order of ``joints``.
             hardware_joints: All measured joints, in the order of the measurements.
-            others: Joints of the robot that cannot be commanded. Messages may name them.
+            others: Joints of the robot that cannot be commanded. Messages may name these joints.
         """
         self.name = name
         self.parameters = Parameters()
@@ -79,7 +83,7 @@ class HostController:
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.reason = ""
-        """Reason why the joints hold their positions; empty if they do not."""
+        """Reason why the joints hold their positions; empty if they follow the commands."""
         self._messages = JointCommands(joints, others)
         self._inbox: deque[FloatArray] = deque(maxlen=1)
         self._losses: deque[str] = deque(maxlen=1)
@@ -95,7 +99,9 @@ class HostController:
         self._beyond = np.zeros(len(joints), dtype=bool)
         """Whether the last command of each joint was outside the limits."""
         self._followed = np.zeros(len(joints), dtype=bool)
-        """Whether each joint follows its commands. The other joints hold, and their next command counts as their first.
+        """Whether each joint follows its commands.
+
+        The other joints hold their positions, and their next command counts as a first command.
         """
         self._slow = np.zeros(len(joints), dtype=bool)
         """Whether each joint still approaches its first command."""
@@ -111,7 +117,10 @@ class HostController:
         self._inbox.append(self._messages.sorted(names, positions))
 
     def lose(self, reason: str) -> None:
-        """Brake and hold in the next cycle, because the sender has left. Any thread may call this method."""
+        """Brake and hold the joints in the next cycle, because the sender has disconnected.
+
+        Any thread may call this method.
+        """
         self._losses.append(reason)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -149,7 +158,7 @@ class HostController:
         return HostPhase.HOLDING if self.reason else HostPhase.WAITING
 
     def _unmeasured(self, state: JointState, period_s: float) -> str:
-        """Return the reason why missing measurements make the joints hold, or an empty string."""
+        """Return the reason why the joints hold because of missing measurements, or an empty string."""
         if not state.faults:
             self._unmeasured_s[:] = 0.0
             return ""
@@ -172,7 +181,7 @@ class HostController:
         self._age_s[given] = 0.0
 
     def _hold_if_silent(self, period_s: float) -> None:
-        """Brake and hold if no command arrives while joints are still moving to their goals.
+        """Brake and hold the joints if no command arrives while joints are still moving to their goals.
 
         Silence after the joints have arrived is normal.
         """
@@ -186,10 +195,10 @@ class HostController:
     def _hold(self, which: Flags, reason: str, period_s: float) -> None:
         """Brake some joints and hold them where they come to rest.
 
-        The next command of these joints counts as their first.
+        The next command of these joints counts as a first command.
         """
         if which.any():
-            LOG.warning("%s: the arm brakes and holds until the next command", reason)
+            LOG.warning("%s: the arm brakes and holds its position until the next command", reason)
             self.reason = reason
         self._goal = np.where(which, self._approach.resting_points(period_s), self._goal)
         self._slow &= ~which
@@ -207,7 +216,7 @@ class HostController:
                 for i in np.flatnonzero(far).tolist()
             ]
             LOG.warning(
-                "the first command would move %s: the arm approaches it at %d %% of its velocity limits",
+                "the first command would move %s: the arm approaches the command at %d %% of its velocity limits",
                 ", ".join(ways),
                 round(100 * SLOW),
             )
@@ -216,7 +225,7 @@ class HostController:
         beyond: Flags = given & (np.abs(message - goal) > AT_LIMIT * self._range)
         for i in np.flatnonzero(beyond & ~self._beyond).tolist():
             LOG.warning(
-                "%s: the command %.4f is outside the limits %.4f to %.4f, moving to %.4f",
+                "%s: the command %.4f is outside the limits %.4f to %.4f; the joint moves to %.4f instead",
                 self.joints[i],
                 message[i],
                 self._lower[i],

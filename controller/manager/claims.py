@@ -20,7 +20,7 @@ def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[
         if claim in component.outputs:
             continue
         if joint not in joints:
-            yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
+            yield key, f"names {joint}, which has no command_interface in {block} (the block has {', '.join(joints)})"
         elif claim not in component.commands:
             yield key, f"needs {claim}, which is not a command_interface in {block}"
     for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):

@@ -71,7 +71,8 @@ class ManagerClient:
     def switch(self, request: SwitchRequest, timeout_s: float = 0.0) -> Request[str]:
         """Switch controllers in one cycle.
 
-        Nothing is switched if that cycle starts later than ``timeout_s``. A timeout of 0 means ``SWITCH_TIMEOUT_S``.
+        If the cycle starts later than ``timeout_s`` from now, nothing is switched. A timeout of 0 means
+        ``SWITCH_TIMEOUT_S``.
         """
         allowed_s = timeout_s if timeout_s > 0.0 else SWITCH_TIMEOUT_S
         latest_s = self._loop.clock.now() + allowed_s

@@ -93,7 +93,7 @@ def load_controllers_file(
 
 
 def _sections(path: Path, namespace: str) -> Sections:
-    """Read the sections of the nodes in a namespace, or in the root namespace if the file names no other one.
+    """Read the sections of the nodes in a namespace. If the namespace has no manager, read those of the root namespace.
 
     Raises ControllersFileError.
     """
@@ -103,7 +103,7 @@ def _sections(path: Path, namespace: str) -> Sections:
             return found
     name = f"{namespace}/{MANAGER}" if namespace else MANAGER
     others = [pattern for pattern in sections.content if pattern.rpartition("/")[2] == MANAGER]
-    remedy = f"rename {others[0]} or use its namespace" if others else "add one that lists the controllers"
+    remedy = f"rename {others[0]} or use its namespace" if others else "add a section that lists the controllers"
     raise ControllersFileError(f"{path}:1: the file has no {name} section: {remedy}")
 
 
@@ -263,7 +263,7 @@ class _Reader:
             LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, MANAGER, ", ".join(unused))
         if not manager.enforce_command_limits:
             LOG.warning(
-                "%s: %s: enforce_command_limits: false has no effect: the limits of the robot description always apply",
+                "%s: %s: enforce_command_limits: false has no effect, because the limits of the URDF always apply",
                 *(self.sections.file.path, MANAGER),
             )
 

@@ -14,7 +14,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """Update of all active controllers in the order of loading. The thread of the loop runs the update."""
+    """Updater of all active controllers, in the order in which they were loaded. The loop thread runs the updates."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[ActiveEntry, FloatArray], None]

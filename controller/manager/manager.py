@@ -20,9 +20,10 @@ INACTIVE, ACTIVE = LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
 
 class ControllerManager:
-    """The controller manager. ``registry`` holds the loaded controllers, and ``cycle`` runs the active controllers.
+    """Manager that loads controllers and switches between them.
 
-    The thread rules of ``ControllerRegistry`` apply.
+    ``registry`` holds the loaded controllers, and ``cycle`` runs the active controllers. The thread rules of
+    ``ControllerRegistry`` apply.
     """
 
     def __init__(self, hardware: Interfaces, limits: Mapping[str, JointLimits], outputs: Collection[str] = ()) -> None:
@@ -48,7 +49,8 @@ class ControllerManager:
         Returns:
             Summary of the switched controllers.
 
-        Raises: SwitchError: Nothing was switched, or not all previous controllers could be activated again.
+        Raises:
+            SwitchError: Nothing was switched, or not all previous controllers could be activated again.
         """
         plan = plan_switch(self.registry.loaded, request, self._hardware)
         for name in plan.deactivate:

@@ -40,7 +40,7 @@ class _Reader:
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     _values: dict[str, int] = field(default_factory=dict)
-    """Number of values of each node, by node name."""
+    """Number of values of each node, keyed by node name."""
 
     def report(self, node: yaml.Node, text: str) -> None:
         self.problems.append(f"{self.file.path}:{node.start_mark.line + 1}: {text}")
@@ -54,16 +54,14 @@ class _Reader:
                 self.nodes(value, f"{within}/{name}" if within else name)
             else:
                 path = f"{within}.{name}" if within else name
-                self.report(key, f"{path}: this value is outside {PARAMETERS}: move it below '{PARAMETERS}:'")
+                self.report(key, f"{path} is outside {PARAMETERS}: move the value below '{PARAMETERS}:'")
 
     def _node(self, key: yaml.Node, value: yaml.Node, name: str) -> None:
         """Read the parameters of one node, and merge them with earlier parameters of the same node."""
         if not _NODE.fullmatch(name):
             self.report(key, f"'{name}' is not a valid node name: put the name of a node above {PARAMETERS}")
         elif not isinstance(value, yaml.MappingNode):
-            self.report(
-                key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or remove the section"
-            )
+            self.report(key, f"{name}.{PARAMETERS} is not a mapping: list parameters by name, or remove the section")
         else:
             known = self.content.setdefault(name, {PARAMETERS: {}})
             self._count(value, name)
@@ -73,7 +71,7 @@ class _Reader:
         """Count the values of a node. Raises _TooMany."""
         line = parameters.start_mark.line + 1
         if len(self.content) > MOST_NODES:
-            raise _TooMany(f":{line}: the file has more than {MOST_NODES} nodes: split it")
+            raise _TooMany(f":{line}: the file has more than {MOST_NODES} nodes: split the file")
         self._values[name] = self._values.get(name, 0) + sum(1 for _ in _scalars(parameters))
         if self._values[name] > MOST_VALUES:
             raise _TooMany(f":{line}: {name} has more than {MOST_VALUES} values: shorten its lists")
@@ -189,7 +187,7 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
     file = compose(path, error)
     reader = _Reader(file)
     reader.problems += [
-        f"{path}:{line}: an alias (*) is not supported in parameter files: replace it with its value"
+        f"{path}:{line}: an alias (*) is not supported in parameter files: replace the alias with its value"
         for line in file.aliases
     ]
     if isinstance(file.root, yaml.MappingNode):
@@ -198,7 +196,7 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         except _TooMany as reason:
             raise error(f"{path}{reason}") from reason
     else:
-        reader.problems.append(f"{path}:1: this is not a mapping: start with the name of a node and {PARAMETERS}")
+        reader.problems.append(f"{path}:1: the file is not a mapping: start with the name of a node and {PARAMETERS}")
     if reader.problems:
         raise error("\n".join(listed(reader.problems)))
     return file, reader.content

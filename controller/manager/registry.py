@@ -41,7 +41,7 @@ class ActiveEntry:
 class ControllerRegistry:
     """The loaded controllers.
 
-    Only the thread of the loop may change the registry, except before the loop starts. Any thread may read ``loaded``
+    Only the loop thread may change the registry, except before the loop starts. Any thread may read ``loaded``
     and ``running``, because a change replaces these objects instead of modifying them.
     """
 
@@ -57,7 +57,7 @@ class ControllerRegistry:
         self.transitions: deque[Transition] = deque(maxlen=KEPT_TRANSITIONS)
         """Transitions for one reader in another thread, which removes them from the left."""
         self.loaded: Mapping[str, Loaded] = {}
-        """All loaded controllers by name, in the order of loading."""
+        """All loaded controllers, keyed by name, in the order of loading."""
         self.running: tuple[ActiveEntry, ...] = ()
         """The active controllers, in the order of loading."""
         self.controllers: Mapping[str, Controller] = {}

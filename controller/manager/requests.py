@@ -1,4 +1,4 @@
-"""Serve requests from other threads in the thread of the loop, between two cycles."""
+"""Serve requests from other threads in the loop thread, between two cycles."""
 
 from collections import deque
 from collections.abc import Callable
@@ -11,7 +11,7 @@ ENDED = "the control loop has ended"
 
 
 class Request(Generic[Result]):
-    """A request from another thread. The thread of the loop serves it, and any thread may read its state."""
+    """A request from another thread. The loop thread serves it, and any thread may read its state."""
 
     def __init__(self, action: Callable[[], Result]) -> None:
         self._action = action
@@ -65,12 +65,12 @@ class LoopRequests:
         return request
 
     def serve(self) -> None:
-        """Serve all waiting requests. Call this method in the thread of the loop."""
+        """Serve all waiting requests. Call this method in the loop thread."""
         while request := self._next():
             request.serve()
 
     def end(self) -> None:
-        """Refuse all waiting and later requests. Call this method in the thread of the loop, after its last cycle."""
+        """Refuse all waiting and later requests. Call this method in the loop thread, after its last cycle."""
         with self._lock:
             self._ended = True
         while request := self._next():

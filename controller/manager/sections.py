@@ -60,7 +60,7 @@ class Sections:
 
 @dataclass(frozen=True, slots=True)
 class SectionsWithDefaults:
-    """Lines of parameters in a file, or in another file for the default values."""
+    """Finder of the lines of parameters. Default values are in another file."""
 
     sections: Sections
     defaults: YamlPlaces

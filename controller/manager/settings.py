@@ -56,7 +56,9 @@ def setting_mistake(name: str, value: Any) -> str:
     """Describe the error in the value of a setting. The text is empty if the value is valid."""
     shown = printable(repr(value))
     if name == "type":
-        return "" if isinstance(value, str) else f"is {shown}, which is not a controller type: write it as a string"
+        return (
+            "" if isinstance(value, str) else f"is {shown}, which is not a controller type: write the type as a string"
+        )
     parts = [value] if isinstance(value, str) else value
     right = isinstance(parts, list | tuple) and all(isinstance(part, str) for part in parts)
     return "" if right else f"is {shown}: use a string or a list of quoted strings"

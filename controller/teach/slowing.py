@@ -22,7 +22,8 @@ SPREAD: Final = 8
 def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandPath:
     """Return the path at ``speed`` (0 to 1) times the speed of the hand.
 
-    Where a joint would exceed its limits, all joints slow down together. The path itself is kept within the limits.
+    At points where a joint would exceed its limits, all joints slow down together. The path itself is kept within the
+    limits.
     """
     even = path.sampled(GRID_S * speed)
     times_s, velocity = even.times_s / speed, even.velocity * speed

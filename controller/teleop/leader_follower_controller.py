@@ -60,8 +60,8 @@ class LeaderFollowerController:
     """Controller of a follower arm.
 
     The follower joins its leader slowly and then follows the leader's motion. The follower holds its position in every
-    cycle in which it is not allowed to move or a joint of the leader is not measured. After such a cycle, the follower
-    joins the leader again.
+    cycle in which motion is not allowed or a leader joint is not measured. After such a cycle, the follower joins the
+    leader again.
     """
 
     kind: ClassVar[str] = "servoloop/LeaderFollowerController"
@@ -151,7 +151,7 @@ class LeaderFollowerController:
         if self._last is not None:
             leaps = np.abs(leader - self._last) > LEAP_RAD_S * period_s
             if leaps.any():
-                return f"{self.joints[int(np.argmax(leaps))].leader} moved faster than a hand can move it"
+                return f"{self.joints[int(np.argmax(leaps))].leader} moved faster than a hand can move a joint"
         return ""
 
     def _hold(self, reason: str) -> None:

@@ -58,7 +58,7 @@ class Cycle:
 
     @property
     def confirmed_error(self) -> FloatArray:
-        """The smaller error (n,) of this reading and the previous reading, because either may be false.
+        """The smaller error (n,) of this reading and the previous reading, because either reading may be false.
 
         If the two errors differ in sign, the result is 0.
         """

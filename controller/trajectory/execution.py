@@ -31,7 +31,7 @@ LOG = logging.getLogger("servoloop.controller")
 LATE_S: Final = 0.001
 """Minimum delay of the first cycle at which the controller plans the motion to the first point again, in seconds."""
 RECALL_S: Final = 0.05
-"""Time after its start during which a goal can still be made to wait, in seconds. The minimum is one cycle.
+"""Maximum time after its start at which a goal can still be made to wait, in seconds. The minimum is one cycle.
 
 A command sent to another controller at the same instant as the goal may arrive just after the goal. The arm has hardly
 moved by then.
@@ -39,7 +39,10 @@ moved by then.
 
 
 class GoalExecution:
-    """Executor of goals. Any thread may call ``submit`` and ``cancel``, which take effect in the next cycle."""
+    """Executor of a controller's goals.
+
+    Any thread may call ``submit`` and ``cancel``, which take effect in the next cycle.
+    """
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler, settled: Settled) -> None:
         self._name = name
@@ -142,14 +145,14 @@ class GoalExecution:
         self.active = None
 
     def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle, fault: str | None) -> None:
-        """Report the result after the joints are at rest, because the client may plan its next goal from there."""
+        """Report the result after the joints are at rest. The client may plan its next goal from their positions."""
         if fault:
-            LOG.error("%s: the goal ends before its joints are measured at rest: %s", self._name, fault)
+            LOG.error("%s: the goal finishes before its joints are measured at rest: %s", self._name, fault)
         if fault or self._relief.done:
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
-        """Stop the joints, because the active goal has ended before the end of its path."""
+        """Stop the joints, because the active goal has finished before the end of its path."""
         self.active = None
         if now.parameters.constraints.decelerate_on_cancel:
             self._brake(now)

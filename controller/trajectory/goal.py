@@ -60,7 +60,7 @@ class TrajectoryGoal:
 
 
 class GoalHandle:
-    """An accepted goal. The thread of the loop decides its result, and any thread may read it."""
+    """An accepted goal. The loop thread decides its result, and any thread may read it."""
 
     def __init__(self, goal: TrajectoryGoal) -> None:
         self.goal = goal
@@ -108,7 +108,7 @@ def limits_reason(
     """Describe the first point beyond a limit, or return None if all points are within the limits.
 
     ``stands`` holds the measured and the commanded positions (n,) of the joints. A joint at or beyond a limit may start
-    from there. The plan moves such points to the limit.
+    from its position. The plan moves such points to the limit.
     """
     by_name = dict(zip(joints, limits, strict=True))
     ends = {name: _ends(by_name[name], [float(at[i]) for at in stands]) for i, name in enumerate(joints)}

@@ -1,6 +1,6 @@
 """Plan a goal in the thread that accepts goals, before the arm moves.
 
-A plan starts from the current joint positions. If the joints have moved when the goal starts, the thread of the loop
+A plan starts from the current joint positions. If the joints have moved when the goal starts, the loop thread
 plans the motion to the first point again and joins the rest of the plan.
 """
 
@@ -29,7 +29,7 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time (s) that moving, jerk-limited joints need to reach another path. A point after twice this time is far away."""
+"""Time (s) that moving, jerk-limited joints need to reach another path. A point beyond twice this time is far away."""
 
 
 class GoalRejected(Exception):
@@ -192,4 +192,4 @@ class PathPlan:
 
 
 Plan = PathPlan | StepPlan
-"""Plan of a goal, prepared before the goal is accepted. The thread of the loop joins the plan."""
+"""Plan of a goal, prepared before the goal is accepted. The loop thread joins the plan when the goal starts."""

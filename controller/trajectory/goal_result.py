@@ -29,7 +29,7 @@ class ErrorCode:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """Result of a goal."""
+    """Final status of a goal, with the error code and the text for its client."""
 
     status: GoalStatus
     error_code: int
@@ -49,7 +49,7 @@ TIMED_OUT: Final = GoalResult(
 def result_at_end(
     joints: Sequence[str], tolerances: Tolerances, path: Path, after_end_s: float, error: FloatArray
 ) -> GoalResult | None:
-    """Return the result of a goal ``after_end_s`` after the end of its path, or None if joints are still moving to it.
+    """Return the result of a goal ``after_end_s`` after the end of its path, or None if joints are still moving.
 
     ``error`` (n,) is the reference minus the latest measurement.
     """

@@ -128,9 +128,9 @@ class JointTrajectoryController:
         self._execution.cancel(handle)
 
     def tracked(self, stamp_s: float) -> Iterator[Tracking]:
-        """Yield the tracking of the cycle that measured at ``stamp_s``, once, for a single observer.
+        """Yield the tracking of the cycle with the measurement time ``stamp_s``, for a single observer.
 
-        Nothing is yielded if the controller was inactive or was not updated in that cycle.
+        Each cycle is yielded once. Nothing is yielded if the controller was inactive or was not updated in that cycle.
         """
         while self._unseen and self._unseen[0].stamp_s <= stamp_s:
             tracking = self._unseen.popleft()
@@ -140,12 +140,12 @@ class JointTrajectoryController:
     def reconfigure(self, parameters: TrajectoryParameters) -> None:
         """Set the parameters that can be changed at run time.
 
-        ``cmd_timeout`` applies from the next cycle on, the others from the next goal on.
+        ``cmd_timeout`` applies from the next cycle on. The other parameters apply from the next goal on.
         """
         self._allowed, self._tolerances = parameters.allowed(), parameters.tolerances()
         self.parameters: TrajectoryParameters = parameters
 
-    # Only the thread of the loop may call the following methods.
+    # Only the loop thread may call the following methods.
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._execution.end()
@@ -184,7 +184,7 @@ class JointTrajectoryController:
         self._execution.cycle(now)
         self._put_command(now)
         self.period_s = period_s
-        assert sampler.path is not None, "activated before the first update"
+        assert sampler.path is not None, "the controller is updated before it is activated"
         shown = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
         self.tracking = Tracking(
             *(state.stamp_s, now.reference, now.measured, now.velocity, now.error, self.command), *shown

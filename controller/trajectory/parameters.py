@@ -48,7 +48,8 @@ class Constraints(Parameters):
     decelerate_on_cancel: bool = True
     """Whether joints brake when a goal is canceled.
 
-    The default differs from ros2_control on purpose: False commands the measured position at once, at any speed.
+    The default differs from ros2_control on purpose. If False, the measured position is commanded at once, at any
+    speed.
     """
     __pydantic_extra__: dict[str, JointConstraints]
 

@@ -21,7 +21,9 @@ SLOWER: Final = 1.2
 SLOWEST: Final = 10.0
 """Maximum factor by which a spline is slowed down. The miss decreases with the fourth power of the factor."""
 SAMPLES: Final = 21
-"""Number of samples that are compared with each point. The samples cover the windows that smooth the spline there."""
+"""Number of samples that are compared with each point. The samples cover the windows that smooth the spline near the
+point.
+"""
 BEGINNING_S: Final = 0.3
 """Time that a path that starts off its plan takes to return to the plan, in seconds."""
 NEAR: Final = 0.05
@@ -90,7 +92,7 @@ def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
 def _smooth(task: PathTask) -> SmoothPath:
     """Return the smoothed spline.
 
-    If there are few points, it is slowed down until it misses none by more than ``MISSES``.
+    If there are few points, the spline is slowed down until it misses no point by more than ``MISSES``.
     """
     smooth = smooth_path(task.start, task.waypoints, task.limits, task.names)
     if len(task.waypoints.times_s) > FEW:

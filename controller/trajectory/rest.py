@@ -8,18 +8,18 @@ from controller.trajectory.waypoints import BoolArray
 from hal.types import FloatArray
 
 RESTS_S: Final = 0.09
-"""Time a joint must stay in place to be at rest, in seconds (two cycles at 20 Hz).
+"""Minimum time in place for a joint to count as at rest, in seconds (two cycles at 20 Hz).
 
 A joint that reverses its direction stays in place for less time.
 """
 HELD_S: Final = 0.25
-"""Time a joint must rest off its command to count as blocked, in seconds.
+"""Minimum time at rest away from its command for a joint to count as blocked, in seconds.
 
 A joint that catches up with its command rests for less time.
 """
 LONGEST_REST_S: Final = 1.0
-"""Maximum time a goal waits for its joints to come to rest, in seconds. After this time the goal ends, even if joints
-still swing.
+"""Maximum time a goal waits for its joints to come to rest, in seconds. After this time, the goal finishes
+even if joints still swing.
 """
 
 

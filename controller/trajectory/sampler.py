@@ -32,12 +32,15 @@ class Tracking:
     elapsed_s: float
     """Time on the path, in seconds."""
     on_goal: bool
-    """Whether the path belongs to a goal, not to a stop or a hold."""
+    """Whether the path belongs to a goal, not to a stop or a held position."""
     rate: float
     """Rate at which time passes on the path."""
 
     def at(self, later_s: float) -> tuple[Kinematics, bool]:
-        """Return the reference ``later_s`` after this cycle (negative: before) and whether a goal is then active."""
+        """Return the reference at ``later_s`` after this cycle, and whether a goal is active at that time.
+
+        If ``later_s`` is negative, the time is before this cycle.
+        """
         time_s = self.elapsed_s + later_s * self.rate
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
 
@@ -55,7 +58,7 @@ NO_LAG: Final = _Lag(0.0, math.inf, 0.0)
 
 
 class TrajectorySampler:
-    """Sampler that follows one path at a time, at the requested speed, in the thread of the loop."""
+    """Sampler that follows one path at a time, at the requested speed, in the loop thread."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
         """Create a sampler. ``lags`` come from hal.compensation.servo_compliance; None means no lag."""
@@ -76,7 +79,7 @@ class TrajectorySampler:
 
         The elapsed period was commanded with the previous scaling factor. A new factor applies from now on.
         """
-        assert self.path is not None, "activated before the first update"
+        assert self.path is not None, "the controller is updated before it is activated"
         self.elapsed_s += step_s * self.rate
         if self.scaling.asked != self.scaling.factor:
             if self.on_goal:
@@ -88,7 +91,7 @@ class TrajectorySampler:
 
     def reference(self, later_s: float = 0.0) -> Kinematics:
         """Return the reference now, or ``later_s`` from now."""
-        assert self.path is not None, "activated before the first update"
+        assert self.path is not None, "the controller is updated before it is activated"
         return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
     def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
@@ -123,7 +126,7 @@ class TrajectorySampler:
         return clipped(position, self._lower, self._upper)
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
-        """Stop within the limits and hold. If ``along``, stop on the path of the goal if possible."""
+        """Stop within the limits and hold the position. If ``along``, stop on the path of the goal if possible."""
         gentle = gentle_limits(self.limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
@@ -140,7 +143,7 @@ class TrajectorySampler:
 def _led(
     position: float, velocity: float, acceleration: float, lag: _Lag, ends: tuple[float, float], period_s: float
 ) -> float:
-    """Return the command of one joint that leads its reference by its lag. Plain floats are faster than arrays."""
+    """Return a joint's command, which leads the reference by the joint's lag. Plain floats are faster than arrays."""
     brakes_from = max(abs(velocity) - lag.braking * (period_s / 4.0), 0.0)
     braking_lag = math.copysign(brakes_from * brakes_from / (2.0 * lag.braking), velocity)
     led = position + (lag.lag_s * velocity + braking_lag + lag.inertia_s2 * acceleration)

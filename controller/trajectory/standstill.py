@@ -20,13 +20,13 @@ LONGEST_LEAD_S: Final = 0.5
 This time covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
-"""Number of instants that the search samples. A finer search around the best instant samples the same number."""
+"""Number of instants that the search samples. A finer search around the best instant uses the same number."""
 REJOIN_S: Final = 0.3
-"""Time on the path that joints starting next to it need to return to it, in seconds."""
+"""Time on the path in which joints that start next to the path return to it, in seconds."""
 
 
 class Standstill(Unmeasured):
-    """Standstill of one trajectory during a stall, in the thread of the loop.
+    """Standstill of one trajectory during a stall, in the loop thread.
 
     Call ``step`` in cycles with faults and in the cycles after them, until ``cycles`` is 0.
     """
@@ -59,7 +59,7 @@ class Standstill(Unmeasured):
 
 def restart(sampler: TrajectorySampler, sent: FloatArray, lead_s: float = 0.0) -> None:
     """Continue the path from rest at the last command ``sent`` (n,), which led the path by the lag of each joint."""
-    assert sampler.path is not None, "activated before the first update"
+    assert sampler.path is not None, "the controller is updated before it is activated"
     path, now_s = sampler.path, sampler.elapsed_s
     while isinstance(path, OffsetPath) and now_s >= path.from_s + REJOIN_S:
         path = path.path

@@ -22,7 +22,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """m points for n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
+    """m points for n joints. ``times_s`` (m,) counts from now. The other arrays (m, n) are in rad or m and seconds.
 
     ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values. At the
     other points, the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points,

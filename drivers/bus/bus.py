@@ -56,9 +56,9 @@ class Bus:
         Args:
             port: The line.
             clock: Clock of the deadlines.
-            models: Servo model by ID. If None, all servos are STS servos.
-            position_p: Position P gain by ID, for Dynamixels whose gain differs from the factory's. The gain is in RAM,
-                so it is written whenever torque is enabled.
+            models: Servo models, keyed by ID. If None, all servos are STS servos.
+            position_p: Position P gains, keyed by ID, for Dynamixels whose gain differs from the factory value. The
+                gain is in RAM, so it is written whenever torque is enabled.
             lent: Whether the port belongs to another bus. ``close`` then leaves it open.
 
         Raises:
@@ -105,8 +105,8 @@ class Bus:
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         """Request the states of servos. ``receive`` waits for the replies.
 
-        Request the states on all buses before you receive from any, so that they work at the same time. An earlier
-        request whose replies were not received is abandoned.
+        Request the states on all buses before you receive from any, so that all buses transfer data simultaneously. An
+        earlier request whose replies were not received is abandoned.
 
         Args:
             servo_ids: IDs of the servos.
@@ -132,7 +132,7 @@ class Bus:
         Each servo that does not support group writes gets a separate packet, which it acknowledges.
 
         Args:
-            goals: Goal by ID, in counts.
+            goals: Goals, keyed by ID, in counts.
 
         Raises:
             ValueError: A goal does not fit into its register.
@@ -165,11 +165,11 @@ class Bus:
         """Read one register of each servo once.
 
         Args:
-            registers: Register by ID.
+            registers: Registers, keyed by ID.
             deadline_s: Time to stop waiting, in seconds on the bus's clock.
 
         Returns:
-            The raw value by ID. Servos that did not answer are missing.
+            The raw values, keyed by ID. Servos that did not answer are missing.
         """
         return self._reader.registers(registers, deadline_s)
 
@@ -396,7 +396,7 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the torque of a servo until it is switched off.
+        """Limit the torque of a servo until the servo is switched off.
 
         Args:
             servo_id: ID of the servo.
@@ -408,13 +408,13 @@ class Bus:
         series = self._servos.series(servo_id)
         wanted, persistent, volatile = round(share * series.full_torque), series.max_torque, series.torque_limit
         held, where = self._read_with_retries(servo_id, persistent), f"{persistent.name} (register {persistent.address}"
-        # The persistent limit is the upper bound and returns after a reset. A limit that is one lower shows whether the
-        # servo was reset.
+        # The persistent limit is the upper bound, and a reset restores it. A limit that is one unit lower therefore
+        # shows whether the servo was reset.
         limit = min(wanted, held - 1 if volatile else held)
         if limit <= 0:
             raise ServoRefused(
                 servo_id,
-                f"would have no torque: {where}) is {held}, torque_limit is {share:g}: increase one of them",
+                f"would have no torque, because {where}) is {held} and torque_limit is {share:g}: increase one of them",
             )
         if volatile is not None:
             self._limits[servo_id] = limit
@@ -435,7 +435,7 @@ class Bus:
 
         Args:
             baud: Rate, in bits per second.
-            models: Servo model by ID on the yielded bus; None for the models of this bus.
+            models: Servo models on the yielded bus, keyed by ID; None for the models of this bus.
 
         Yields:
             A bus at that rate. Replies that are still on the way at the end are discarded.

@@ -19,7 +19,7 @@ def confirmed_states(
     """Read states until two consecutive readings of each servo agree on its position.
 
     Args:
-        read: Function that returns the states of servos by ID, such as ``Bus.read_states``.
+        read: Function that returns the states of servos, keyed by ID, such as ``Bus.read_states``.
         servo_ids: The servos.
 
     Returns:

@@ -57,7 +57,7 @@ class BusCounters:
         return self.servos.setdefault(servo_id, ServoCounters())
 
     def faults(self) -> dict[str, int]:
-        """Return the number of faults of all servos, by kind."""
+        """Return the number of faults of all servos, keyed by kind."""
         kinds = [each.name for each in fields(ServoCounters) if each.name != "replies"]
         summed = {kind: sum(getattr(account, kind) for account in self.servos.values()) for kind in kinds}
         return {**summed, "noise": self.noise, "strange": self.strange}

@@ -78,7 +78,7 @@ def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
 
 
 class FastReads:
-    """Use of fast sync reads on one bus.
+    """Decide whether fast sync reads are used on one bus.
 
     Fast sync reads are tried once, and are no longer used after too many failures.
     """

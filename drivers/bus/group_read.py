@@ -16,7 +16,7 @@ from drivers.types import FaultKind, ServoFault, ServoState
 
 GROUP_WAIT_S: Final = 0.002
 """Timeout of a group's replies beyond the transmission time, in seconds. This timeout is at least one tick of most
-kernels, because a wait that ends before the next tick would cost two timer settings for each piece of a reply.
+kernels. A wait that ends before the next tick would cost two timer settings for each piece of a reply.
 """
 TURNAROUND_S: Final = 0.0005
 """Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""

@@ -38,7 +38,7 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent:
-        # This raises if the servo does not answer a ping either.
+        # The ping raises if the servo does not answer it either.
         single.ping(servo_id)
     try:
         return retry(partial(single.read, servo_id, series.model_number))

@@ -48,7 +48,7 @@ class IndirectMaps:
         if why and servo_id not in self._reported:
             self._reported.add(servo_id)
             LOG.info(
-                "%s: servo %d is read from the direct block: after its indirect registers were mapped, it %s",
+                "%s: servo %d is read from the direct block, because after its indirect registers were mapped, it %s",
                 self._name, servo_id, why,
             )  # fmt: skip
 

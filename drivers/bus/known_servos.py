@@ -164,7 +164,7 @@ class KnownServos:
         return write
 
     def goal_packet(self, servo_id: int, goal: ServoGoal) -> bytes:
-        """Encode a write of the goal of one servo. Raise ValueError if the goal does not fit."""
+        """Encode a write of one servo's goal. Raise ValueError if the goal does not fit."""
         series, packets = self.series(servo_id), self.protocol.packets
         order = "<" if self.protocol.byte_order == "little" else ">"
         data = Struct(order + series.goal_fields).pack(*series.goal_of(self.model(servo_id))(goal))

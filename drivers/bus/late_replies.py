@@ -48,7 +48,7 @@ class LateReplyFilter:
 
     def __init__(self) -> None:
         self.open: dict[int, dict[int, _OpenRequests]] = {}
-        """Open requests by servo ID and reply size. Servos without open requests are omitted."""
+        """Open requests, keyed by servo ID and reply size. Servos without open requests are omitted."""
         self._single_until_s: dict[int, float] = {}
 
     def add(self, servo_id: int, size: int, now_s: float, counted: Missed) -> None:
@@ -99,7 +99,7 @@ class LateReplyFilter:
                 one.overtaken, one.until_s = True, now_s + HELD_S
 
     def ambiguous(self, sizes: Mapping[int, int]) -> bool:
-        """Whether a reply of the requested size (by servo ID) may answer an earlier request."""
+        """Whether a reply of the requested size may answer an earlier request. ``sizes`` is keyed by servo ID."""
         asked = (self.open[servo_id].get(sizes[servo_id]) for servo_id in self.open.keys() & sizes)
         return any(one is not None and not one.overtaken for one in asked)
 

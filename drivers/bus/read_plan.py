@@ -87,7 +87,7 @@ class _Request(NamedTuple):
 
     protocol: WireProtocol
     spans: Mapping[int, tuple[int, int]]
-    """Address and size by ID."""
+    """Address and size, keyed by ID."""
     separate: bool
 
     def encode(self) -> bytes:
@@ -138,8 +138,9 @@ def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
 def _decoder_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
     """Return a decoder that unpacks each reply separately. This is faster than unpacking all replies together.
 
-    A control cycle spends most of its Python time here, with cold processor caches. Repeating a few steps for seven
-    servos is therefore faster than executing many steps once. In these protocols, a state consists of five numbers.
+    A control cycle spends most of its Python time in this decoder, with cold processor caches. Repeating a few
+    steps for seven servos is therefore faster than executing many steps once. In these protocols, a state consists of
+    five numbers.
     """
     replies = []
     begin = 0

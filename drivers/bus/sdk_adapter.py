@@ -70,7 +70,7 @@ class SdkAdapter:
         return self._without_echo(data)
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Remove the echo of the request, which the SDK would take for a reply.
+        """Remove the echo of the request, which the SDK would mistake for a reply.
 
         If the adapter is known to echo, all bytes before the echo are discarded. Otherwise bytes that may start an echo
         are held back. If noise precedes an echo, the SDK may receive the echo. The result of the SDK is then marked as

@@ -1,4 +1,4 @@
-"""As a last resort, read and write servos that do not support group instructions one by one.
+"""Read and write servos one by one if they do not support group instructions. This is the last resort.
 
 Self-made servos with a microcontroller often answer only pings, reads and writes. These servos are detected outside the
 control cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
@@ -132,7 +132,7 @@ class SeparateServos:
         reads = alone & self._servos.separate
         LOG.warning(
             "%s: %s %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and limits the rate to %d "
-            "Hz: set a lower update_rate, or use servos with this support",
+            "Hz: set a lower update_rate, or use servos that support them",
             self._line.port.name, subject, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip

@@ -39,7 +39,7 @@ class SingleServo:
 
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register."""
-        # The SDK's readTxRx takes the checksum of a short reply for data.
+        # The SDK's readTxRx mistakes the checksum of a short reply for data.
         where = self._packets.span(register.address, register.size)
         data = self._request(servo_id, self._packets.READ, where, register.size, register.name)
         return register.decode(data, self._protocol.byte_order)
@@ -53,7 +53,7 @@ class SingleServo:
         self._write(self._packets.REG_WRITE, servo_id, register, value)
 
     def _write(self, instruction: int, servo_id: int, register: Register, value: int) -> None:
-        # The SDK's writeTxRx takes any reply of the servo for the acknowledgment, even a late reply.
+        # The SDK's writeTxRx mistakes any reply of the servo for the acknowledgment, even a late reply.
         data = self._packets.place(register.address) + register.encode(value, self._protocol.byte_order)
         self._request(servo_id, instruction, data, 0, register.name)
 
@@ -63,7 +63,7 @@ class SingleServo:
         self._sdk.action(self._adapter, self._packets.BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo. The servo releases its torque and does not answer for up to a second.
+        """Restart a servo. Its torque is disabled, and it does not answer for up to a second.
 
         Raise ServoRefused if its protocol has no reboot instruction.
         """

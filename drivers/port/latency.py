@@ -5,7 +5,8 @@ from typing import Final
 
 GOOD_MS: Final = 2
 HELD_BACK: Final = (
-    "the adapter or a hub delays replies: set its latency timer to 1 ms and plug the adapter directly into the computer"
+    "the adapter or a hub delays replies: set the adapter's latency timer to 1 ms, and plug the adapter "
+    "directly into the computer"
 )
 """Advice for an adapter whose latency timer cannot be read."""
 _SYS: Final = Path("/sys/class/tty")

@@ -19,12 +19,12 @@ class Line:
         self.now = clock.now
         self.byte_s = BITS_PER_BYTE / port.baud
         self.busy_until_s = 0.0
-        """Clock time at which the last byte sent leaves the wire, in seconds."""
+        """Clock time at which the transmission of the last byte sent ends, in seconds."""
         self.clean = False
         """Whether the last replies were read completely, so that no input has to be discarded."""
         self.echoes: bool | None = None
-        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply has shown whether
-        it does.
+        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until the first reply has
+        shown it.
         """
 
     def send(self, packet: bytes) -> None:
@@ -36,7 +36,7 @@ class Line:
             self.port.read(len(packet), self.busy_until_s + on_wire_s + GAP_S)
 
     def send_request(self, request: bytes) -> float:
-        """Send a request. Return the clock time at which the last byte of the request leaves the wire."""
+        """Send a request. Return the clock time at which the transmission of its last byte ends."""
         now_s = self.now()
         self.clean = False
         self.port.write(request)

@@ -28,8 +28,8 @@ TOLERATED_RATE = 0.02
 """Maximum relative error of the baud rate. A receiver synchronizes once for every ten bits."""
 _UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
-"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library only has constants for
-some rates.
+"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library has constants for
+only some rates.
 """
 
 
@@ -44,8 +44,8 @@ class SerialPort:
     Raises:
         PortMissing: The device does not exist.
         PortNotSerial: The path is not a serial device.
-        PortBusy: Another program uses the device; the message names it.
-        PortDenied: You may not open the device; the message names the group to join.
+        PortBusy: Another program uses the device. The message names the program.
+        PortDenied: You may not open the device. The message names the group to join.
         PortError: The adapter does not support the rate.
     """
 

@@ -22,9 +22,9 @@ class Decoder(ABC):
     """Decoder for replies with ``data_size`` bytes of data, as requested.
 
     The decoder skips frames of any other size, so that noise that looks like a long frame cannot hide the replies after
-    it. The decoder also accepts the sizes of earlier requests (``other_sizes``) and replies without data that refuse
-    the request (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the IDs in frames with a wrong
-    checksum. ``garbage`` is the number of unused bytes since the last reply.
+    it. The decoder also accepts the sizes of earlier requests (``other_sizes``). It accepts a reply without data if
+    the reply refuses the request (a bit of ``refusals`` is set in its error byte). ``corrupt_ids`` lists the IDs in
+    frames with a wrong checksum. ``garbage`` is the number of unused bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]

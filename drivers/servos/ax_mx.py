@@ -54,7 +54,7 @@ punch = Register("punch", 48, 2, values=TEN_BITS)
 COMMON: Final = by_address(globals().values())
 """Registers of all models. The position registers of a model depend on its sensor (``_positions``)."""
 
-# The models differ here: an AX has compliance settings, and an MX has gains.
+# The models differ in these registers: an AX has compliance settings, and an MX has gains.
 cw_compliance_margin = Register("cw_compliance_margin", 26, 1)  # counts
 ccw_compliance_margin = Register("ccw_compliance_margin", 27, 1)  # counts
 cw_compliance_slope = Register("cw_compliance_slope", 28, 1, values=BYTE)

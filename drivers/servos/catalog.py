@@ -43,7 +43,7 @@ def add(model: ServoModel, like: ServoModel) -> None:
         like: A supported model with the same control table and protocol.
 
     Raises:
-        ValueError: A model of the package has this name, or another model of the make has this number.
+        ValueError: A model of the package has this name, or another model of the manufacturer has this number.
     """
     series = series_of(like)
     if model.name in MODELS and model.name not in _ADDED:

@@ -88,7 +88,7 @@ def _sts_config_warning(read: Read) -> str | None:
     if phase & sts.COUNTS_PER_S_PHASE:
         return None
     return (
-        f"phase (register {sts.phase.address}) is {phase}: according to Feetech, the unit of speed is then 50 "
+        f"phase (register {sts.phase.address}) is {phase}, so according to Feetech the unit of speed is 50 "
         "counts/s. "
         f"servoloop needs a unit of 1 count/s: set phase to {phase | sts.COUNTS_PER_S_PHASE}"
     )
@@ -144,7 +144,7 @@ SCS: Final = Series(
     by_name=scs.MODELS,
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
-    # The memory table ends at address 66, and Feetech's header file for the series at 70.
+    # The memory table ends at address 66, and the table in Feetech's header file for the series ends at 70.
     blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), partial(_state, _LOADS)),
     goal_fields="HHH",
     goal_of=_scs_goal_of,

@@ -5,7 +5,8 @@ cells form one block. Source: ROBOTIS e-manual, "Indirect Address, Indirect Data
 addresses agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..._fw52.model``):
 
 - XL330 and XC330 "prior to V53" have 20 cells from 208 on for bytes 64 to 227. Later firmware has 28 cells from 224 on
-  for bytes 64 to 251. The other models have 28 cells from 224 on, and more elsewhere, for bytes 64 to 661.
+  for bytes 64 to 251. The other models have 28 cells from 224 on, and more cells at other addresses, for bytes
+  64 to 661.
 - Indirect registers are in RAM. After power-off or a reboot, each cell is an ordinary byte with the value 0. Torque
   locks only the EEPROM (page text of Torque Enable), so the indirect registers can be written while torque is enabled.
 

@@ -61,7 +61,7 @@ _OTHER: Final[dict[str, Mapping[Register, int]]] = {
         ax_mx.cw_compliance_slope: 64, ax_mx.ccw_compliance_slope: 64,
     },
 }  # fmt: skip
-"""Gains of models that differ from the others of protocol 1.0, keyed by model name."""
+"""Gains of models that differ from the other models with protocol 1.0, keyed by model name."""
 _XL320: Final = {xl320.p_gain: 32, xl320.i_gain: 0, xl320.d_gain: 0}
 
 
@@ -72,8 +72,8 @@ def ram_gains(model: ServoModel) -> Mapping[Register, int]:
         model: Model of the servo.
 
     Returns:
-        Value by register. Empty for Feetech servos, whose gains are in EEPROM. Gains whose factory value is unknown are
-        missing.
+        Values, keyed by register. Empty for Feetech servos, whose gains are in EEPROM. Gains whose factory value is
+        unknown are missing.
     """
     if isinstance(model, x.XModel):
         registers = (x.position_p_gain, x.position_i_gain, x.position_d_gain)

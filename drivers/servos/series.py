@@ -83,7 +83,7 @@ class Series:
     make: Literal["feetech", "dynamixel"]
     protocol: WireProtocol
     by_name: MutableMapping[str, Any]
-    """Models of the series by name. ``catalog.add`` adds the models of a user."""
+    """Models of the series, keyed by name. ``catalog.add`` adds the models of a user."""
     registers: tuple[Register, ...]
     """Registers of all models, sorted by address."""
     goal_block: tuple[Register, ...]
@@ -91,9 +91,9 @@ class Series:
     goal_fields: str
     """Layout of the goal block in the notation of ``struct``."""
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
-    """Returns a function that encodes goals of a model. That function raises ValueError if a goal does not fit."""
+    """Function that returns an encoder for goals of a model. The encoder raises ValueError if a goal does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
-    """Returns the unit of speed or current of a model, for series whose models have different units."""
+    """Function that returns the unit of speed or current of a model, for series whose models have different units."""
     servo_id: Register
     model_number: Register
     status_level: Register
@@ -111,7 +111,7 @@ class Series:
     """Full torque, in the unit of both limits."""
     config_error: Callable[[ServoModel, Read], str | None]
     config_warning: Callable[[Read], str | None] = lambda read: None
-    """Returns a warning about unusual settings that do not prevent use of the servo, or None."""
+    """Function that returns a warning about unusual settings that do not prevent use of the servo, or None."""
     harmless: Register | None = None
     """RAM register that can be rewritten with its own value to test whether writes are acknowledged."""
     before_torque: tuple[tuple[Register, int], ...] = ()
@@ -123,7 +123,7 @@ class Series:
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
     """Register that names the alarms, and its decoder, if replies only report that there are alarms."""
     bulk_read: Callable[[ServoModel], bool] = lambda model: False
-    """Whether a model supports bulk reads, for protocols in which not all models do."""
+    """Function that returns whether a model supports bulk reads, for protocols in which not all models do."""
     lock: Register | None = None
     """EEPROM lock: 1 locks, 0 unlocks. None for Dynamixel servos, whose EEPROM is unlocked while torque is disabled."""
 

@@ -61,4 +61,4 @@ def voltage_fault(model: ServoModel, voltage_v: float) -> VoltageFault | None:
         return VoltageFault("under-voltage", f"{made}: check the supply and its cables, and connect {other}")
     if voltage_v > high:
         return VoltageFault("high supply", f"{made}: check the supply")
-    return VoltageFault("low supply", f"{made}: it has less torque and speed than its datasheet states")
+    return VoltageFault("low supply", f"{made}: torque and speed are lower than the datasheet states")

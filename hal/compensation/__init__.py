@@ -1,1 +1,1 @@
-"""Compensation of gravity, compliance and backlash in the goals of servos."""
+"""Adjust the goals of servos to compensate for gravity, compliance and backlash."""

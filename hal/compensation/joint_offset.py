@@ -1,4 +1,4 @@
-"""Offset of the goal of one joint from its command, in rad or m.
+"""Compute the offset that is added to a joint's command to get its goal, in rad or m.
 
 Plain floats are faster here than arrays, because an arm has few joints and the offsets change in every cycle.
 """
@@ -15,23 +15,27 @@ their datasheets state (BAM's identification of an STS3215). An arm that rises b
 gears carry part of the weight.
 """
 FADE_IN_S: Final = 1.0
-"""Duration of the fade-in of the offsets after activation, in seconds, so that the arm does not jump."""
+"""Duration of the offsets' fade-in after activation, in seconds. The fade-in prevents a jump of the arm."""
 LARGEST_LOAD: Final = 0.5
 """Maximum torque for compensation, as a fraction of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
 """Time constant of the slow correction, in seconds. It is much longer than the servos' lag and one cycle."""
 REST_S: Final = 0.2
-"""Delay between the last change of the command and the start of the correction, while the joint is still moving."""
+"""Delay between the last change of the command and the start of the correction, in seconds. During this delay, the
+joint may still be moving.
+"""
 STILL: Final = 1e-6
-"""Maximum change per cycle (rad or m) of a command at rest. A command that repeats the measured position is also at
-rest.
+"""Maximum change per cycle at which a command counts as at rest, in rad or m. A command that repeats the measured
+position also counts as at rest.
 """
 BLOCKED: Final = 2.0
-"""Error above which a joint counts as blocked and is not corrected, as a multiple of the servo's error at rest."""
+"""Maximum error that is corrected, as a multiple of the servo's error at rest. A joint with a larger error counts as
+blocked.
+"""
 
 
 class JointOffset:
-    """Offset of one joint: its sag, the slow correction and the damping of its limit cycle."""
+    """Offset of one joint. It combines the sag, the slow correction and the damping of the limit cycle."""
 
     def __init__(self, joint: Joint) -> None:
         known = joint.compliance if joint.gravity_compensation else None
@@ -71,7 +75,7 @@ class JointOffset:
             torque: Torque or force due to gravity, in N m or N.
             dt_s: Period of the control loop, in seconds.
             share: Fraction of the offset to apply, from 0 to 1. Below 1, the slow correction is off, because it would
-                resist the hand.
+                resist the hand that moves the arm.
 
         Returns:
             The offset.

@@ -43,7 +43,7 @@ class LimitCycle:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the oscillation."""
+        """Discard the detected oscillation and reset the offset to zero."""
         self._side = 0
         self._cycles = 0
         self._before = BEFORE_CYCLES

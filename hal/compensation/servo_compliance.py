@@ -20,7 +20,7 @@ STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, 
 """Factory settings that affect the compliance."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
 """Fraction of full drive per count of error and unit of P. In the firmware, full drive is 1000 and each count of error
-adds P / 4. BAM identified 2 % more.
+adds P / 4. The value that BAM identified is 2 % higher.
 """
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
@@ -36,11 +36,12 @@ X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
 PWM.
 """
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
-"""Half of ``X_DRIVE_PER_COUNT``, which BAM measured on an XL330 with an oscilloscope."""
+"""Half of ``X_DRIVE_PER_COUNT``. BAM measured this value on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
 """Dead band of the X series, which has no dead zone: one count of measurement and one count of goal resolution."""
 X_FRICTION_SHARE: Final = 0.04
-"""Friction as a fraction of the stall torque, assumed as for the STS. The unknown rotor inertia is assumed to be zero.
+"""Friction as a fraction of the stall torque. The value of the STS is assumed. The unknown rotor inertia is assumed to
+be zero.
 """
 
 
@@ -133,6 +134,6 @@ def compliance_of(
 
 
 def _profile_counts_s2(max_acceleration: int) -> float:
-    """Return the acceleration of each goal, limited by the servo's own maximum (0: no limit)."""
+    """Return the acceleration of each goal, limited by the servo's own maximum (0 means no limit)."""
     units = min(sts.GOAL_ACCELERATION, max_acceleration or sts.GOAL_ACCELERATION)
     return float(units * sts.ACCELERATION_UNIT_COUNTS_S2)

@@ -40,7 +40,7 @@ class Component:
 
     @property
     def state(self) -> LifecycleState:
-        """Life cycle state of the component, or FINALIZED if the component was given up for good."""
+        """Life cycle state of the component, or FINALIZED if the component can no longer be used."""
         return LifecycleState.FINALIZED if self.finalized else self.hardware.state
 
     @property

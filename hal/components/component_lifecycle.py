@@ -1,4 +1,4 @@
-"""Life cycle transitions of all components of a set, for the start and the end of the control loop."""
+"""Run the life cycle transitions of all components of a set when the control loop starts and stops."""
 
 import logging
 from collections.abc import Callable, Collection, Sequence

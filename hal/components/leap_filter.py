@@ -25,7 +25,7 @@ class LeapFilter:
         Args:
             component: Name of the component, for messages.
             joints: Names of its joints.
-            limits: Limits by joint name. A joint without limits is not filtered.
+            limits: Limits, keyed by joint name. A joint without limits is not filtered.
         """
         self._component = component
         self._limits = {index: (name, limits[name]) for index, name in enumerate(joints) if name in limits}

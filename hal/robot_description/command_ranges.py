@@ -60,7 +60,7 @@ def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iter
 
     Args:
         joint: The joint.
-        ranges: Ranges by kind: ``position``, ``velocity`` or ``effort``.
+        ranges: Ranges, keyed by kind: ``position``, ``velocity`` or ``effort``.
     """
     for kind, found in ranges.items():
         subject = f"{joint.name}/{kind}: min {found.lowest} and max {found.highest} ({found.place})"
@@ -69,7 +69,10 @@ def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iter
             yield f"{subject} are outside the joint's limits {lower} to {upper}: correct them."
         elif kind == "position":
             if joint.kind == "continuous" and not (math.isfinite(found.lowest) and math.isfinite(found.highest)):
-                yield f"{subject} limit only one end, but a continuous joint needs both or none: add the other end."
+                yield (
+                    f"{subject} limit only one end, but a continuous joint needs limits at both ends or none: "
+                    "add the other limit."
+                )
         elif not found.lowest <= 0.0 <= found.highest:
             yield f"{subject} exclude 0, so the joint could not be stopped: include 0."
         elif kind == "velocity" and "position" in joint.commands and 0.0 in (found.lowest, found.highest):

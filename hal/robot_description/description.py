@@ -31,7 +31,7 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    """Joints by name, with limits narrowed by soft limits and by ``min`` and ``max`` of the command interfaces."""
+    """Joints, keyed by name. Soft limits and the ranges of command interfaces have narrowed their limits."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -64,7 +64,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     _check_apart(components, joints, {block.get("name", ""): place(block) for block in blocks})
     if not components:
         raise DescriptionError(
-            "the URDF has no <ros2_control> block: add one with <hardware><plugin>"
+            "the URDF has no <ros2_control> block: add a block with <hardware><plugin>"
             "servoloop/ServoHardware</plugin></hardware> and a <joint> for each driven joint"
         )
     whole = merged(components)
@@ -116,7 +116,7 @@ def _check_apart(
 
     Args:
         components: The blocks.
-        joints: Joints by name.
+        joints: Joints, keyed by name.
         places: File and line of each block, keyed by name.
 
     Raises:

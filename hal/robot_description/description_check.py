@@ -10,7 +10,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 
 def description_problems(description: Description) -> list[str]:
-    """List links without mass or inertia, and mimic joints that leave their limits."""
+    """List links without mass or inertia, and mimic joints that would move beyond their limits."""
     return [*_massless(description), *_beyond_limits(description)]
 
 
@@ -21,7 +21,7 @@ def servo_problems(joints: Iterable[Joint]) -> Iterator[str]:
         if joint.limits.velocity > fastest:
             yield (
                 f"{joint.name}: the velocity limit in the URDF is {joint.limits.velocity:g}, but its servo, "
-                f"{joint.model.name}, only reaches {fastest:.3g} without load"
+                f"{joint.model.name}, reaches only {fastest:.3g} without load"
             )
         if not math.isfinite(joint.limits.effort):
             yield (
@@ -54,7 +54,7 @@ def _massless(description: Description) -> Iterator[str]:
 
 
 def _beyond_limits(description: Description) -> Iterator[str]:
-    """Yield a message for each mimic joint that leaves its limits. The usual cause is a wrong sign."""
+    """Yield a message for each mimic joint that would move beyond its limits. The usual cause is a wrong sign."""
     for joint in description.joints.values():
         if joint.mimic is None:
             continue

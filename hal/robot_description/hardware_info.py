@@ -30,13 +30,13 @@ class HardwareInfo:
     mimics: frozenset[str] = frozenset()
     """Joints of the block that have a ``<mimic>`` in the URDF and are not driven."""
     initial_values: Mapping[str, float] = field(default_factory=dict)
-    """Initial values by state interface (``joint1/position``)."""
+    """Initial values, keyed by state interface (``joint1/position``)."""
     command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
-    """``min`` and ``max`` by command interface (``joint1/position``)."""
+    """``min`` and ``max``, keyed by command interface (``joint1/position``)."""
     transmissions: Mapping[str, SimpleTransmission] = field(default_factory=dict)
     """Gears between servos and joints, keyed by joint name."""
     sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
-    """``<sensor>`` and ``<gpio>`` elements by name."""
+    """``<sensor>`` and ``<gpio>`` elements, keyed by name."""
     outputs: Mapping[str, OutputInfo] = field(default_factory=dict)
     """Command interfaces that do not move a joint, keyed by name (``lamp/led``)."""
     rw_rate: int = 0
@@ -145,7 +145,7 @@ def _kind(name: str, block: Element) -> str:
 
 
 def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) -> dict[str, Element]:
-    """Return the ``<joint>`` elements of a block by name. Raises DescriptionError for unsupported elements."""
+    """Return the ``<joint>`` elements of a block, keyed by name. Raises DescriptionError for unsupported elements."""
     elements: dict[str, Element] = {}
     for child in block:
         if child.tag not in ("hardware", "joint", "transmission", *SENSORS):
@@ -171,7 +171,7 @@ def _check_driven(subject: str, element: Element, joints: Mapping[str, UrdfJoint
     if joint.kind not in DRIVEN:
         raise DescriptionError(
             f"{subject}, which is {joint.kind} in the URDF ({place(element)}): "
-            f"hardware can only drive joints of type {', '.join(DRIVEN)}"
+            f"hardware can drive only joints of type {', '.join(DRIVEN)}"
         )
 
 
@@ -187,7 +187,7 @@ def _check_commands(block: str, kind: str, elements: Mapping[str, Element], join
         if own and mimic is not None:
             raise DescriptionError(
                 f"{block}: joint '{joint}' has a <command_interface> but mimics '{mimic.joint}' ({where}): "
-                'remove the <command_interface>, or write mimic="false" in its <joint> of the block'
+                'remove the <command_interface>, or write mimic="false" in its <joint> in this block'
             )
 
 
@@ -213,7 +213,7 @@ def _command_ranges(elements: Mapping[str, Element]) -> dict[str, CommandRange]:
 
 
 def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:
-    """Return the ``<param name="initial_value">`` values by state interface."""
+    """Return the ``<param name="initial_value">`` values, keyed by state interface."""
     values: dict[str, float] = {}
     for joint, element in elements.items():
         for state in element.findall("state_interface"):

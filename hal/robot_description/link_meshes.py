@@ -116,7 +116,10 @@ def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RA
 
 
 def _corner_normals(vertices: FloatArray, faces: Faces, crease_rad: float) -> FloatArray:
-    """Return the normals at all corners, shape (3 f, 3): the mean normal of adjacent faces without a sharp edge."""
+    """Return the normals at all corners, shape (3 f, 3).
+
+    Each is the mean normal of the adjacent faces that no sharp edge separates.
+    """
     first, second, third = (vertices[faces[:, i]] for i in range(3))
     area = np.cross(second - first, third - first)
     flat = _units(area)

@@ -93,7 +93,7 @@ def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) ->
         last = loop[-1]
         yield (
             f"{last.name}: its child link {last.child} is an ancestor of its parent link {last.parent}, so the links "
-            f"form a loop ({last.place}): correct one of the two"
+            f"form a loop ({last.place}): correct one of the two links"
         )
 
 

@@ -30,7 +30,7 @@ class OutputInfo:
 
 
 def parse_outputs(block: Element) -> dict[str, OutputInfo]:
-    """Return the outputs of a block by interface (``lamp/led``). Raises DescriptionError."""
+    """Return the outputs of a block, keyed by interface (``lamp/led``). Raises DescriptionError."""
     found: dict[str, OutputInfo] = {}
     for element in (child for child in block if child.tag in ("joint", "gpio")):
         name = attribute(element, "name", f"a <{element.tag}> of '{block.get('name')}'")

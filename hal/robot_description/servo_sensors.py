@@ -29,7 +29,7 @@ class SensorInfo:
 
 
 def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorInfo]:
-    """Return the sensors of a block by name.
+    """Return the sensors of a block, keyed by name.
 
     Args:
         block: The ``<ros2_control>`` block.
@@ -70,6 +70,6 @@ def _joint(element: Element, subject: str, joints: Collection[str], interfaces: 
     if unknown := [name for name in interfaces if name not in (*SERVO_VALUES, *SERVO_INPUTS, *outputs)]:
         raise DescriptionError(
             f"{subject} has the state interface {', '.join(unknown)} ({where}), but the servo of {joint} reports "
-            f"{', '.join((*SERVO_VALUES, *SERVO_INPUTS))} and the outputs of the <gpio>: use one of them"
+            f"{', '.join((*SERVO_VALUES, *SERVO_INPUTS))} and the outputs of the <gpio>: use one of these interfaces"
         )
     return joint

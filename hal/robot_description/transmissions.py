@@ -26,11 +26,11 @@ NO_GEAR: Final = SimpleTransmission()
 
 
 def parse_transmissions(block: Element, joints: Mapping[str, Element]) -> dict[str, SimpleTransmission]:
-    """Return the transmissions of a block by joint name.
+    """Return the transmissions of a block, keyed by joint name.
 
     Args:
         block: The ``<ros2_control>`` block.
-        joints: Its ``<joint>`` elements by name.
+        joints: Its ``<joint>`` elements, keyed by name.
 
     Raises:
         DescriptionError: A transmission is invalid or is not a SimpleTransmission.

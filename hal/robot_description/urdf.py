@@ -42,7 +42,7 @@ class UrdfJoint:
     place: str = "the URDF"
     """File and line of the joint's <limit>, or of the joint itself if it has no <limit>."""
     commands: tuple[str, ...] = ()
-    """Kinds of its command interfaces: position, velocity, effort."""
+    """Kinds of the joint's command interfaces: position, velocity, effort."""
     velocity_range: tuple[float, float] | None = None
     """Lowest and highest velocity command, if the <command_interface> of the joint limits velocities."""
     effort_range: tuple[float, float] | None = None
@@ -109,7 +109,8 @@ def _joint(element: Element) -> UrdfJoint:
     endless = kind == "continuous"
     if limit is None and kind in ("revolute", "prismatic"):
         raise DescriptionError(
-            f"joint '{name}' is {kind} but has no <limit> ({place(element)}): add one with lower, upper and velocity"
+            f"joint '{name}' is {kind} but has no <limit> ({place(element)}): "
+            "add a <limit> with lower, upper and velocity"
         )
     bounds = limit if limit is not None else Element("limit")
     origin = element.find("origin")

@@ -29,7 +29,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
         The URDF. Its lines are the same as in the output of the command ``xacro``.
 
     Raises:
-        DescriptionError: The file cannot be expanded. The message has the file and, if xacro reports it, the line.
+        DescriptionError: The file cannot be expanded. The message contains the file and, if xacro reports it, the line.
         ModuleNotFoundError: The package xacro is not installed.
     """
     import xacro

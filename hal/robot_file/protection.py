@@ -31,7 +31,7 @@ def protection_problems(model: ServoModel, torque_limit: float, settings: Mappin
     if mask is not None and model in x.MODELS.values():
         for alarm, bit in SHUTDOWN_BITS.items():
             if not mask & bit:
-                yield f"shutdown {mask} does not stop the servo at {alarm}: add {bit} to it"
+                yield f"shutdown {mask} does not stop the servo at {alarm}: add {bit} to shutdown"
 
 
 def _feetech(limit: float, held: Mapping[str, int]) -> Iterator[str]:
@@ -40,7 +40,7 @@ def _feetech(limit: float, held: Mapping[str, int]) -> Iterator[str]:
     if overload >= percent:
         yield (
             f"overload_torque {overload} % is not below the torque limit of {percent} %, so the overload protection of "
-            f"the servo can never act: add settings: {{overload_torque: {max(percent // 2, 1)}}}"
+            f"the servo can never act. Add settings: {{overload_torque: {max(percent // 2, 1)}}}"
         )
     elif protective >= overload:
         yield (
@@ -49,7 +49,7 @@ def _feetech(limit: float, held: Mapping[str, int]) -> Iterator[str]:
         )
     for name in SWITCHES:
         if held.get(name) == 0:
-            yield f"{name} 0 disables the overcurrent protection of the servo: remove it, or set it above 0"
+            yield f"{name} 0 disables the overcurrent protection of the servo: remove this setting, or set it above 0"
     if not mask & OVERLOAD_BIT:
         yield (
             f"unloading_condition {mask} disables the overload protection of the servo: set it to {mask | OVERLOAD_BIT}"

@@ -19,7 +19,7 @@ class Robot:
     file: RobotFile
 
     def limits(self) -> dict[str, JointLimits]:
-        """Return the limits by joint name."""
+        """Return the limits, keyed by joint name."""
         return {joint.name: joint.limits for joint in self.joints}
 
 
@@ -33,7 +33,7 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     extra = [name for name in file.joints if name not in component.joints]
     problems = [f"the URDF commands {name}, but the robot file has no servo for it: add a servo" for name in missing]
     problems += [
-        f"the robot file has a servo for {name}, but the URDF does not command it: remove it" for name in extra
+        f"the robot file has a servo for {name}, but the URDF does not command it: remove the servo" for name in extra
     ]
     problems += [
         f'the sensor {name} ({sensor.place}) has no source: specify a joint in <param name="joint">'
@@ -65,7 +65,7 @@ def _not_position_only(name: str, component: HardwareInfo) -> list[str]:
     if not commands:
         return [f"{name} has no command interface and is not a mimic joint: add a position command interface"]
     return [
-        f"the URDF has the command interface {name}/{command}, but servos only take positions: use a position "
+        f"the URDF has the command interface {name}/{command}, but servos take only positions: use a position "
         "interface and a position controller"
         for command in commands
         if command != "position"
@@ -75,7 +75,7 @@ def _not_position_only(name: str, component: HardwareInfo) -> list[str]:
 def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
     prismatic = urdf.kind == "prismatic"
     if not prismatic and urdf.kind != "revolute":
-        return [f"{urdf.name} is {urdf.kind} in the URDF, but a servo can only drive revolute and prismatic joints"]
+        return [f"{urdf.name} is {urdf.kind} in the URDF, but a servo can drive only revolute and prismatic joints"]
     problems: list[str] = []
     if prismatic != (file.metres_per_radian is not None):
         need = "needs" if prismatic else "must not have"
@@ -89,7 +89,7 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     last = joint.model.last_count
     if lowest < 0 or highest > last:  # after its last count a servo reports 0, so the position would jump
         problems.append(
-            f"{joint.name}: the limits correspond to counts {lowest} to {highest}, but the servo only has 0 to {last}: "
+            f"{joint.name}: the limits correspond to counts {lowest} to {highest}, but the servo has only 0 to {last}: "
             "narrow the limits, or mount the servo so that zero_counts is closer to the middle"
         )
     lower, upper = joint.limits.lower, joint.limits.upper

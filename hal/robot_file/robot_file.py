@@ -66,7 +66,7 @@ class JointFile(_Strict):
     zero_counts: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
     """Counts at joint position 0; by default the middle of the servo's range."""
     homing_offset: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
-    """Homing offset of the servo for which ``zero_counts`` is valid; not checked if omitted."""
+    """Homing offset that the servo must have for ``zero_counts`` to be valid; not checked if omitted."""
     extended: bool = False
     """Whether the servo, a Dynamixel X, must be in extended position mode."""
     metres_per_radian: MetresPerRadian | None = None
@@ -78,7 +78,9 @@ class JointFile(_Strict):
     value.
     """
     settings: dict[str, RegisterValue] = {}
-    """Values of EEPROM registers (gains, dead zones, protections) by register name. Values that differ are written."""
+    """Values of EEPROM registers (gains, dead zones, protections), keyed by register name. Values that differ from
+    those in the servo are written.
+    """
     acceleration: Acceleration
     jerk: Jerk
 
@@ -116,7 +118,7 @@ class RobotFile(_Strict):
     bus: BusFile | None = None
     """Bus of a robot with only one bus (short form of ``buses``)."""
     buses: Annotated[dict[BusName, BusFile], Field(min_length=1)] | None = None
-    """Buses by name. Joints and the command line refer to these names."""
+    """Buses, keyed by name. Joints and the command line refer to these names."""
     joints: dict[str, JointFile]
     on_exit: ExitFile = ExitFile()
     park: ParkFile | None = None
@@ -125,7 +127,7 @@ class RobotFile(_Strict):
     controller_defaults: dict[str, dict[str, Any]] = {}
 
     def lines(self) -> dict[str, BusFile]:
-        """Return all buses by name. In the short form, the name is empty."""
+        """Return all buses, keyed by name. In the short form, the name is empty."""
         return self.buses or {"": self.bus or BusFile()}
 
     def bus_of(self, joint: JointFile) -> str:
@@ -153,7 +155,7 @@ class RobotFile(_Strict):
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
         problems = _shared_ids(placed) + _mixed_protocols(placed)
-        if "bus" in info.data and "buses" in info.data:  # a key that is itself invalid is missing here
+        if "bus" in info.data and "buses" in info.data:  # an invalid key is missing from info.data
             problems += _bus_problems(joints, info.data["bus"], info.data["buses"])
         if problems:
             raise ValueError("; ".join(problems))
@@ -215,13 +217,17 @@ def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
             f"{name} has servo_id {joint.servo_id}, but the highest {protocol} ID is {LARGEST_IDS[protocol]}"
         )
     if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
-        problems.append(f"{name} has position_p, but only Dynamixel servos with protocol 2.0 support it: remove it")
+        problems.append(
+            f"{name} has position_p, but only Dynamixel servos with protocol 2.0 support it: remove position_p"
+        )
     if wrong := homing_mistake(model, joint.homing_offset):
         problems.append(f"{name}: {wrong}")
     if joint.extended and series_of(model) is not X:
         problems.append(f"{name}: a {joint.model} has no extended position mode: remove `extended`")
     if joint.firmware is not None and series_of(model) is not X:
-        problems.append(f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove it")
+        problems.append(
+            f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove firmware"
+        )
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
@@ -234,7 +240,7 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
         protocols.setdefault((joint.bus, series_of(model).make), {}).setdefault(series_of(model).protocol.name, name)
     return [
         f"{' and '.join(first.values())} cannot share a bus because they use {' and '.join(first)}: "
-        "add a separate bus for each under buses"
+        "add a separate bus for each protocol under buses"
         for first in protocols.values()
         if len(first) > 1
     ]
@@ -278,7 +284,7 @@ def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> Ro
         place = source.place(("joints", name))
         joint = joints.get(name)
         if joint is None or joint.servo_id != found.servo_id:
-            has = "no such joint" if joint is None else f"servo {joint.servo_id} for it"
+            has = "no such joint" if joint is None else f"servo {joint.servo_id} for this joint"
             problems.append(f"{place}: {name} was calibrated with servo {found.servo_id}, but the robot file has {has}")
             continue
         if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):

@@ -15,9 +15,9 @@ from hal.types import JointLimits
 Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
-"""Time that a joint without a robot file takes to reach its velocity limit."""
+"""Time that a joint without a robot file takes to reach its velocity limit, in seconds."""
 TAKE_UP_S = 0.1
-"""Time that a joint without a robot file takes to reach its acceleration limit."""
+"""Time that a joint without a robot file takes to reach its acceleration limit, in seconds."""
 
 
 def together(parts: Sequence[Part]) -> Robot:

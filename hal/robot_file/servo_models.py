@@ -1,6 +1,7 @@
 """User-defined servo models from the file ``servo_models.yaml`` in the folder of the robot file.
 
-A model has the series and the control table of the supported model in ``like``, with its own data and registers.
+A model inherits the series and the control table of the supported model in ``like``. Its entry in the file sets its own
+data and registers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -95,7 +96,7 @@ class ModelFile(_Strict):
     no_load_speed_rad_s: Speed | None = Field(None, gt=0)
     current_unit_a: Amperes | None = Field(None, gt=0)
     sensor_deg: Angle | None = Field(None, gt=0, le=360)
-    """Angle that the positions of the sensor cover, for a potentiometer."""
+    """Angle that the positions of a potentiometer cover, in degrees."""
     registers: dict[str, RegisterFile] = {}
 
     @field_validator("supply_v")
@@ -107,7 +108,7 @@ class ModelFile(_Strict):
 
 
 class ModelsFile(RootModel[dict[str, ModelFile]]):
-    """Content of the file: the models by name."""
+    """Content of the file: the models, keyed by name."""
 
 
 def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:

@@ -59,11 +59,11 @@ class Activation:
     def run(self) -> dict[str, int]:
         """Enable torque joint by joint.
 
-        If the activation fails, servos that were limp before are released again. Servos whose torque was already
-        enabled continue to hold, because otherwise the arm would fall.
+        If the activation fails, the torque of servos that were limp before is disabled again. Servos whose torque was
+        already enabled continue to hold their positions, because otherwise the arm would fall.
 
         Returns:
-            The goals that the servos hold, in counts by joint name.
+            The goals that the servos hold, in counts, keyed by joint name.
 
         Raises:
             ActivationError: The torque of a servo must not be enabled now.
@@ -95,12 +95,12 @@ class Activation:
         return self._goals
 
     def release(self) -> None:
-        """Disable torque of the servos that were limp before the activation. Log the errors."""
+        """Disable the torque of servos that were limp before the activation. Log the errors."""
         for problem in self.undo():
             LOG.error("torque may still be on: %s", problem)
 
     def undo(self) -> list[str]:
-        """Disable torque of the servos that were limp before the activation. Return the errors."""
+        """Disable the torque of servos that were limp before the activation. Return the errors."""
         return self._setup.torque_off(self._limp)
 
     def _restart_turned(self, states: Mapping[str, ServoState]) -> None:
@@ -123,8 +123,8 @@ class Activation:
     def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
         """Measure goals until they are recent enough to be written.
 
-        If a reply to a check of the joints is late, the goals are measured again. On a slow bus, the last of several
-        measurements is used.
+        Each measurement is followed by checks of the joints. If these checks take so long that the measurement is too
+        old, the goals are measured again. After several attempts on a slow bus, the last measurement is used.
         """
         for _ in range(ATTEMPTS):
             self._take_goals(joints)
@@ -142,7 +142,7 @@ class Activation:
         joint = apart[0]
         raise ActivationError(
             f"not activated: two readings of {self._called(joint)} differ ({before[joint.name].position_counts}, then "
-            f"{last[joint.name].position_counts} counts): hold the arm still and check the servo's cable"
+            f"{last[joint.name].position_counts} counts). Hold the arm still and check the servo's cable"
         )
 
     def _measure_all(self) -> dict[str, ServoState]:
@@ -172,7 +172,7 @@ class Activation:
                     f"not activated: {self._called(joint)} {problem}. {counted_turns(joint, state.position_counts)}"
                 )
             raise ActivationError(
-                f"not activated: {self._called(joint)} {problem}. Move it by hand, or correct zero_counts"
+                f"not activated: {self._called(joint)} {problem}. Move the joint by hand, or correct zero_counts"
             )
         if not lower <= position <= upper:
             self._check_own_limits(joint, state.position_counts)
@@ -188,8 +188,8 @@ class Activation:
         if limits is not None and not limits[0] <= counts <= limits[1]:
             raise ActivationError(
                 f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
-                f"{limits[0]} to {limits[1]}, so it would jump to the nearer limit. Move it by hand, or widen "
-                "these limits"
+                f"{limits[0]} to {limits[1]}, so the servo would jump to the nearer limit. Move the joint by hand, or "
+                "widen the servo's limits"
             )
 
     def _check_turn(self, joint: Joint) -> None:
@@ -209,8 +209,8 @@ class Activation:
         """Write the goals and read them back, because servos do not acknowledge goals.
 
         Repeat this if a packet was lost. Most servos enable torque when they receive a goal, so the goals must be
-        recent. Limp joints are measured again even if their goals agree, because a servo that was reset holds the
-        position at which it started, and may have sunk since.
+        recent. Limp joints are measured again even if their goals agree. A servo that was reset uses its position
+        at the restart as the goal, and its joint may have sunk since then.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -235,14 +235,14 @@ class Activation:
         held, wanted = self._setup.goal(joint), self._goals[joint.name]
         if held != wanted:
             raise ActivationError(
-                f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable and the supply"
+                f"not activated: {self._called(joint)} holds goal {held}, not {wanted}. Check the cable and the supply"
             )
 
     def _torque_on(self, joint: Joint) -> None:
-        """Enable torque of a joint.
+        """Enable the torque of a joint.
 
-        If the servo does not acknowledge, retry only if it still has its goal. Otherwise it may have been reset. Limp
-        joints may have moved in the meantime and are measured again.
+        If the servo does not acknowledge the request, retry only if the servo still has its goal. A servo without its
+        goal may have been reset. Limp joints may have moved in the meantime and are measured again.
         """
         for _ in range(ATTEMPTS - 1):
             self._renew_goals(joint)

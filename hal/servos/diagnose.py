@@ -39,7 +39,7 @@ def diagnose(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
         servo_ids: IDs of the servos.
 
     Returns:
-        Descriptions by servo ID.
+        Descriptions, keyed by servo ID.
 
     Raises:
         PortLost: The port is lost.
@@ -54,7 +54,7 @@ def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     """Diagnose servos that have answered at this baud rate before.
 
     Other baud rates are not tried, and servos that do not answer at all are omitted. The diagnosis takes half a second
-    instead of several seconds, because other components may have to wait for it.
+    instead of several seconds, because other components may have to wait for the diagnosis.
     """
     return {i: text for i, text in _diagnosed(bus, servo_ids).items() if NO_BAUD_RATE not in text}
 

@@ -44,7 +44,7 @@ class JointBuses:
                 bus.request(self._ids[name], deadline_s)
 
     def receive(self) -> dict[str, Reading]:
-        """Wait for the states of all servos. Return the readings by joint name."""
+        """Wait for the states of all servos. Return the readings, keyed by joint name."""
         readings: dict[str, Mapping[int, Reading]] = {}
         for name in sorted(self._in_turn, key=self._dead.__contains__):
             with self.named(name):
@@ -68,7 +68,7 @@ class JointBuses:
         return {**readings, **{i: fault._replace(text=f"{labels[i]}: {fault.text}") for i, fault in faults.items()}}
 
     def by_joint(self, by_bus: Mapping[str, Mapping[int, Reading]]) -> dict[str, Reading]:
-        """Convert readings by bus and servo ID to readings by joint name."""
+        """Convert readings keyed by bus and servo ID to readings keyed by joint name."""
         return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
 
     def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
@@ -100,7 +100,7 @@ class JointBuses:
         return states
 
     def counters(self) -> dict[str, BusCounters]:
-        """Return copies of the counters of each bus by its name. Another thread may use the copies."""
+        """Return copies of each bus's counters, keyed by bus name. Another thread may use the copies."""
         each = ((name, bus.counters) for name, bus in self.buses.items())
         copied = ((n, c, {i: ServoCounters(*_counts(own)) for i, own in c.servos.items()}) for n, c in each)
         return {name: BusCounters(c.noise, c.strange, servos) for name, c, servos in copied}

@@ -36,7 +36,7 @@ class LeaderArm(LimpArm):
         self._released = False
 
     def configure(self) -> None:
-        """Find all servos, without switching their torque.
+        """Find all servos, without enabling or disabling their torque.
 
         Raises:
             ActivationError: The torque of a released leader is enabled when it is connected again. It may be a

@@ -16,7 +16,7 @@ def servo_name(joint: Joint) -> str:
 
 
 def torque_warning(servos: Collection[str]) -> str:
-    """Return a warning that servos hold torque and that the arm may fall without it.
+    """Return a warning that the torque of servos is enabled and that the arm may fall when it is disabled.
 
     Args:
         servos: Names of the servos, at least one, such as ``elbow_flex (servo 3)``.
@@ -33,8 +33,8 @@ def release_question(servos: Collection[str]) -> str:
 class LimpArm(ServoHardware):
     """Arm whose servos can be released while it is inactive. Only ``release`` disables their torque.
 
-    A servo that holds torque does not accept settings. The settings are therefore checked by ``release`` and at every
-    activation.
+    A servo does not accept settings while its torque is enabled. The settings are therefore checked by ``release`` and
+    at every activation.
     """
 
     _unsettled = False
@@ -48,7 +48,7 @@ class LimpArm(ServoHardware):
             setup.settle()
 
     def held(self) -> list[str]:
-        """Return the names of servos that hold torque or brake. Raises DriverError."""
+        """Return the names of servos that drive or brake their motors. Raises DriverError."""
         setup = ServoSetup(self._opened("check the torque"))
         return [servo_name(joint) for joint in self._joints if setup.drives(joint)]
 
@@ -56,7 +56,7 @@ class LimpArm(ServoHardware):
         """Disable torque and check the settings. The arm falls unless it is supported by hand.
 
         Raises:
-            ActivationError: A servo may still hold torque.
+            ActivationError: The torque of a servo may still be enabled.
             DriverError: The settings of a servo are wrong.
         """
         require(self.state, LifecycleState.INACTIVE, "release")

@@ -22,7 +22,7 @@ from hal.joint import Joint
 LOG = logging.getLogger("servoloop.hal")
 
 RESTART_S: Final = 0.5
-"""Time after which a restarted servo is asked again, in seconds."""
+"""Delay between a restart and the next request to the servo, in seconds."""
 
 
 def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:

@@ -1,4 +1,4 @@
-"""Track silent servos and servos that lost their torque, and decide when a servo receives goals again."""
+"""Track silent servos and servos whose torque is no longer enabled, and decide when a servo receives goals again."""
 
 import logging
 import math
@@ -24,9 +24,12 @@ limit.
 WATCH_S: Final = 0.35
 """Period in which the torque of every servo is checked once, because a servo may lose its torque without an alarm."""
 MISSED: Final = 1.2
-"""Multiple of ``WATCH_S`` after which an unchecked servo is checked in every cycle that has time left."""
+"""Maximum time between two checks of a servo, as a multiple of ``WATCH_S``. After this time, a servo is checked in the
+next cycle that has time left.
+"""
 LATEST: Final = 1.4
-"""Multiple of ``WATCH_S`` after which an unchecked servo is checked even if this makes the cycle late.
+"""Time since the last check after which a servo is checked even if the check makes the cycle late, as a multiple of
+``WATCH_S``.
 
 An occasional late cycle is better than a limp joint that is not noticed, or a joint that never receives goals again."""
 QUICK_S: Final = 0.008
@@ -53,8 +56,8 @@ class ServoFaults:
     """Faults of the servos of one component.
 
     A silent servo has a fault until it answers again. If the component is active, the torque of the servo is checked
-    first, because most servos enable torque when they receive a goal. A servo that lost its torque must be activated
-    again.
+    first, because most servos enable torque when they receive a goal. A servo whose torque is disabled must be
+    activated again.
     """
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
@@ -177,12 +180,12 @@ class ServoFaults:
         answer again. If no time is left, these servos are checked in a later cycle.
 
         Args:
-            measured: Measured counts by joint name.
+            measured: Measured counts, keyed by joint name.
             buses: Buses of the joints.
             ask_until_s: Clock time until which servos may be checked; None if the component is not active.
 
         Returns:
-            Faults by joint name.
+            Faults, keyed by joint name.
         """
         faults = self._faults
         back = [joint for joint in self._joints if joint.name in faults and joint.name in measured] if faults else []
@@ -263,7 +266,7 @@ class ServoFaults:
         return due
 
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
-        """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest time first."""
+        """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest unchecked first."""
         until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
         if min(checked.values(), default=math.inf) > until_s:  # the usual case, and much faster
             return []

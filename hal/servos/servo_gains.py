@@ -1,7 +1,7 @@
 """Write the gains that servos keep in RAM when their torque is enabled, because another program may have changed them.
 
-Gains in RAM last until the servo loses its power. A joint therefore gets the gains of the robot file, and the factory
-values of the gains that the file does not contain.
+Gains in RAM last until the servo loses its power. An activation therefore writes the gains of the robot file, and
+the factory values of gains that the file does not contain.
 """
 
 import logging
@@ -25,7 +25,7 @@ def wanted_gains(joint: Joint) -> dict[Register, int]:
         joint: The joint with the gains of the robot file.
 
     Returns:
-        Value by register; empty if the gains of the servo are in EEPROM.
+        Values, keyed by register; empty if the gains of the servo are in EEPROM.
     """
     gains = dict(ram_gains(joint.model))
     named = {register.name: register for register in gains}

@@ -15,12 +15,14 @@ INTERPOLATION_MARGIN: Final = 1.1
 INTERPOLATION_FLOOR_COUNTS_S: Final = 100
 """Constant part of the goal speed, in counts/s."""
 SLOWING_S: Final = 0.2
-"""Duration of the decay of the goal speed after the goals stop, in seconds, because the servo still lags behind them.
+"""Time in which the goal speed decays after the goals stop, in seconds. During this time, the servo still lags behind
+the goals.
 """
 CATCH_UP_S: Final = 0.5
 """Approximate time that a servo far from its goal takes to reach it."""
 BLOCKED_CYCLES: Final = 2
-"""Number of consecutive cycles after which a large lag has an effect, so that a single false measurement moves no goal.
+"""Number of consecutive cycles with a large lag before the goal is limited, so that a single false measurement does not
+move the goal.
 """
 GAINED_S: Final = 0.1
 """Age of the measured speed, in seconds. The joint may have accelerated since then."""
@@ -41,7 +43,10 @@ class ServoGoals:
         """Joints that press without moving, keyed by name. If a joint has a torque limit, its drive is reduced."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
-        """Set the goals (counts by joint name) that the servos hold after activation. Other joints keep their goals."""
+        """Set the goals that servos hold after activation, in counts, keyed by joint name.
+
+        Other joints keep their goals.
+        """
         for servo in self._servos:
             if servo.name in counts:
                 servo.goal, servo.behind = ServoGoal(counts[servo.name]), 0
@@ -112,7 +117,7 @@ class _Servo:
             period_s: Period of the control loop, in seconds.
         """
         held, former = self.goal
-        # A joint that was activated outside its limits has its goal there and must return slowly.
+        # A joint that was activated outside its limits has a goal outside them and must return slowly.
         share = 1.0 if self.lower <= held <= self.upper else RETURN_SHARE
         joint = self.joint
         reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
@@ -139,7 +144,7 @@ class _Servo:
             return wanted
         travel = here - self.measured if self.measured is not None else 0
         travel -= round(travel / self.turn) * self.turn
-        # The servo compares the same counts, and does not take the shorter way around either.
+        # The difference is not reduced to one turn, because the servo does not take the shorter way around either.
         ahead = wanted - here
         excess = abs(ahead) - self.lead.counts(abs(travel) / period_s) - reach
         if excess <= 0:

@@ -36,7 +36,7 @@ class ServoHardware:
         compensation: GravityCompensation | None = None,
         outputs: ServoOutputs | None = None,
     ) -> None:
-        """Create the component. ``open_buses`` opens and returns the bus of the component, or its buses by name."""
+        """Create the component. ``open_buses`` opens and returns the component's bus, or its buses keyed by name."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = position_interfaces(joint.name for joint in joints)
@@ -96,7 +96,7 @@ class ServoHardware:
                 self._outputs.forget()
             self.state = LifecycleState.ACTIVE
             self.read()
-        except BaseException:  # a bus is lost; no other code would release the servos
+        except BaseException:  # a bus is lost; no other code would disable the torque
             self.state = LifecycleState.INACTIVE
             activation.release()
             raise
@@ -104,7 +104,7 @@ class ServoHardware:
 
     def holds(self) -> bool:
         """Return whether the torque of any servo of the configured component is enabled. Raises DriverError."""
-        return any(map(ServoSetup(self._opened("ask for torque")).torque_is_on, self._joints))
+        return any(map(ServoSetup(self._opened("check the torque")).torque_is_on, self._joints))
 
     def disable_torque(self) -> Sequence[str]:
         """Disable the torque of all servos that answer, even if the component could not be configured."""
@@ -118,7 +118,7 @@ class ServoHardware:
     def undo_activation(self) -> Sequence[str]:
         """Undo the activation.
 
-        Servos whose torque was already enabled continue to hold, because otherwise the arm would fall.
+        Servos whose torque was already enabled continue to hold their positions, because otherwise the arm would fall.
         """
         require(self.state, LifecycleState.ACTIVE, "undo the activation")
         assert self._activation is not None
@@ -132,8 +132,8 @@ class ServoHardware:
 
     def ask_for_torque(self) -> frozenset[str]:
         """Check the torque of every servo now. Return the joints whose servos did not answer."""
-        require(self.state, LifecycleState.ACTIVE, "ask for torque")
-        return self._states.faults.ask_all(self._opened("ask for torque"))
+        require(self.state, LifecycleState.ACTIVE, "check the torque")
+        return self._states.faults.ask_all(self._opened("check the torque"))
 
     def reactivate(self) -> frozenset[str]:
         """Enable the torque of limp joints at their measured positions. The other servos hold their positions."""

@@ -111,7 +111,7 @@ def _why_not_output(joint: Joint, kind: str, info: OutputInfo) -> str:
     """Return the reason why a register cannot be an output, or an empty text."""
     subject = f"{info.joint}: the command_interface {kind} ({info.place})"
     has = ", ".join(name for name in ALLOWED if _register(joint, name)) or "none"
-    remedy = f"use one of its outputs ({has}), or remove it"
+    remedy = f"use one of its outputs ({has}), or remove the interface"
     register = _register(joint, kind)
     if register is None:
         return f"{subject} is not a register of its {joint.model.name}: {remedy}"

@@ -112,19 +112,19 @@ def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
     offset = retry(partial(bus.read, joint.servo_id, x.homing_offset))
     if held in x.MODES_WITH_TURNS and x.needs_extended_position(offset):
         LOG.warning(
-            "%s (servo %d) is in extended position mode with a homing_offset of %d, which position mode would ignore: "
-            "it is used in this mode. Calibrate the arm with servoloop calibrate, because its zero is not known",
+            "%s (servo %d) is in extended position mode with a homing_offset of %d, which position mode would ignore. "
+            "The servo stays in this mode. Calibrate the arm with servoloop calibrate, because its zero is unknown",
             *(joint.name, joint.servo_id, offset),
         )
 
 
 def check_goal_current(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and thus no torque."""
+    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and so no torque."""
     if _goal_current(joint, bus) == 0:
         raise ServoRefused(
             joint.servo_id,
-            "would have no torque: its goal_current is 0 in current-based position mode (5): reboot it (servoloop "
-            "reboot), which restores the current limit",
+            "would have no torque, because its goal_current is 0 in current-based position mode (5): reboot the servo "
+            "(servoloop reboot), which restores the current limit",
         )
 
 
@@ -227,7 +227,7 @@ def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     raise ServoRefused(
         joint.servo_id,
         f"has position limits {limits[0]} to {limits[1]} counts, but its joint moves from {lowest} to {highest}: "
-        f"widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+        f"widen these limits in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
     )
 
 

@@ -101,7 +101,7 @@ class ServoSetup:
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def measure(self) -> dict[str, Reading]:
-        """Measure every servo once, with retries. Return readings by joint name; a fault contains its likely cause."""
+        """Measure every servo once, with retries. Return readings keyed by joint name, with likely causes of faults."""
         readings: dict[str, Mapping[int, Reading]] = {}
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
@@ -192,7 +192,7 @@ class ServoSetup:
 
 
 def _failed(joints: Sequence[Joint], bus: Bus, step: Callable[[Joint, Bus], None]) -> dict[int, ServoError]:
-    """Call ``step`` for all joints. Return the errors by servo ID."""
+    """Call ``step`` for all joints. Return the errors, keyed by servo ID."""
     errors: dict[int, ServoError] = {}
     for joint in joints:
         try:

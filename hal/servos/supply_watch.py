@@ -24,8 +24,8 @@ class SupplyWatch:
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
-        """Changes that are not reported yet, keyed by joint name: the new kind of fault (empty if the fault has ended)
-        and the time at which it began.
+        """Changes that are not reported yet, keyed by joint name. Each holds the new kind of fault (empty if none)
+        and the time of the change.
         """
 
     def forget(self) -> None:

@@ -32,10 +32,10 @@ def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
 
 
 class PictureWatch:
-    """Latest image of the camera node, received in a thread and a ROS context of its own."""
+    """Receives the latest image of the camera node, in its own thread and ROS context."""
 
     def __init__(self, clock: Clock, namespace: str = "") -> None:
-        """Start to watch the camera node in a namespace; empty for the root namespace."""
+        """Start watching the camera node in a namespace; empty for the root namespace."""
         self._clock = clock
         self._newest: CompressedImage | None = None
         self._received_s = 0.0
@@ -50,7 +50,7 @@ class PictureWatch:
         return newest if self._clock.now() - self._received_s < GONE_S else None
 
     def close(self) -> None:
-        """End the watch."""
+        """Stop watching."""
         self._watching.close()
 
     def _on_picture(self, message: CompressedImage) -> None:

@@ -33,7 +33,7 @@ def client_node(name: str, namespace: str = "") -> Iterator[Client]:
 
 @contextmanager
 def client_nodes(names: Sequence[str], namespace: str = "") -> Iterator[list[Client]]:
-    """Provide several nodes, each with an executor of its own, for clients that run in several threads.
+    """Provide several nodes, each with its own executor, for clients that run in several threads.
 
     Raises:
         RosError: ROS 2 does not start.
@@ -54,7 +54,7 @@ def client_nodes(names: Sequence[str], namespace: str = "") -> Iterator[list[Cli
 
 
 class WatchingNode:
-    """A node in a thread and a ROS context of its own, for viewers that only watch."""
+    """A node with its own thread and ROS context, for viewers that only watch."""
 
     def __init__(self, name: str, namespace: str) -> None:
         """Create the node in a namespace; empty for the root namespace. Add subscriptions, then call ``start``."""
@@ -67,11 +67,11 @@ class WatchingNode:
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def start(self) -> None:
-        """Start to receive messages."""
+        """Start receiving messages."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and leave the ROS graph."""
+        """Stop the thread and leave the ROS graph."""
         self._executor.shutdown(timeout_sec=1.0)
         self._thread.join(1.0)
         self.node.destroy_node()

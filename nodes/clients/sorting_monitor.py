@@ -1,4 +1,4 @@
-"""Monitor the jobs that are started by camera images, through the topics of the sorting cell."""
+"""Use the topics of the sorting cell to monitor jobs that camera images have started."""
 
 import json
 from collections import deque

@@ -46,7 +46,7 @@ class NewestMessages:
         return self.diagnostics.get(LOOP_STATUS, {})
 
     def servo(self, joint: str) -> dict[str, str]:
-        """Return the diagnostic values of the servo of a joint."""
+        """Return the diagnostic values of a joint's servo."""
         for name, values in self.diagnostics.items():
             if name.startswith(f"servoloop: {joint} "):
                 return values
@@ -62,7 +62,7 @@ class StackMonitor:
         self._executor = executor
         namespace = namespace_of(node)
         self._prefix = f"{namespace}/" if namespace else ""
-        """Prefix of the statuses of this stack, because all namespaces share /diagnostics."""
+        """Prefix of this stack's statuses, because all namespaces share /diagnostics."""
         node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         node.create_subscription(JointTrajectoryControllerState, f"{arm}/controller_state", self._on_state, 50)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)

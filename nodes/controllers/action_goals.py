@@ -1,4 +1,4 @@
-"""Track the running goals of one action. Goals are accepted here, and the control loop decides their results."""
+"""Track the running goals of one action. This module accepts goals, and the control loop decides their results."""
 
 from collections.abc import Callable
 from functools import partial
@@ -48,7 +48,7 @@ def make_action_server(
         goal_callback=on_goal,
         handle_accepted_callback=on_accepted,
         cancel_callback=goals.on_cancel,
-        # With the default queue of ten, a client that floods the server would displace the requests of others.
+        # With the default queue of ten, a client that floods the server would displace other clients' requests.
         goal_service_qos_profile=EVERY_CALL,
         cancel_service_qos_profile=EVERY_CALL,
         result_service_qos_profile=EVERY_CALL,
@@ -107,7 +107,7 @@ class ActionGoals(Generic[Handle]):
                 server_goal.publish_feedback(feedback)
 
     def finish_decided(self) -> None:
-        """End the decided goals."""
+        """Finish the goals whose results are decided."""
         decided = [key for key in self._undecided if self._handles[key].done]
         for key in decided:
             _, future = self._undecided.pop(key)
@@ -121,7 +121,7 @@ class ActionGoals(Generic[Handle]):
         if key in self._undecided:
             await self._undecided[key][1]
         handle = self._handles.pop(key)
-        # If a cancel request was accepted at the moment the goal ended, the server considers the goal to be canceling.
+        # If a cancel request was accepted just as the goal finished, the server considers the goal to be canceling.
         # A canceling goal cannot succeed.
         if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
             server_goal.canceled()

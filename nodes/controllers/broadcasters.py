@@ -25,7 +25,7 @@ class HasInterfaces(Protocol):
         ...
 
     def values(self, state: JointState) -> Sequence[Sequence[float]]:
-        """Return the values by joint and interface."""
+        """Return the values of each joint, in the order of its interfaces."""
         ...
 
 

@@ -46,8 +46,8 @@ class ControllerNode:
             TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
         )
         self._specs = [spec]
-        """The original specification and all specifications created by parameter changes. The control loop may not use
-        the latest specification yet."""
+        """The original specification and all specifications created by parameter changes. The control loop possibly
+        does not use the latest specification yet."""
         self.controller: Controller | None = None
         """Controller to which the interface node belongs."""
         self._set_interface(None)
@@ -82,7 +82,7 @@ class ControllerNode:
                     self._every_cycle.publish_cycle(*cycle)
             if self._newest_cycle is not None:
                 self._newest_cycle.publish(stamp)
-        except Exception:  # An error must not keep the other controllers from publishing.
+        except Exception:  # An error must not prevent the other controllers from publishing.
             LOG.exception("controller %s stops publishing because of this error", self.node.get_name())
             self._set_interface(None)
 

@@ -20,8 +20,8 @@ class ControllerParameters:
     """ROS parameters of one controller. Names of nested parameters contain dots (``constraints.joint1.goal``).
 
     A parameter can be set if its name or the name of its group is in ``settable``. A parameter without a value can be
-    set until the controller is ``configured``. All others are read-only. The function ``change`` receives the new
-    parameters and raises ValueError to reject them.
+    set until the controller is ``configured``. All other parameters are read-only. The function ``change`` receives the
+    new parameters and raises ValueError to reject them.
     """
 
     def __init__(
@@ -54,7 +54,10 @@ class ControllerParameters:
         if not own:
             return SetParametersResult(successful=True)
         if (late := self._late & own.keys()) and self._configured():
-            reason = f"{', '.join(sorted(late))} can be set only before the controller is configured: clean it up first"
+            reason = (
+                f"{', '.join(sorted(late))} can be set only before the controller is configured: "
+                "clean up the controller"
+            )
             return SetParametersResult(successful=False, reason=reason)
         try:
             changed = changed_by(self._parameters, own)
@@ -88,7 +91,7 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
 
     Args:
         parameters: Current parameters.
-        values: New values by dotted name.
+        values: New values, keyed by dotted name.
 
     Raises:
         ValidationError: A value is invalid.

@@ -1,4 +1,4 @@
-"""Serve the action ``~/gripper_cmd`` of the gripper controllers, in both action types of ros2_control."""
+"""Serve the action ``~/gripper_cmd`` of the gripper controllers, with either of ros2_control's two action types."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -53,7 +53,7 @@ class GripperNode(ABC):
         return self._controller.joint
 
     def publish(self, stamp: Time) -> None:
-        """Publish feedback for the running goal, and send the results of ended goals."""
+        """Publish feedback for the running goal, and send the results of finished goals."""
         if not self._goals.waiting:
             return
         due = self._rate_limiter.due(stamp.sec + stamp.nanosec * 1e-9, self._controller.parameters.action_monitor_rate)

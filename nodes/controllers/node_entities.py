@@ -29,7 +29,7 @@ class NodeEntities:
         self._parameters = node.parameter_names
 
     def remove(self) -> None:
-        """Restore the node to its state at the creation of this object."""
+        """Restore the node to its state when this object was created."""
         node = self._node
         for waitable in _new(node.waitables, self._waitables):
             if isinstance(waitable, ActionServer | ActionClient):  # Other entities are removed with their owners.
@@ -38,7 +38,7 @@ class NodeEntities:
             for entity in _new(getattr(node, kind), before):
                 getattr(node, _DESTROY[kind])(entity)
         for remove, callback in _new(node.parameter_callbacks, self._callbacks):
-            with suppress(ValueError):  # The owner has already removed this entity.
+            with suppress(ValueError):  # The entity's owner has already removed it.
                 remove(callback)
         node.parameter_callbacks = self._callbacks
         for parameter in node.parameter_names - self._parameters:

@@ -26,7 +26,7 @@ NOTHING: Final = np.empty(0)
 class TrajectoryNode:
     """Interface node of a joint trajectory controller. The node publishes a state and feedback for each cycle.
 
-    Besides the goals, the node provides ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
+    In addition to the goals, the node provides ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
     ``~/query_state``.
     """
 
@@ -52,7 +52,7 @@ class TrajectoryNode:
             self._goals.newest = None
 
     def publish(self, stamp: Time) -> None:
-        """Send the results of ended goals, after the states of all cycles have been published."""
+        """Send the results of finished goals, after the states of all cycles have been published."""
         self._goals.under_way.finish_decided()
 
     def _on_scaling(self, message: SpeedScalingFactor) -> None:

@@ -131,7 +131,8 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was rejected. A bound method in the client limits would keep the node from being freed."""
+    """Publish why a message was rejected. This is a function, because a bound method in the client limits would prevent
+    the node from being freed."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

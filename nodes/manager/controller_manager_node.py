@@ -142,11 +142,11 @@ class ManagerNode:
         if message.data != self._stack.description.xml:
             self.node.get_logger().warning(
                 f"a different robot description on {self.node.resolve_topic_name('robot_description')} is ignored: "
-                "to use it, start the stack with its URDF (servoloop up --urdf FILE)"
+                "to use that description, start the stack with its URDF (servoloop up --urdf FILE)"
             )
 
     def _service(self, act: Callable[[Any], Request[None]]) -> Callable[[Any, Any], Awaitable[Any]]:
-        """Create a service callback that responds with ``ok`` and logs the reason of a failure."""
+        """Create a service callback that responds with ``ok`` and logs the reason for a failure."""
 
         async def serve(request: Any, response: Any) -> Any:
             try:
@@ -181,7 +181,7 @@ class ManagerNode:
 
     def _strictness(self, request: SwitchController.Request) -> Strictness:
         if request.strictness == 0:
-            self.node.get_logger().warning("strictness is not set: using BEST_EFFORT (1); set it to 2 for STRICT")
+            self.node.get_logger().warning("strictness is not set: using BEST_EFFORT (1). Use strictness 2 for STRICT.")
             return Strictness.BEST_EFFORT
         return Strictness(request.strictness)
 

@@ -36,7 +36,7 @@ POSES: Final = "sorting/perception/apple_poses"
 READ_S: Final = 1.0
 """Maximum time to wait for a frame, in seconds."""
 JOIN_S: Final = 5.0
-"""Maximum time to wait for the thread at the end, in seconds."""
+"""Maximum time to wait for the thread at shutdown, in seconds."""
 
 
 class CameraNode:
@@ -66,7 +66,7 @@ class CameraNode:
         node.create_timer(1.0, self._report)
 
     def stop(self) -> None:
-        """End the thread and release the camera."""
+        """Stop the thread and release the camera."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(JOIN_S)
@@ -91,7 +91,7 @@ class CameraNode:
                     self._publish(seen, intrinsics)
         except Exception as error:  # The node must report that it grades no images.
             self._set(GradingStatus(False, f"internal error: {type(error).__name__}: {error}"))
-            self._node.get_logger().error(printable_line(f"the camera has ended: {error!r}"))
+            self._node.get_logger().error(printable_line(f"the camera has stopped: {error!r}"))
         finally:
             loop.close()
 

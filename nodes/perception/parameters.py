@@ -31,13 +31,13 @@ OWN: Final[dict[str, tuple[Any, str]]] = {
     "camera_file": ("camera.yaml", "intrinsics, as camera_calibration or 'servoloop camera calibrate' writes them"),
     "pose_file": ("camera_pose.yaml", "pose above the plane, as 'servoloop camera plane' writes it"),
     "grades_file": ("", "thresholds of the grades; empty for the built-in thresholds"),
-    "detector": ("color", "color finds apples by their color, onnx with your own model"),
+    "detector": ("color", "color finds apples by their color; onnx uses your own model"),
     "model_file": ("", "ONNX file of the detector, in the layout of YOLOv8"),
     "classes_file": ("", "classes of the detector, and their grades"),
 }
 """Parameters of a camera that is connected to this machine."""
 KINDS: Final[dict[type, str]] = {str: "a text", float: "a number"}
-"""Descriptions of the types of parameters."""
+"""Descriptions of parameter types."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +64,11 @@ def declare(node: Node, name: str, default: Any, description: str) -> Any:
     value = node.declare_parameter(name, default, descriptor).value
     kind = type(default)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise PerceptionError(f"parameter '{name}' is {value!r}: give {KINDS[kind]}")
+        raise PerceptionError(f"parameter '{name}' is {value!r}: set it to {KINDS[kind]}")
     try:
         return kind(value)
     except ValueError:
-        raise PerceptionError(f"parameter '{name}' is {value!r}: give {KINDS[kind]}") from None
+        raise PerceptionError(f"parameter '{name}' is {value!r}: set it to {KINDS[kind]}") from None
 
 
 def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:

@@ -27,7 +27,7 @@ class SentGoals:
             node: Node of the client.
             settings: Timeouts.
             action: Type and name of the action.
-            reason: Function that returns the reason of a failure from the result of a goal.
+            reason: Function that returns the reason for a failure from the result of a goal.
         """
         self._settings = settings
         self._waiter = Waiter(node)

@@ -22,11 +22,11 @@ CANCEL_S: Final = 10.0
 """Maximum time for the result after a cancel, in seconds. The node takes up to 3 s for the response to its goal and 2 s
 for the confirmation that the arm has stopped."""
 GONE_S: Final = 3.5
-"""Time without an answer after which the server counts as gone, in seconds. A killed node leaves the graph only when
-its liveliness lease ends, after 20 s (Fast DDS)."""
+"""Minimum time without an answer after which the server counts as lost, in seconds. A killed node leaves the graph only
+when its liveliness lease expires, after 20 s (Fast DDS)."""
 GONE_CANCELED_S: Final = 0.8
 """Maximum time without an answer from the server after a cancel, in seconds. This limit is shorter than ``GONE_S``,
-because the user is waiting for the program to end."""
+because the user is waiting for the program to exit."""
 QUIET_S: Final = 120.0
 """Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
 15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""
@@ -91,7 +91,7 @@ class PickClient:
                 return self._cancel(handle, result)
             if self._pulse.silent_s() > GONE_S:
                 return PickOutcome(
-                    False, f"{self.action} disappeared: the node has ended; check its log. {_REMAINING_MOTION}"
+                    False, f"{self.action} disappeared: the node has exited. Check its log. {_REMAINING_MOTION}"
                 )
             if monotonic() - self._feedback_s > QUIET_S:
                 self._cancel(handle, result)
@@ -106,7 +106,7 @@ class PickClient:
             if self._pulse.silent_s() > GONE_CANCELED_S:
                 return PickOutcome(False, f"canceled, but {self.action} does not respond. {_REMAINING_MOTION}")
             if monotonic() > end_s:
-                text = f"canceled, but {self.action} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
+                text = f"canceled, but {self.action} did not confirm this within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
                 return PickOutcome(False, text)
             self._executor.spin_once(timeout_sec=_SPIN_S)
         return _outcome(result)

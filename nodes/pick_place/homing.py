@@ -25,7 +25,7 @@ class Homing:
         self._executor = executor
 
     def home(self, stop: Callable[[], bool]) -> JobOutcome:
-        """Open the hand, then move to the ready pose. The motion ends when ``stop`` returns True."""
+        """Open the hand, then move to the ready pose. The motion stops when ``stop`` returns True."""
         self._arm.hand(self._settings.hand_open_m)
         opened_s = monotonic() + OPEN_S
         while monotonic() < opened_s and not stop():

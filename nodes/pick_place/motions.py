@@ -45,7 +45,7 @@ def _planned(node: Node, settings: PoseSettings) -> ArmMotions:
     try:
         from nodes.pick_place.planned_arm import PlannedArm  # The messages of the planner may not be installed.
     except ModuleNotFoundError as error:
-        raise RosError(f"motion: poses needs the package {error.name}: run `make setup`") from error
+        raise RosError(f"motion: poses needs the package {error.name}. Run `make setup`") from error
     planner = PlannedArm(node, settings)
     missing = "the motion planner is not available yet: start `servoloop plan-server` or MoveIt"
     return ArmMotions(planner, lambda: PoseMotions(settings, planner), missing)

@@ -102,7 +102,7 @@ class PlannedArm:
             return outcome
         name, scene = self._settings.target.name, response.scene
         attached = name in {held.object.id for held in scene.robot_state.attached_collision_objects}
-        # MoveIt moves a detached object into the world, so it must also be removed from there.
+        # MoveIt moves a detached object into the world, so the object must also be removed from the world.
         laid = name in {item.id for item in scene.world.collision_objects} and not only_attached
         if not (attached or laid):
             return JobOutcome(True)

@@ -1,4 +1,4 @@
-"""Check whether an action server still answers, because the middleware notices a killed node only after 20 s."""
+"""Check whether an action server still responds, because the middleware notices a killed node only after 20 s."""
 
 from time import monotonic
 from typing import Final
@@ -27,7 +27,7 @@ class ServerPulse:
         self.begin()
 
     def begin(self) -> None:
-        """Begin to watch a server that has just answered."""
+        """Start watching a server that has just answered."""
         self._forget()
         self._answered_s = monotonic()
         self._asked_s = 0.0

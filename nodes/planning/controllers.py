@@ -22,11 +22,11 @@ ANSWER_S: Final = 3.0
 CANCEL_S: Final = 10.0
 """Maximum time for a controller to stop after a cancel, in seconds."""
 SLACK: Final = 2.0
-"""Factor on the duration of a trajectory. A controller that takes longer, plus ``SLACK_S``, counts as stuck."""
+"""Factor in the time limit of a trajectory, which is ``SLACK`` times the duration plus ``SLACK_S``."""
 SLACK_S: Final = 10.0
-"""Time added to the duration times ``SLACK``, in seconds."""
+"""Time added to the limit, in seconds. A controller that exceeds the limit counts as stuck."""
 REST_S: Final = 0.4
-"""Time without motion after which the joints of a forward controller are at rest, in seconds."""
+"""Time without motion after which the joints of a forward controller count as at rest, in seconds."""
 CLOSE: Final = 2e-3
 """Maximum distance from the command at which a joint counts as arrived, in rad or m."""
 STILL: Final = 5e-4
@@ -66,7 +66,7 @@ class RouteController(Protocol):
 
 
 def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> dict[str, RouteController]:
-    """Return the controllers of the stack by name."""
+    """Return the controllers of the stack, keyed by name."""
     makers: dict[str, Callable[[Route], RouteController]] = {
         "trajectory": lambda route: ActionController(node, route, FollowJointTrajectory, "follow_joint_trajectory"),
         "gripper": lambda route: ActionController(node, route, GripperCommand, "gripper_cmd"),
@@ -94,7 +94,7 @@ class ActionController:
         sent = self._client.send_goal_async(self._goal(trajectory))
         if not await self._waiter.until(ANSWER_S, sent):
             sent.add_done_callback(_cancel_if_accepted)
-            return f"{self.route.name} did not answer within {ANSWER_S:g} s: check the log of the stack"
+            return f"{self.route.name} did not respond within {ANSWER_S:g} s: check the log of the stack"
         handle = sent.result()
         if not handle.accepted:
             return f"{self.route.name} rejected the trajectory: the log of the stack contains the reason"

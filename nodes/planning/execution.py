@@ -51,7 +51,7 @@ class Running:
 
 
 class Execution:
-    """Executor of trajectories. Motions of different controllers may run at the same time."""
+    """Executes trajectories. Motions of different controllers may run at the same time."""
 
     def __init__(self, node: Node, robot: PlanningRobot, store: WorldStore, workers: Workers) -> None:
         self._node = node
@@ -62,7 +62,7 @@ class Execution:
         self._all = GroupPlanner(robot.model, robot.limits, Group("all joints", tuple(robot.limits)))
         self._running: list[Running] = []
         self.controllers: Mapping[str, RouteController] = {}
-        """Controllers of the stack by name."""
+        """Controllers of the stack, keyed by name."""
         self.idle = Future()
         """Future that is done when no motion is running after ``stop_all``."""
         store.listeners.append(self._check_all)
@@ -130,7 +130,7 @@ class Execution:
         except RequestError as error:
             reason = str(error)
         if reason and not stop.requested:
-            stop.request("CONTROL_FAILED", reason)  # The other controllers stop, too.
+            stop.request("CONTROL_FAILED", reason)  # The other controllers also stop.
         return reason
 
     def _chosen(self, message: JointTrajectory, names: Sequence[str]) -> list[RouteController]:
@@ -159,7 +159,7 @@ class Execution:
         return ", ".join(joint for one in usable for joint in one.route.joints)
 
     def _check_start(self, message: JointTrajectory, now: Snapshot) -> None:
-        """Check that the arm is at the start of the trajectory. Otherwise, the arm would jump there.
+        """Check that the arm is at the start of the trajectory. Otherwise, the arm would jump to the start.
 
         This check is skipped for a trajectory with one point or with a first point after time 0, because such a
         trajectory has no start.
@@ -172,7 +172,7 @@ class Execution:
             if abs(at - position) > START_RAD:
                 raise RequestError(
                     "CONTROL_FAILED",
-                    f"the trajectory begins with {joint} at {position:.3f}, but it is at {at:.3f}: plan again",
+                    f"the trajectory begins with {joint} at {position:.3f}, but the joint is at {at:.3f}: plan again",
                 )
 
     async def _check_first(self, running: Running, now: Snapshot, must_be_free: bool) -> None:

@@ -27,7 +27,7 @@ NAME: Final = "move_group"
 STOP_TOPIC: Final = "trajectory_execution_event"
 """Topic on which RViz stops all motions."""
 POLL_S: Final = 0.05
-"""Period of the checks at the end for motions that are still running, in seconds."""
+"""Period of the checks for motions that are still running at shutdown, in seconds."""
 END_S: Final = 12.0
 """Maximum time until all motions have stopped when the program exits, in seconds."""
 
@@ -53,10 +53,11 @@ class MoveGroupNode:
         group = ReentrantCallbackGroup()
         node.create_subscription(String, STOP_TOPIC, self._on_event, 10, callback_group=group)
         node.create_timer(CHECK_S, self._look_for_others, callback_group=group)
-        self._actions = MoveActions(node, planning, execution)  # created last, because clients wait for /move_action
+        # The actions are created last, because clients wait for /move_action.
+        self._actions = MoveActions(node, planning, execution)
 
     async def stop(self, reason: str) -> None:
-        """Stop all motions along their paths, and wait until they have ended."""
+        """Stop all motions along their paths, and wait until the motions have stopped."""
         self._actions.stop_all("PREEMPTED", reason)
         for _ in range(round(END_S / POLL_S)):
             if self._actions.is_idle:

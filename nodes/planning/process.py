@@ -18,8 +18,8 @@ from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
 
 OTHER: Final = (
-    "another node is named {}: MoveIt or another servoloop plan-server is running; "
-    "end that program first, because both would move the arm"
+    "another node is named {}, so MoveIt or another servoloop plan-server is running. "
+    "Stop that program first, because both programs would move the arm"
 )
 """Message if another server with the name in the braces is in the ROS graph."""
 
@@ -77,7 +77,7 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
             executor.create_task(stop, failures[0])
 
     server = MoveGroupNode(node, robot, routes, on_other)
-    on_stop_signal(lambda: executor.create_task(stop, "the planning server ends"))
+    on_stop_signal(lambda: executor.create_task(stop, "the planning server exits"))
     try:
         ready()
         spin_until_done(executor, stopped)

@@ -168,7 +168,7 @@ class QueryServices:
     def _set_parameters(self, request: Any, response: Any) -> Any:
         if request.params.keys:
             names = ", ".join(request.params.keys)
-            self._log.warning(printable_line(f"planner parameters have no effect here: {names}"))
+            self._log.warning(printable_line(f"planner parameters have no effect in this server: {names}"))
         return response
 
     def _urdf(self, request: Any, response: Any) -> Any:

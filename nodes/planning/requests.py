@@ -36,13 +36,13 @@ DEFAULT_TIME_S: Final = 5.0
 LONGEST_TIME_S: Final = 60.0
 """Maximum time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
-"""Maximum number of searches for a request, regardless of the number of attempts that it asks for."""
+"""Maximum number of searches for a request, regardless of the number of attempts in the request."""
 SLOWEST: Final = 1e-3
 """Minimum scaling factor."""
 IK_POSITION_M: Final = 1e-4
-"""Tolerance of the position of an inverse kinematics request, in m."""
+"""Position tolerance of an inverse kinematics request, in m."""
 IK_TURN_RAD: Final = 1e-3
-"""Tolerance of the orientation of an inverse kinematics request, in rad."""
+"""Orientation tolerance of an inverse kinematics request, in rad."""
 
 
 @dataclass(frozen=True, slots=True)

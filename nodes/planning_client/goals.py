@@ -88,7 +88,7 @@ def motion_goal(group: str, constraints: Constraints, speed: float, planning_tim
     Args:
         group: Planning group.
         constraints: Constraints of the goal.
-        speed: Fraction of the limits of velocity and acceleration.
+        speed: Fraction of the velocity and acceleration limits.
         planning_time_s: Maximum time to plan, in seconds.
     """
     goal = MoveGroup.Goal()

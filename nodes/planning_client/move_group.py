@@ -44,7 +44,7 @@ class UserInterruptError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class PlannedMotion:
-    """Result of a motion."""
+    """Result of a planned motion."""
 
     planning_time_s: float
     duration_s: float
@@ -145,7 +145,7 @@ class MoveGroupClient:
             if monotonic() - seen_s > GONE_S:
                 raise PlannerError("move_group disappeared during the motion: check its log")
             if monotonic() > end_s:
-                raise PlannerError(f"the motion has not ended within {timeout_s:.0f} s; it is canceled")
+                raise PlannerError(f"the motion did not finish within {timeout_s:.0f} s and is canceled")
 
     def _call(self, service: Any, name: str, request: Any) -> Any:
         name = self._node.resolve_service_name(name)

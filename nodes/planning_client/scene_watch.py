@@ -54,7 +54,7 @@ class WatchedScene:
 
 @dataclass(slots=True)
 class SceneWatch:
-    """Watcher of move_group, if it is running. Any thread may read ``newest``."""
+    """Watches move_group, if it is running. Any thread may read ``newest``."""
 
     newest: WatchedScene = field(default_factory=WatchedScene)
     namespace: str = ""
@@ -66,7 +66,7 @@ class SceneWatch:
     _client: Any = None
 
     def start(self) -> None:
-        """Start to watch, in a separate thread and ROS context."""
+        """Start watching, in a separate thread and ROS context."""
         self._watching = WatchingNode("servoloop_view", self.namespace)
         node = self._watching.node
         node.create_subscription(PlanningScene, "monitored_planning_scene", self._on_scene, 10)
@@ -76,7 +76,7 @@ class SceneWatch:
         self._watching.start()
 
     def close(self) -> None:
-        """End the watch."""
+        """Stop watching."""
         if self._watching is not None:
             self._watching.close()
 

@@ -28,7 +28,7 @@ STATUSES_PER_S, STATUSES_AT_ONCE = 5.0, 10
 REPORT_INTERVAL_S: Final = 1.0
 """Minimum time between two reports about rejected messages on one topic, service or action, in seconds."""
 TOO_OFTEN: Final = (
-    f"goals come too often: all clients share {GOALS_PER_S:g} goals per second; send fewer goals, or a trajectory with "
+    f"goals come too often. All clients share {GOALS_PER_S:g} goals per second. Send fewer goals, or a trajectory with "
     "many points"
 )
 
@@ -57,7 +57,7 @@ class ClientLimits:
         """Report that a message on a topic, service or action is too large."""
         megabytes = f"{self.bytes / 1e6:g} MB"
         self._refuse(
-            name, f"it is larger than {megabytes}: send smaller messages, or raise {PARAMETER} of /controller_manager"
+            name, f"it is larger than {megabytes}. Send smaller messages, or raise {PARAMETER} of /controller_manager"
         )
 
     def refuse_rate(self, name: str) -> None:

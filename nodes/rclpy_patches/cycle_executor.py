@@ -2,8 +2,8 @@
 
 At each wake-up, rclpy's executor collects the entities of all nodes and builds a new wait set, twice for each message.
 With the hundred entities of a stack, this takes 1 to 1.5 ms each time. This executor builds a new wait set only after
-the entities have changed. It relies on private parts of rclpy's executor:
-tasks, guard conditions and take functions.
+the entities have changed. The executor relies on private parts of rclpy's executor: tasks, guard conditions and take
+functions.
 """
 
 import inspect
@@ -154,8 +154,8 @@ class CycleExecutor(SingleThreadedExecutor):
     def _hold(
         self, nodes: Iterable[Node], kind: str, take: Take, add: Callable[..., None]
     ) -> dict[int, tuple[Entity, Node, Take]]:
-        """Collect the entities of one kind by handle pointer, because the wait set identifies ready entities by these
-        pointers."""
+        """Collect the entities of one kind, keyed by handle pointer, because the wait set identifies ready entities by
+        these pointers."""
         found = {}
         for entity, node in self._executable(nodes, kind):
             try:

@@ -1,9 +1,9 @@
 """Release the GIL while the middleware sends and takes messages. Supports rclpy 7.1.5.
 
-rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients come and
-go (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each response to a
-client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these waits, and
-therefore no control cycle runs.
+rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients connect
+and disconnect (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each
+response to a client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these
+waits, and therefore no control cycle runs.
 
 The functions of rcl_calls.py replace twelve methods of rclpy and call the same C functions through ctypes. Messages
 that are too large or too frequent are not converted to Python (see client_limits.py).
@@ -37,7 +37,7 @@ _SIGNATURES: Final = {
         "publish_status": f"(self: {_C}.ActionServer) -> None",
     },
 }
-"""Signatures of the replaced C methods by class, as pybind11 documents them."""
+"""Signatures of the replaced C methods, keyed by class, as pybind11 documents them."""
 _SEND_RESPONSE: Final = ("self", "response", "header")
 """Parameters of ``Service.send_response``, the only replaced method written in Python."""
 _FIELDS: Final = {

@@ -2,7 +2,7 @@
 
 Without a patch, the stack still runs, but with a limitation that it reports in a warning.
 
-Patches depend on the layouts of C structures. A patch that does not fit could crash the process that controls the arm.
+Patches depend on the layouts of C structures. An unsuitable patch could crash the process that controls the arm.
 Each patch is therefore used only with the rclpy versions with which it was tested, and only if its checks find no
 difference.
 """

@@ -1,6 +1,6 @@
 """Measure the size of a C message before its conversion to Python.
 
-The conversion holds the GIL. It does not release the GIL within a list of numbers. With 200,000 trajectory points, the
+The conversion holds the GIL and does not release it within a list of numbers. With 200,000 trajectory points, the
 control loop has to compete for the GIL for almost two seconds. The offsets of the fields come from the introspection
 type support. The structures of the type support (message_introspection.h of Jazzy) are defined in this module.
 """

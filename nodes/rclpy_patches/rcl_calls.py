@@ -86,7 +86,7 @@ _RCUTILS.rcutils_get_error_string.restype = _ErrorText
 
 
 class _Kind:
-    """Functions of a message type that convert messages to C and back. They hold the GIL."""
+    """Functions of a message type that convert messages to C and back. These functions hold the GIL."""
 
     def __init__(self, kind: Any) -> None:
         self._create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(capsule_address(kind._CREATE_ROS_MESSAGE))

@@ -1,5 +1,5 @@
-"""Run the node of an arm under another controller manager: receive commands in one thread, publish states in
-another."""
+"""Run the node of an arm that another controller manager drives. One thread receives commands, and another thread
+publishes states."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -44,7 +44,7 @@ class TopicHostInterface:
         self._executor.post()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all cycles are published, and return whether this was done in
+        """Wait at most ``longest_s`` seconds until all cycles are published. Return whether they were published in
         time."""
         return self._publisher.wait_until_published(longest_s)
 
@@ -52,14 +52,14 @@ class TopicHostInterface:
         """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end this loop.
 
         Raises:
-            RosError: This stack has just started, and there is another one with the same name.
+            RosError: This stack has just started, and another stack with the same name is running.
         """
         others = self._host.others
         self._serve(lambda: stop() or others.must_end)
         others.require_none()
 
     def finish(self) -> None:
-        """Publish the last states after the control loop has ended."""
+        """Publish the last states after the control loop has stopped."""
         self._publisher.stop()
         deadline_s = monotonic() + FINISH_S
         self._serve(lambda: monotonic() > deadline_s)

@@ -42,7 +42,7 @@ class HostNode:
         self.node = node = ParameterNode(NAME, ros_time)
         self._stack, self._controller = stack, controller
         self._commands = node.resolve_topic_name(topics.commands)
-        """Name of the topic of the commands."""
+        """Name of the command topic."""
         context = stack.factory.context
         self._broadcaster = JointStateBroadcaster.build(NAME, BroadcasterParameters(), context)
         self._message = JointStateMessage(name=list(self._broadcaster.names))
@@ -53,7 +53,7 @@ class HostNode:
         node.create_timer(DIAGNOSTICS_S, self._report)
         self.others = OtherNodes(node, OTHER)
         self._senders = 0
-        """Number of publishers of commands."""
+        """Number of programs that publish commands."""
         self._state: JointState | None = None
         self._unpublished = ""
         """Reason why the latest state was not published; empty if it was published."""
@@ -62,7 +62,7 @@ class HostNode:
         """Reason and time (in seconds) of the last report about a refused message."""
 
     def publish(self, state: JointState, stamp: Time) -> None:
-        """Publish the states of all joints, or none if a joint was not measured in this cycle.
+        """Publish the states of all joints, or no states if a joint was not measured in this cycle.
 
         The plug-in does not check the age of a state. The plug-in keeps the last message.
         """
@@ -100,7 +100,7 @@ class HostNode:
             self._controller.lose(f"no program publishes on {self._commands} any longer")
         elif self._senders > max(before, 1):
             self.node.get_logger().warning(
-                f"{self._senders} programs publish on {self._commands}, and the arm follows them all: end all but one"
+                f"{self._senders} programs publish on {self._commands}, and the arm follows all of them: keep only one"
             )
 
     def _report(self) -> None:

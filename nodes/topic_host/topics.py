@@ -1,13 +1,13 @@
-"""Name the node of an arm under another controller manager, and its topics. Imports no ROS package."""
+"""Names of the node and the topics of an arm that another controller manager drives. Imports no ROS package."""
 
 from dataclasses import dataclass
 from typing import Final
 
 NAME: Final = "servoloop_topic_host"
-"""Name of the node of the arm."""
+"""Name of the arm's node."""
 OTHER: Final = (
-    "another node is named {}, so the commands of ros2_control would move the arms of both: end the other topic-host, "
-    "or choose another --namespace or another ROS_DOMAIN_ID for this one"
+    "another node is named {}, so the commands of ros2_control would move the arms of both nodes: stop the other "
+    "topic-host, or choose another --namespace or another ROS_DOMAIN_ID for this topic-host"
 )
 """Message if another node with the name in the braces is in the ROS graph."""
 STATES = "robot_joint_states"
@@ -18,7 +18,7 @@ COMMANDS = "robot_joint_commands"
 
 @dataclass(frozen=True, slots=True)
 class HostTopics:
-    """Topics of an arm under another controller manager."""
+    """Topics of an arm that another controller manager drives."""
 
     states: str = STATES
     """Topic on which the arm publishes its joint states."""

@@ -14,12 +14,12 @@ from perception.frames import Picture
 
 MARKERS: Final = cv2.aruco.DICT_5X5_50
 MARKER_SHARE: Final = 0.74
-"""Side length of a marker, as a share of the side length of a square."""
+"""Side length of a marker, as a fraction of the side length of a square."""
 LEAST_CORNERS: Final = 8
 """Minimum number of corners for a view to be used."""
 LEAST_WIDTH: Final = 0.45
-"""Smallest width of the corners of a view, as a share of a square. Two rows of corners have 0.5, and one row has 0. A
-row with a few more corners does not determine the pose of the board."""
+"""Minimum width of a view's corners, as a fraction of a square. Two rows of corners have 0.5, and one row has 0. A row
+with a few more corners does not determine the pose of the board."""
 A4_M: Final = (0.297, 0.210)
 """Width and height of the page, in m."""
 POINT_M: Final = 0.0254 / 72.0
@@ -49,43 +49,43 @@ class Board:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardView:
-    """The corners of a board in one picture."""
+    """The corners of a board in one image."""
 
     corners_m: FloatArray
     """Corners (n, 2) on the board, in m: x to the right and y down from its top left corner."""
     pixels: FloatArray
-    """Their pixels (n, 2)."""
+    """Pixels of these corners (n, 2)."""
     size: tuple[int, int]
-    """Width and height of the picture, in pixels."""
+    """Width and height of the image, in pixels."""
 
 
 class BoardDetector:
-    """Detector that finds a board in pictures."""
+    """Detector that finds a board in images."""
 
     def __init__(self, board: Board) -> None:
         self._board = board.detector_board()
         self._detector = cv2.aruco.CharucoDetector(self._board)
 
     def view(self, picture: Picture) -> BoardView:
-        """Find the board in an RGB picture (height, width, 3).
+        """Find the board in an RGB image (height, width, 3).
 
         Raises:
-            CalibrationRefused: The picture does not show enough of the board.
+            CalibrationRefused: The image does not show enough of the board.
         """
         gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         corners, ids, _, _ = self._detector.detectBoard(gray)
         count = 0 if ids is None else len(ids)
         if count < LEAST_CORNERS:
             raise CalibrationRefused(
-                f"the picture shows {count} corners of the board, but at least {LEAST_CORNERS} are needed: bring the "
-                f"whole board into the picture, flat and without reflections"
+                f"the image shows {count} corners of the board, but at least {LEAST_CORNERS} are needed: bring the "
+                f"whole board into the image, flat and without reflections"
             )
         points, pixels = self._board.matchImagePoints(corners, ids)
         flat = np.asarray(points, dtype=np.float64).reshape(-1, 3)[:, :2]
         if _width_m(flat) < LEAST_WIDTH * self._board.getSquareLength():
             raise CalibrationRefused(
-                f"the picture shows {count} corners of the board, but almost all on one line: bring the whole board "
-                "into the picture"
+                f"the image shows {count} corners of the board, but almost all of them are on one line: bring the "
+                "whole board into the image"
             )
         return BoardView(
             flat, np.asarray(pixels, dtype=np.float64).reshape(-1, 2), (picture.shape[1], picture.shape[0])
@@ -99,7 +99,7 @@ def _width_m(corners_m: FloatArray) -> float:
 
 
 def board_picture(board: Board, square_px: int = 120) -> NDArray[np.uint8]:
-    """Return the board as a gray picture (rows * square_px, columns * square_px), without a margin."""
+    """Return the board as a gray image (rows * square_px, columns * square_px), without a margin."""
     size = (board.columns * square_px, board.rows * square_px)
     return np.asarray(board.detector_board().generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
 

@@ -1,4 +1,4 @@
-"""Collect views of a board from a stream of pictures, one view for each new pose in which the board is held still."""
+"""Collect views of a board from a stream of images, one view for each new pose in which the board is held still."""
 
 from typing import Final
 
@@ -9,9 +9,9 @@ from perception.errors import CalibrationRefused
 from perception.frames import Picture
 
 STILL_PX: Final = 2.5
-"""Largest mean motion of the corners between two frames at which a board counts as held still, in pixels."""
+"""Maximum mean motion of the corners between two frames at which a board counts as held still, in pixels."""
 NEW_SHARE: Final = 0.05
-"""Smallest mean distance of the corners from those of each earlier view, as a share of the width of the picture."""
+"""Minimum mean distance of the corners from those of each earlier view, as a fraction of the width of the image."""
 
 
 class ViewCollector:
@@ -23,11 +23,11 @@ class ViewCollector:
         self.views: list[BoardView] = []
 
     def offer(self, picture: Picture, still: bool = True) -> bool:
-        """Add the view in a picture if the picture shows the board in a new pose.
+        """Add the view in an image if the image shows the board in a new pose.
 
         Args:
-            picture: RGB picture (height, width, 3).
-            still: Whether the board must be held still since the previous picture.
+            picture: RGB image (height, width, 3).
+            still: Whether the board must be held still since the previous image.
 
         Returns:
             Whether a view was added.

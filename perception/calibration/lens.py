@@ -14,14 +14,14 @@ from perception.intrinsics import Intrinsics
 
 LEAST_VIEWS: Final = 8
 LEAST_TILT_RAD: Final = 0.26
-"""Smallest spread of the directions from which the views show the board. A smaller angle does not determine the lens.
+"""Minimum spread of the directions from which the views show the board. A smaller angle does not determine the lens.
 """
 LEAST_COVERED: Final = 0.3
-"""Smallest share of the picture in which all views together must show corners."""
+"""Minimum fraction of the image in which all views together must show corners."""
 MOST_ERROR_PX: Final = 1.0
-"""Largest RMS reprojection error, in pixels. With a sharp camera, the error is about 0.2."""
+"""Maximum RMS reprojection error, in pixels. With a sharp camera, the error is about 0.2."""
 CELLS: Final = 6
-"""The picture is divided into 6 × 6 cells to measure how much of it the views cover."""
+"""The image is divided into 6 × 6 cells to measure how much of it the views cover."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +36,15 @@ class LensReport:
     tilt_rad: float
     """Largest angle between the directions from which two views show the board, in rad."""
     covered: float
-    """Share of the picture in which all views together show corners."""
+    """Fraction of the image in which all views together show corners."""
 
 
 def calibrate_lens(views: Sequence[BoardView], name: str = "camera") -> LensReport:
     """Calibrate a camera.
 
-    Args: views: At least ``LEAST_VIEWS`` views of one board, from different sides. name: Name of the camera.
+    Args:
+        views: At least ``LEAST_VIEWS`` views of one board, from different sides.
+        name: Name of the camera.
 
     Raises:
         CalibrationRefused: The views do not determine the intrinsics, or contradict each other.
@@ -79,12 +81,12 @@ def _check(tilt_rad: float, covered: float, error_px: float) -> None:
         )
     if covered < LEAST_COVERED:
         raise CalibrationRefused(
-            f"the views cover only {100 * covered:.0f} % of the picture: move the board to all corners of the picture"
+            f"the views cover only {100 * covered:.0f} % of the image: move the board to all corners of the image"
         )
     if not error_px <= MOST_ERROR_PX:
         raise CalibrationRefused(
             f"the reprojection error is {error_px:.2f} pixels: check that the board is flat and that the size of its "
-            "squares is right, and take sharp pictures"
+            "squares is right, and take sharp images"
         )
 
 

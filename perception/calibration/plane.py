@@ -1,7 +1,7 @@
 """Find the pose of a camera above the table from one view of a board that lies on the table.
 
 The position of the board in base_link is measured with a ruler. This is more accurate than a measurement with an arm
-that has small servos: their repeatability of 1 to 2 degrees would shift the result by centimeters.
+that has small servos. Their repeatability of 1 to 2 degrees would shift the result by centimeters.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from perception.errors import CalibrationRefused
 from perception.intrinsics import Intrinsics, check_size
 
 MOST_ERROR_PX: Final = 1.5
-"""Largest RMS reprojection error, in pixels."""
+"""Maximum RMS reprojection error, in pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """Position and direction of a board on the table, in base_link."""
+    """Position and direction of a board on the table, in the frame base_link."""
 
     x_m: float
     y_m: float
@@ -30,7 +30,7 @@ class BoardPlace:
     yaw_rad: float = 0.0
     """Direction of the upper edge from left to right: 0 is along x, and pi / 2 is along y."""
     height_m: float = 0.0
-    """z of the surface of the board, in m."""
+    """z of the board's surface, in m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

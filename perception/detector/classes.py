@@ -40,7 +40,7 @@ class _File(BaseModel):
 
 
 def read_classes(path: Path) -> DetectorClasses:
-    """Read the classes of a detector and their grades. Raise GradesFileError with the line of every mistake."""
+    """Read the classes of a detector and their grades. Raise GradesFileError with the line of every error."""
     file = load(path, _File, GradesFileError)
     grades = tuple(file.grades.get(name, "").strip().upper() for name in file.classes)
     return DetectorClasses(grades, file.least_score, file.most_overlap)

@@ -11,27 +11,27 @@ from hal.types import FloatArray
 from perception.frames import Picture
 
 GRAY: Final = 114
-"""Gray value of the margins that fit a picture to the input of a detector."""
+"""Gray value of the margins that fit an image to the input of a detector."""
 MOST_BOXES: Final = 300
 """Number of boxes with the highest scores that are compared with each other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """One object in a picture."""
+    """One object in an image."""
 
     box_px: FloatArray
-    """Left, top, right and bottom (4,), in pixels of the picture."""
+    """Left, top, right and bottom (4,), in pixels of the image."""
     label: int
     """Number of the class."""
     score: float
 
 
 def fitted(picture: Picture, size: tuple[int, int]) -> tuple[NDArray[np.float32], float, FloatArray]:
-    """Scale a picture to the input of a detector, with margins.
+    """Scale an image to the input of a detector, with margins.
 
     Args:
-        picture: RGB picture (height, width, 3).
+        picture: RGB image (height, width, 3).
         size: Width and height of the input.
 
     Returns:

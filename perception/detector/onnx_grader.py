@@ -37,11 +37,11 @@ class OnnxGrader:
         self._run(picture)  # a model with the wrong output is rejected before the first frame
 
     def grade(self, picture: Picture) -> list[GradedApple]:
-        """Grade the apples of an RGB picture (height, width, 3), as ``Grader.grade`` does.
+        """Grade the apples of an RGB image (height, width, 3), as ``Grader.grade`` does.
 
         Raises:
             DetectorError: The model fails.
-            PictureRefused: The picture has the wrong resolution, or is black or overexposed.
+            PictureRefused: The image has the wrong resolution, or is black or overexposed.
         """
         output, scale, margin = self._run(picture)
         found = decoded(output, self._classes.least_score, self._classes.most_overlap)
@@ -84,14 +84,16 @@ def _session(path: Path) -> Any:
     except ModuleNotFoundError as error:
         raise DetectorError("a detector needs onnxruntime: install the extra onnx") from error
     if not path.is_file():
-        raise DetectorError(f"model {path} does not exist: name an ONNX file")
+        raise DetectorError(f"model {path} does not exist: specify an ONNX file")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # the other processors are left to the control loop
     options.log_severity_level = 4
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime has an error class for each status
-        raise DetectorError(f"{path} is not an ONNX model that can run: {_line(error)}: export it again") from error
+        raise DetectorError(
+            f"{path} is not an ONNX model that can run: {_line(error)}: export the model again"
+        ) from error
 
 
 def _line(error: Exception) -> str:

@@ -1,1 +1,1 @@
-"""Grade the apples of a picture: find and measure them, judge their skin, and compare the results with thresholds."""
+"""Grade the apples of an image: find and measure them, judge their skin, and compare the results with thresholds."""

@@ -1,6 +1,6 @@
 """Move the outline of an apple to the middle of the transition from its color to the color of its surroundings.
 
-The mask of colored pixels ends where the color differs enough from the table. In a blurred picture, this line is
+The mask of colored pixels ends where the color differs enough from the table. In a blurred image, this line is
 outside an apple that is brighter than the table, and inside an apple that is darker.
 """
 
@@ -21,11 +21,11 @@ STEP_PX: Final = 0.25
 ENDS: Final = 5
 """Number of samples at each end that are averaged as the color of the apple and as that of its surroundings."""
 LEAST_CONTRAST: Final = 0.1
-"""Smallest distance of the two colors, as a share of the brighter one, at which a point of the outline is moved."""
+"""Minimum distance of the two colors at which a point of the outline is moved, as a fraction of the brighter color."""
 
 
 def at_transitions(outline: Outline, relative: Pixels) -> Outline:
-    """Return the outline with its points (n, 2) moved to the transitions in a picture.
+    """Return the outline with its points (n, 2) moved to the transitions in an image.
 
     Args:
         outline: The outline, within about 3 pixels of the transitions.
@@ -48,13 +48,13 @@ def at_transitions(outline: Outline, relative: Pixels) -> Outline:
 
 
 def _sampled(relative: Pixels, places: FloatArray) -> FloatArray:
-    """Return the colors (n, m, 3) of a picture at pixels (n, m, 2)."""
+    """Return the colors (n, m, 3) of an image at pixels (n, m, 2)."""
     x, y = (np.ascontiguousarray(places[..., i], dtype=np.float32) for i in (0, 1))
     return np.asarray(cv2.remap(relative, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
 
 
 def _crossing(shares: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the outermost offset (n,) at which the share (n, m) of the inner color rises above a half."""
+    """Return the outermost offset (n,) at which the fraction (n, m) of the inner color rises above a half."""
     above = shares > 0.5
     last = shares.shape[1] - 1 - np.argmax(above[:, ::-1], axis=1)
     last = np.clip(last, 0, shares.shape[1] - 2)

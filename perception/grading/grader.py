@@ -1,4 +1,4 @@
-"""Grade the apples of pictures from one calibrated camera."""
+"""Grade the apples of images from one calibrated camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,33 +19,33 @@ from perception.grading.skin import VisibleSkin, rim_px, skin_of
 from perception.grading.spheres import AppleSphere, fit_sphere
 
 MOST_ERROR: Final = 0.12
-"""Largest mean distance of the outline of an apple from a circle, as a share of its radius."""
+"""Maximum mean distance of an apple's outline from a circle, as a fraction of its radius."""
 MOST_OUTLINES: Final = 100
-"""Maximum number of outlines that are examined in a picture."""
+"""Maximum number of outlines that are examined in an image."""
 BESIDE: Final = 1.15
 """Squared distance from the center of an apple beyond which a pixel belongs to another apple. The outline is at 1."""
 MOST_COVERED: Final = 0.015
-"""Largest share of an apple without color, apart from spots inside its outline. A larger share is another object in
-front of the apple, such as a finger."""
+"""Maximum fraction of an apple without color, apart from spots inside its outline. A larger fraction is another object
+in front of the apple, such as a finger."""
 LEAST_SKIN: Final = 25
 """Minimum number of pixels for the skin of an apple to be judged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GradedApple:
-    """One apple of a picture."""
+    """One apple of an image."""
 
     grade: str
     """Name of the grade; empty if the apple has no grade."""
     diameter_mm: float
     red_ratio: float
-    """Share of the visible surface that is red, from 0 to 1."""
+    """Fraction of the visible surface that is red, from 0 to 1."""
     defect_score: float
-    """Share of the visible surface that is dark or brown, from 0 to 1."""
+    """Fraction of the visible surface that is dark or brown, from 0 to 1."""
     position_m: FloatArray
     """Center (3,) in base_link, in m."""
     box_px: tuple[int, int, int, int]
-    """Left, top, width and height in the picture, in pixels."""
+    """Left, top, width and height in the image, in pixels."""
     reason: str = ""
     """Reason why the apple has no grade; empty if it has a grade."""
 
@@ -70,13 +70,14 @@ class _Found:
 
 
 class Grader:
-    """Grader for the pictures of one camera. Only one thread may use it."""
+    """Grader for the images of one camera. Only one thread may use it."""
 
     def __init__(self, view: CameraView, settings: GradingSettings | None = None) -> None:
         """Prepare the grader.
 
-        Args: view: Calibrated camera. settings: Thresholds of the grades, and limits for apples; by default those of
-        ``GradingSettings``.
+        Args:
+            view: Calibrated camera.
+            settings: Thresholds of the grades, and limits for apples; by default those of ``GradingSettings``.
         """
         self._view = view
         self._settings = settings or GradingSettings()
@@ -87,16 +88,16 @@ class Grader:
         self._region = self._searched(pixels)
 
     def grade(self, picture: Picture) -> list[GradedApple]:
-        """Grade all apples of a picture.
+        """Grade all apples of an image.
 
         Args:
-            picture: RGB picture (height, width, 3) with the resolution of the calibration.
+            picture: RGB image (height, width, 3) with the resolution of the calibration.
 
         Returns:
             The apples, closest to the camera first.
 
         Raises:
-            PictureRefused: The picture has the wrong resolution, or is black or overexposed.
+            PictureRefused: The image has the wrong resolution, or is black or overexposed.
         """
         relative = self._relative(picture)
         found = self._found(relative, outlines(colored(relative, self._region)))
@@ -118,8 +119,8 @@ class Grader:
         wanted = (self._view.intrinsics.height, self._view.intrinsics.width, 3)
         if picture.shape != wanted or picture.dtype != np.uint8:
             raise PictureRefused(
-                f"the picture has the shape {picture.shape} and the type {picture.dtype}, but the calibration is for "
-                f"{wanted} uint8: calibrate at this resolution, or set the camera to the other"
+                f"the image has the shape {picture.shape} and the type {picture.dtype}, but the calibration is for "
+                f"{wanted} uint8: calibrate at this resolution, or change the resolution of the camera"
             )
         return relative_to_table(picture, self._region)
 
@@ -181,7 +182,7 @@ class Grader:
         diameter_mm = 2000.0 * one.sphere.radius_m
         reason = ""
         if one.outline.cut:
-            reason = "the edge of the picture cuts it off"
+            reason = "the edge of the image cuts it off"
         elif visible < self._settings.least_visible:
             reason = f"only {100.0 * visible:.0f} % of it is visible"
         elif covered > MOST_COVERED:
@@ -197,7 +198,7 @@ class Grader:
         )  # fmt: skip
 
     def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[VisibleSkin, float, float]:
-        """Return the skin of an apple, and the shares that no nearer apple hides, and that another object covers."""
+        """Return an apple's skin, the fraction that no nearer apple hides, and the fraction that an object covers."""
         left, top, width, height = _grown(_box(one.outline), self._rays.shape)
         rows, columns = slice(top, top + height), slice(left, left + width)
         rays = self._rays[rows, columns].reshape(-1, 3)
@@ -234,7 +235,7 @@ def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -
 
 
 def _grown(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """Return a box with a margin of a quarter of its size, clipped to a picture of this shape (height, width, …)."""
+    """Return a box with a margin of a quarter of its size, clipped to an image of this shape (height, width, …)."""
     left, top, width, height = box
     margin = max(width, height) // 4 + 2
     low_x, low_y = max(left - margin, 0), max(top - margin, 0)

@@ -1,4 +1,4 @@
-"""Convert pictures to linear colors relative to the color of the table.
+"""Convert images to linear colors relative to the color of the table.
 
 All features for grading are ratios to the table, so the brightness and the color of the light have no influence.
 """
@@ -16,13 +16,13 @@ Pixels = NDArray[np.float32]
 """Linear RGB (height, width, 3)."""
 
 DARKEST: Final = 0.01
-"""Minimum linear brightness of the bright pixels of a picture, as a share of white."""
+"""Minimum linear brightness of the bright pixels of an image, as a fraction of white."""
 BRIGHT_PERCENT: Final = 90.0
 """Percentile of the brightness that is compared with ``DARKEST``."""
 CLIPPED: Final = 250
 """Smallest value at which a pixel counts as overexposed."""
 MOST_CLIPPED: Final = 0.25
-"""Largest share of overexposed pixels in a picture."""
+"""Maximum fraction of overexposed pixels in an image."""
 STEP: Final = 3
 """Step between the pixels, in both directions, from which the color of the table is estimated."""
 SPAN: Final = 2.0
@@ -33,21 +33,21 @@ PEAK: Final = 0.08
 
 
 def linear_rgb(picture: Picture) -> Pixels:
-    """Return the linear RGB (height, width, 3) of an sRGB picture."""
+    """Return the linear RGB (height, width, 3) of an sRGB image."""
     share = np.arange(256, dtype=np.float64) / 255.0
     curve = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return cv2.LUT(picture, curve.astype(np.float32))  # type: ignore[return-value]
 
 
 def relative_to_table(picture: Picture, region: NDArray[np.bool_] | None = None) -> Pixels:
-    """Return the linear RGB (height, width, 3) of a picture, in units of the color of the table.
+    """Return the linear RGB (height, width, 3) of an image, in units of the color of the table.
 
     Args:
-        picture: The picture.
+        picture: The image.
         region: Pixels (height, width) of the table; None for all pixels.
 
     Raises:
-        PictureRefused: The picture is black or overexposed.
+        PictureRefused: The image is black or overexposed.
     """
     linear: Pixels = np.asarray(cv2.GaussianBlur(linear_rgb(picture), (3, 3), 0.7), dtype=np.float32)
     pixels = linear[::STEP, ::STEP].reshape(-1, 3)
@@ -69,10 +69,10 @@ def table_color(pixels: Pixels) -> NDArray[np.float32]:
     """Return the most frequent color (3,) among pixels (n, 3), in linear RGB. This is the color of the table."""
     lit = pixels[-_largest(-pixels) > 0.5 * DARKEST]
     if not len(lit):
-        raise PictureRefused("the picture has no well exposed pixel: correct the exposure of the camera")
+        raise PictureRefused("the image has no well exposed pixel: correct the exposure of the camera")
     ratios = np.log(lit[:, [0, 2]] / lit[:, 1:2])
     edges = np.arange(-SPAN, SPAN + BIN, BIN)
-    # Apples are saturated and have many shades, so the table has the peak even if apples cover half of the picture.
+    # Apples are saturated and have many shades, so the table has the peak even if apples cover half of the image.
     counts = np.histogram2d(ratios[:, 0], ratios[:, 1], bins=(edges, edges))[0]
     smooth = cv2.GaussianBlur(counts, (5, 5), 1.0)
     peak = np.array(np.unravel_index(int(smooth.argmax()), smooth.shape))
@@ -87,11 +87,10 @@ def _check_exposure(pixels: Pixels, values: NDArray[np.uint8]) -> None:
     brightness = float(np.percentile(_largest(pixels), BRIGHT_PERCENT))
     if brightness < DARKEST:
         raise PictureRefused(
-            f"the picture is almost black ({100.0 * brightness:.1f} % of white): remove the lens cap, or switch on a "
-            "lamp"
+            f"the image is almost black ({100.0 * brightness:.1f} % of white): remove the lens cap, or switch on a lamp"
         )
     clipped = float((_largest(values) >= CLIPPED).mean())
     if clipped > MOST_CLIPPED:
         raise PictureRefused(
-            f"{100.0 * clipped:.0f} % of the picture is overexposed: lower the exposure of the camera, or dim the lamp"
+            f"{100.0 * clipped:.0f} % of the image is overexposed: lower the exposure of the camera, or dim the lamp"
         )

@@ -13,22 +13,22 @@ from perception.grading.light import Pixels
 
 FloatMap = NDArray[np.float32]
 Mask = NDArray[np.uint8]
-"""Picture (height, width) with 255 at the pixels that belong to the mask, and 0 elsewhere."""
+"""Image (height, width) with 255 at the pixels that belong to the mask, and 0 elsewhere."""
 
 LEAST_SATURATION: Final = 0.3
-"""Smallest saturation (1 - min / max, relative to the table) of a colored pixel. Shadows on the table have 0."""
+"""Minimum saturation of a colored pixel: 1 - min / max, relative to the table. Shadows on the table have 0."""
 SMALLEST_PX: Final = 60
-"""Smallest area of an apple, in pixels."""
+"""Minimum area of an apple, in pixels."""
 NECK: Final = 0.86
-"""Largest width of the neck of a mask between two apples, as a share of the smaller apple."""
+"""Maximum width of a mask's neck between two apples, as a fraction of the smaller apple."""
 LEAST_PART: Final = 0.35
-"""Smallest half width of a part of a mask that counts as an apple, as a share of the largest part."""
+"""Minimum half width of a part of a mask that counts as an apple, as a fraction of the largest part."""
 LEAST_REST: Final = 0.06
-"""Smallest visible area of an apple behind another apple, as a share of the area of the other apple."""
+"""Minimum visible area of an apple behind another apple, as a fraction of the area of the other apple."""
 BOX_POINTS: Final = 72
 """Number of points of an outline that is made from a box."""
 BORDER_PX: Final = 2
-"""Distance from the edge of the picture below which an outline counts as cut off, in pixels."""
+"""Distance from the edge of the image below which an outline counts as cut off, in pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +36,13 @@ class Outline:
     """Visible outline of one apple."""
 
     pixels: FloatArray
-    """Pixels (n, 2) of the outline, without pixels at another apple or at the edge of the picture."""
+    """Pixels (n, 2) of the outline, without pixels at another apple or at the edge of the image."""
     mask: Mask
     """Colored pixels of the apple (height, width of ``box``)."""
     box: tuple[int, int, int, int]
-    """Left, top, width and height of ``mask`` in the picture, in pixels."""
+    """Left, top, width and height of ``mask`` in the image, in pixels."""
     cut: bool
-    """Whether the edge of the picture cuts the apple off."""
+    """Whether the edge of the image cuts the apple off."""
 
 
 def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
@@ -106,7 +106,7 @@ def _outline(own: Mask, others: NDArray[np.bool_], box: tuple[int, int, int, int
 def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
     """Return the outline of an apple that fills a box (left, top, right, bottom). None if it is too small.
 
-    ``shape`` is the height and width of the picture.
+    ``shape`` is the height and width of the image.
     """
     low, high = box_px[:2], box_px[2:]
     corner = np.clip(np.floor(low), 0, np.array(shape[1::-1]) - 1).astype(int)
@@ -122,12 +122,12 @@ def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
 
 
 def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -> Outline | None:
-    """Return the part of an outline beside an apple, if this part is large enough to be a partly hidden second apple.
+    """Return the part of an outline next to an apple, if this part is large enough to be a partly hidden second apple.
 
     Args:
         outline: The outline.
         covered: Pixels (height, width of the box) of the apple.
-        shape: Height and width of the picture.
+        shape: Height and width of the image.
     """
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     left = cv2.morphologyEx(np.where(covered, 0, outline.mask).astype(np.uint8), cv2.MORPH_OPEN, disk)

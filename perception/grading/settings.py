@@ -21,7 +21,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class GradeRule:
-    """Rule with a grade and the ranges of values of its apples. A grade may have several rules."""
+    """Rule that assigns a grade to apples whose values are within its ranges. A grade may have several rules."""
 
     grade: str
     diameter_mm: Range = (0.0, 1000.0)
@@ -29,7 +29,7 @@ class GradeRule:
     defect_score: Range = (0.0, 1.0)
 
     def covers(self, values: dict[str, float]) -> bool:
-        """Whether the rule covers the values of an apple, by quantity."""
+        """Whether the rule covers the values of an apple, keyed by quantity."""
         return all(_within(values[name], getattr(self, name), TOPS[name]) for name in QUANTITIES)
 
     def overlaps(self, other: "GradeRule") -> bool:
@@ -61,9 +61,9 @@ class GradingSettings:
     region_m: tuple[float, float, float, float] | None = None
     """Region in base_link in which to search for apples: smallest x and y, largest x and y, in m. None for no limit."""
     table_rgb: tuple[float, float, float] = (0.6, 0.6, 0.6)
-    """Shares of red, green and blue light that the table reflects. For a gray table, the three values are equal."""
+    """Fractions of red, green and blue light that the table reflects. For a gray table, the three values are equal."""
     least_visible: float = 0.7
-    """Minimum visible share of an apple that gets a grade."""
+    """Minimum visible fraction of an apple that gets a grade."""
 
     def grade_of(self, diameter_mm: float, red_ratio: float, defect_score: float) -> str:
         """Return the grade of an apple, or an empty string if no rule covers its values."""
@@ -112,7 +112,7 @@ class _File(BaseModel):
         if self.region_m is not None and not (
             self.region_m[0] < self.region_m[2] and self.region_m[1] < self.region_m[3]
         ):
-            raise ValueError(f"region_m {self.region_m}: write the least x and y, then the largest x and y")
+            raise ValueError(f"region_m {self.region_m}: write the smallest x and y, then the largest x and y")
         return self
 
 
@@ -120,8 +120,8 @@ def read_settings(path: Path) -> GradingSettings:
     """Read the settings of the grading from a file.
 
     Raises:
-        GradesFileError: The file has mistakes, or rules of different grades overlap. The message has the line of each
-            mistake.
+        GradesFileError: The file has errors, or rules of different grades overlap. The message contains the line of
+            each error.
     """
     file, places = load_with_lines(path, _File, GradesFileError)
     rules = tuple(entry.rule() for entry in file.grades)

@@ -1,8 +1,8 @@
 """Find the red pixels and the defects in the skin of an apple.
 
-The brightness of a pixel is compared with sound skin at the same place on the sphere, because the side away from the
-lamp is dark but sound. A defect is darker than sound skin and has a color that does not occur in sound skin, so that
-the shadow of another object is not a defect.
+The brightness of a pixel is compared with healthy skin at the same place on the sphere, because the side away from the
+lamp is dark but healthy. A defect is darker than healthy skin and has a color that does not occur in healthy skin. The
+shadow of another object is therefore not a defect.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ Flags = NDArray[np.bool_]
 RED_HUE: Final = 0.6
 """Largest hue of red skin, as (G - B) / (R - B) in linear light: 0 is red, and 1 is yellow."""
 DARKER: Final = -0.3
-"""Largest log of the brightness of a defect, relative to the darkest sound skin at the same place."""
+"""Maximum log brightness of a defect, relative to the darkest healthy skin at the same place."""
 HALF: Final = -0.45
-"""Largest log of the relative brightness of a pixel beside a defect that mixes the defect and sound skin."""
+"""Largest log of the relative brightness of a pixel next to a defect that mixes the defect and healthy skin."""
 BLACK: Final = -1.9
 """Log of the relative brightness below which a pixel of any color is a defect."""
 BROWN: Final = (0.28, 0.74)
@@ -36,30 +36,30 @@ GRAY_BLUE: Final = 0.33
 GRAY_GREEN: Final = 0.55
 """Smallest B / R and G / R of gray and black."""
 NOT_PALE_RED: Final = 1.25
-"""Smallest G / B of brown. Red skin that a compressed picture mixes with the gray of the table has equal G and B."""
+"""Smallest G / B of brown. Red skin that a compressed image mixes with the gray of the table has equal G and B."""
 MOSTLY: Final = 0.6
-"""Smallest share of brown pixels at which the whole apple counts as either yellow or rotten."""
+"""Minimum fraction of brown pixels at which the whole apple counts as either yellow or rotten."""
 YELLOW: Final = 0.22
-"""Smallest median brightness at which such an apple counts as yellow."""
+"""Minimum median brightness at which such an apple counts as yellow."""
 LEAST_SOUND: Final = 0.4
-"""Smallest share of the red pixels, or of the green pixels, that are not brown, so that their brightness counts."""
+"""Minimum fraction of the red (or green) pixels that must not be brown for the brightness of these pixels to count."""
 ROUNDS: Final = 6
 MOST_POINTS: Final = 800
-"""Minimum number of pixels for estimating the brightness of sound skin."""
+"""Minimum number of sampled pixels for estimating the brightness of healthy skin. If there are fewer, all are used."""
 SPREAD: Final = 0.12
-"""Deviation of the log brightness of sound skin."""
+"""Deviation of the log brightness of healthy skin."""
 CHROMA_BIN: Final = 0.15
-"""Bin width of the colors of sound skin, in log ratios."""
+"""Bin width of the colors of healthy skin, in log ratios."""
 COMMON: Final = 0.02
-"""Smallest share of the skin at which a color counts as a color of sound skin."""
+"""Minimum fraction of the skin at which a color counts as a color of healthy skin."""
 RIM_PX: Final = (1.2, 2.5)
 """Smallest and largest width of the rim that is not judged, in pixels, because its colors are a mixture of the apple
-and the table. The mixture is wide in compressed pictures, such as those of USB cameras, whose color has a lower
+and the table. The mixture is wide in compressed images, such as those of USB cameras, whose color has a lower
 resolution."""
 RIM: Final = 0.08
-"""Width of the rim between these limits, as a share of the radius of the apple."""
+"""Width of the rim between these limits, as a fraction of the apple's radius."""
 RING: Final = 0.08
-"""Width of the ring inside the rim, as a squared share of the radius. The pixels of the ring also count for the rim."""
+"""Width of the ring inside the rim, as a squared fraction of the radius. The ring's pixels also count for the rim."""
 DIMMEST: Final = 1e-3
 """Lowest brightness, relative to the table."""
 
@@ -69,9 +69,9 @@ class VisibleSkin:
     """The visible skin of one apple."""
 
     red_ratio: float
-    """Share of the skin that is red and not a defect."""
+    """Fraction of the skin that is red and not a defect."""
     defect_score: float
-    """Share that is a defect."""
+    """Fraction of the skin that is a defect."""
 
 
 def rim_px(radius_px: float) -> float:
@@ -85,7 +85,7 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
     Args:
         colors: Linear RGB (n, 3) of the pixels, relative to a white surface.
         places: Positions (n, 2) of the pixels in the outline, whose radius is 1.
-        area: Position of the n pixels in a part (height, width) of the picture.
+        area: Position of the n pixels in a part (height, width) of the image.
     """
     red, green, blue = np.maximum(colors, DIMMEST).T
     is_red = (green - blue) < RED_HUE * np.maximum(red - blue, DIMMEST)
@@ -102,7 +102,7 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
 
 
 def _beside(defect: Flags, area: Flags) -> Flags:
-    """Return which pixels are next to a defect and have a mixed color that is neither brown nor sound."""
+    """Return which pixels are next to a defect and have a mixed color that is neither brown nor healthy."""
     mask = np.zeros(area.shape, np.uint8)
     mask[area] = defect
     beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
@@ -110,7 +110,7 @@ def _beside(defect: Flags, area: Flags) -> Flags:
 
 
 def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> VisibleSkin:
-    """Return the shares of red pixels and defects. The arguments are the same as in ``judge``."""
+    """Return the fractions of red pixels and defects. The arguments are the same as in ``judge``."""
     red, defect = judge(colors, places, area)
     away = (places * places).sum(axis=1)
     ring = float(away.max()) - RING
@@ -129,7 +129,7 @@ def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags
 
 
 def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Flags) -> FloatArray:
-    """Return the log brightness (n,) of the darkest sound skin at each pixel.
+    """Return the log brightness (n,) of the darkest healthy skin at each pixel.
 
     The estimate is a smooth function of the position, with one level for red skin and one for green skin. Darker pixels
     have little weight, because they are spots or in a shadow.
@@ -160,7 +160,7 @@ def _is_skin(kind: Flags, brown: Flags) -> bool:
 
 
 def _common(green: FloatArray, blue: FloatArray, sound: Flags) -> Flags:
-    """Return which pixels have a color that is common among sound pixels. Colors are logs of G / R and B / R (n,)."""
+    """Return which pixels have a color that is common among healthy pixels. Colors are logs of G / R and B / R (n,)."""
     if not sound.any():
         return np.zeros(len(green), dtype=bool)
     bins = np.clip(np.column_stack([green, blue]) / CHROMA_BIN, -40, 40).round().astype(int) + 40

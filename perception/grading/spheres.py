@@ -24,24 +24,24 @@ Circle: TypeAlias = tuple[FloatArray, float]
 
 LEAST_POINTS: Final = 12
 LEAST_ARC: Final = 0.3
-"""Smallest share of the outline that determines a sphere."""
+"""Minimum fraction of the outline that determines a sphere."""
 FULL_ARC: Final = 0.7
-"""Smallest visible share of an outline that is fitted with an ellipse."""
+"""Minimum visible fraction of an outline that is fitted with an ellipse."""
 LARGEST_RATIO: Final = 1.35
-"""Largest ratio of the axes of the outline of an apple."""
+"""Maximum ratio of the axes of an apple's outline."""
 ROUNDS: Final = 4
 NOTCH: Final = 0.08
 BUMP: Final = 0.12
-"""Distance inside and outside a circle within which points belong to the circle, as a share of its radius."""
+"""Distance inside and outside a circle within which points belong to the circle, as a fraction of its radius."""
 OFF_ELLIPSE: Final = 0.025
-"""Distance from an ellipse within which points belong to the ellipse, as a share of its radius."""
+"""Distance from an ellipse within which points belong to the ellipse, as a fraction of its radius."""
 PARTS: Final = 12
 PART: Final = 5
 """Number of overlapping parts of an outline, and their length: each part has 5 of 12 of the points."""
 START_POINTS: Final = 60
 """Number of points that are used to choose the start of a fit."""
 SECTORS: Final = 36
-"""Number of sectors in which the visible share of an outline is counted."""
+"""Number of sectors in which the visible fraction of an outline is counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +57,9 @@ class AppleSphere:
     ellipse: Ellipse
     """Center x, y, half axes and angle (rad) of the outline, in the plane at distance 1 along the cone."""
     arc: float
-    """Share of the outline from which the apple was measured."""
+    """Fraction of the outline from which the apple was measured."""
     error: float
-    """Mean distance of the outline from the ellipse, as a share of its radius."""
+    """Mean distance of the outline from the ellipse, as a fraction of its radius."""
 
     def inside(self, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return positions (n, 2) of rays (n, 3) relative to an outline of radius 1, and the squared distances (n,)."""
@@ -147,7 +147,7 @@ def _parts(points: FloatArray) -> Iterator[FloatArray]:
 
 
 def _on(points: FloatArray, circle: Circle, outside: float) -> NDArray[np.bool_]:
-    """Return which points (n, 2) are on a circle, or outside it by up to this share of its radius."""
+    """Return which points (n, 2) are on a circle, or outside it by up to this fraction of its radius."""
     away = np.linalg.norm(points - circle[0], axis=1) / circle[1] - 1.0
     on: NDArray[np.bool_] = (away > -NOTCH) & (away < outside)
     return on
@@ -201,6 +201,6 @@ def _ellipse(points: FloatArray) -> Ellipse | None:
 
 
 def _arc(away: FloatArray) -> float:
-    """Return the share of the directions from a center in which there are points (n, 2)."""
+    """Return the fraction of the directions from a center in which there are points (n, 2)."""
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi) + 0.5
     return len(np.unique((turns * SECTORS).astype(int) % SECTORS)) / SECTORS

@@ -1,1 +1,1 @@
-"""Camera sources: USB cameras, recorded files and folders of pictures."""
+"""Camera sources: USB cameras, recorded files and folders of images."""

@@ -10,10 +10,10 @@ from perception.sources.video_device import VideoDevice
 
 
 def source_of(text: str, clock: Clock, size: tuple[int, int], rate_hz: float) -> CameraSource:
-    """Return the source that a text names, without opening it.
+    """Return the source that a text specifies, without opening the source.
 
     Args:
-        text: An index, a path of a device, or a path of a video, a picture or a folder of pictures.
+        text: An index, a path of a device, or a path of a video, an image or a folder of images.
         clock: Clock of the stamps.
         size: Width and height to request from a camera, in pixels.
         rate_hz: Rate to request from a camera.
@@ -22,7 +22,9 @@ def source_of(text: str, clock: Clock, size: tuple[int, int], rate_hz: float) ->
         CameraMissing: The text is empty.
     """
     if not text.strip():
-        raise CameraMissing("no camera is named: name one that 'servoloop camera list' lists, a video or a folder")
+        raise CameraMissing(
+            "no camera is specified: choose one that 'servoloop camera list' lists, a video or a folder"
+        )
     if text.isdecimal() or text.startswith("/dev/"):
         return VideoDevice(text, clock, size, rate_hz)
     return RecordedSource(Path(text), clock)

@@ -1,4 +1,4 @@
-"""Silence the log of OpenCV and FFmpeg. The errors of this package describe the same mistakes."""
+"""Silence the log of OpenCV and FFmpeg. The exceptions of this package describe the same errors."""
 
 import os
 from typing import Final

@@ -1,4 +1,4 @@
-"""Play a recorded video, or a folder of pictures, as a camera source at its own rate."""
+"""Play a recorded video, or a folder of images, as a camera source at its own rate."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,7 @@ from perception.sources.rate import RateMeter
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 FOLDER_HZ: Final = 10.0
-"""Rate at which the pictures of a folder are played, in Hz."""
+"""Rate at which the images of a folder are played, in Hz."""
 RATES_HZ: Final = (0.1, 240.0)
 """Range of plausible rates of a video."""
 
@@ -26,7 +26,7 @@ class RecordedSource:
         """Prepare the source.
 
         Args:
-            path: A video, a picture, or a folder of pictures, which are played in the order of their names.
+            path: A video, an image, or a folder of images, which are played in the order of their names.
             clock: Clock of the stamps.
         """
         self._path, self._clock = path, clock
@@ -47,15 +47,15 @@ class RecordedSource:
         return self._rate.rate_hz
 
     def open(self) -> None:
-        """Start at the first picture. Raises CameraError if there are no pictures."""
+        """Start at the first image. Raises CameraError if there are no images."""
         if not self._path.exists():
-            raise CameraMissing(f"there is no file or folder {self._path}: name a video or a folder of pictures")
+            raise CameraMissing(f"there is no file or folder {self._path}: specify a video or a folder of images")
         self._interval_s = 1.0 / FOLDER_HZ
         if self._path.is_dir():
             files = sorted(file for file in self._path.iterdir() if file.suffix.lower() in PICTURES)
             if not files:
                 raise CameraMissing(
-                    f"the folder {self._path} has no pictures ({', '.join(PICTURES)}): name another folder"
+                    f"the folder {self._path} has no images ({', '.join(PICTURES)}): choose another folder"
                 )
             self._pictures = map(read_picture, files)
         elif self._path.suffix.lower() in PICTURES:
@@ -66,22 +66,22 @@ class RecordedSource:
         self._due_s = self._clock.now()
 
     def read(self, timeout_s: float) -> Frame:
-        """Wait until the next picture is due, and return it.
+        """Wait until the next image is due, and return it.
 
         Raises:
-            CameraSilent: The next picture is not due within the timeout.
-            SourceEnded: There are no more pictures.
-            CameraError: A picture cannot be read.
+            CameraSilent: The next image is not due within the timeout.
+            SourceEnded: There are no more images.
+            CameraError: An image cannot be read.
         """
         now_s = self._clock.now()
         if self._due_s > now_s + timeout_s:
             self._clock.sleep_until(now_s + timeout_s)
-            raise CameraSilent(f"the next picture of {self._path} is not due within {timeout_s:g} s: wait longer")
+            raise CameraSilent(f"the next image of {self._path} is not due within {timeout_s:g} s: wait longer")
         self._clock.sleep_until(self._due_s)
         rgb = next(self._pictures, None)
         if rgb is None:
             raise SourceEnded(
-                f"{self._path} has no more pictures after picture {self._number}: start again to repeat it"
+                f"{self._path} has no more images after image {self._number}: start again to repeat the recording"
             )
         stamp_s = self._clock.now()
         self._due_s = max(self._due_s + self._interval_s, stamp_s)
@@ -97,7 +97,9 @@ class RecordedSource:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()
-            raise CameraError(f"{self._path} is not a video that OpenCV can read: convert it to MP4, or name a picture")
+            raise CameraError(
+                f"{self._path} is not a video that OpenCV can read: convert it to MP4, or specify an image"
+            )
         rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
         if RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
             self._interval_s = 1.0 / rate_hz
@@ -105,7 +107,7 @@ class RecordedSource:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a file as an RGB picture (height, width, 3). Raise CameraError if the file is not a picture."""
+    """Read a file as an RGB image (height, width, 3). Raise CameraError if the file is not an image."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
         bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -114,7 +116,7 @@ def read_picture(path: Path) -> Picture:
     except cv2.error:
         bgr = None
     if bgr is None:
-        raise CameraError(f"{path} is not a picture, or is damaged: remove it")
+        raise CameraError(f"{path} is not an image, or is damaged: remove the file")
     return np.ascontiguousarray(bgr[..., ::-1]).astype(np.uint8, copy=False)
 
 

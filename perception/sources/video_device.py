@@ -1,4 +1,4 @@
-"""Read a USB camera with OpenCV. A thread takes the frames, so that a reader always gets the newest frame."""
+"""Read a USB camera with OpenCV. A thread takes the frames, so that a reader always gets the latest frame."""
 
 import threading
 from collections.abc import Callable
@@ -14,9 +14,9 @@ from perception.sources.devices import find_device
 from perception.sources.rate import RateMeter
 
 FROZEN_S: Final = 2.0
-"""Time after which identical pictures show that the camera is frozen, in seconds. Real pictures differ by noise."""
+"""Time after which identical images show that the camera is frozen, in seconds. Real images differ by noise."""
 STALE_S: Final = 1.0
-"""Largest age of a frame, in seconds. The driver may deliver frames that have waited in its queue."""
+"""Maximum age of a frame, in seconds. The driver may deliver frames that have waited in its queue."""
 SAMPLE: Final = 8
 """Step between the pixels, in both directions, by which frames are compared."""
 JOIN_S: Final = 2.0
@@ -33,9 +33,9 @@ class Capture(Protocol):
 
 
 def v4l2_capture(device: str, size: tuple[int, int], rate_hz: float) -> Capture:
-    """Open a camera of Video4Linux with a picture size (width, height) and a rate."""
+    """Open a camera of Video4Linux with an image size (width, height) and a rate."""
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
-    # Most cameras reach their full rate over USB 2 only with compressed pictures.
+    # Most cameras reach their full rate over USB 2 only with compressed images.
     capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
@@ -61,7 +61,7 @@ class VideoDevice:
         Args:
             source: Path of the camera, preferably in /dev/v4l/by-id, or its index.
             clock: Monotonic clock of the stamps.
-            size: Width and height of the pictures, in pixels.
+            size: Width and height of the images, in pixels.
             rate_hz: Requested rate.
             capture: Function that opens a device.
             find: Function that checks a source and returns its device.
@@ -90,7 +90,7 @@ class VideoDevice:
         return self._rate.rate_hz
 
     def open(self) -> None:
-        """Open the camera. Raise CameraError if it is missing, in use, or does not support the picture size."""
+        """Open the camera. Raise CameraError if it is missing, in use, or does not support the image size."""
         self.close()
         device = self._find(self._source)
         capture = self._make_capture(device, self._size, self._requested_hz)
@@ -116,7 +116,7 @@ class VideoDevice:
         """Wait for a new frame.
 
         Raises:
-            CameraSilent: No new frame arrived in time, or the pictures are frozen or old.
+            CameraSilent: No new frame arrived in time, or the images are frozen or old.
             CameraLost: The camera was unplugged, or is not open.
         """
         with self._new:
@@ -131,7 +131,8 @@ class VideoDevice:
             )
         if frozen_s > FROZEN_S:
             raise CameraSilent(
-                f"{self.name} has delivered the same picture for {frozen_s:.0f} s: unplug it, and plug it in again"
+                f"{self.name} has delivered the same image for {frozen_s:.0f} s: unplug the camera, and plug it in "
+                "again"
             )
         age_s = self._clock.now() - frame.stamp_s
         if age_s > STALE_S:
@@ -179,7 +180,7 @@ class VideoDevice:
     def _stamp_s(self, capture: Capture) -> float:
         """Return the time of capture.
 
-        Video4Linux reports it on the monotonic clock, but some drivers do not report it.
+        Video4Linux reports this time on the monotonic clock, but some drivers do not report it.
         """
         now_s = self._clock.now()
         captured_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC)

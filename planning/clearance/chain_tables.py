@@ -135,6 +135,6 @@ def _steepest(arm: ArmModel, leader: int, terms: FloatArray) -> float:
     if not math.isfinite(farthest):
         name = arm.model.joint(leader).name
         raise PlanningError(
-            "INVALID_ROBOT_STATE", f"{name} has no limits, and a joint follows it along a curve: give {name} limits"
+            "INVALID_ROBOT_STATE", f"{name} has no limits, and a joint follows it along a curve: set limits for {name}"
         )
     return float(np.abs(terms[1:] * np.arange(1, 5)) @ farthest ** np.arange(4))

@@ -21,7 +21,8 @@ OPEN: Final = 128
 """Maximum number of unchecked parts of an edge. This number is never reached, because each step at least halves a part.
 """
 MOST: Final = 2_000
-"""Maximum number of poses for one edge. An edge that slides along something may need more poses and is then rejected.
+"""Maximum number of poses for one edge. An edge that slides along an obstacle may need more poses and is then
+rejected.
 """
 SHARE: Final = 1e-3
 """Maximum relative underestimation of a distance in the check of an edge."""

@@ -15,11 +15,11 @@ from planning.kinematics.descent import DescentEffort, descend
 from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 
 TURN_PER_METER: Final = 3.5
-"""Maximum rotation of a step per meter of the maximum step length, in rad/m. MoveIt uses the same value."""
+"""Maximum rotation of the tool in one step, in rad per meter of the maximum step length. MoveIt uses the same value."""
 MOST_STEPS: Final = 20_000
 """Maximum number of steps of a path."""
 EFFORT: Final = DescentEffort(steps=40, enough=1)
-"""Effort limits of the search for the next point from the previous point."""
+"""Effort limits of the search for the next point, which starts at the previous point."""
 AT_LIMIT: Final = 1e-6
 """Maximum distance from a limit at which a joint counts as being at the limit, in rad or m."""
 
@@ -31,7 +31,7 @@ EdgeProblem = Callable[[FloatArray, FloatArray], str]
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Step sizes of a path, and limits for jumps of joints, which end the path."""
+    """Step sizes of a path, and limits for jumps of joints. The path ends before a larger jump."""
 
     longest_m: float = 0.01
     """Maximum motion of the tool between two points, in m."""
@@ -80,7 +80,7 @@ class ToolPath:
 def tool_path(
     chain: Chain, start: FloatArray, waypoints: Sequence[ToolPose], steps: Steps, checks: Checks | None = None
 ) -> ToolPath:
-    """Move the tool straight from one pose to the next. The orientation turns at a constant rate between them.
+    """Move the tool straight from one pose to the next. Between two poses, the orientation turns at a constant rate.
 
     Args:
         chain: Kinematics of the arm.

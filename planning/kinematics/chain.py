@@ -45,7 +45,7 @@ class Chain:
 
         Args:
             model: The MuJoCo model (mujoco.MjModel). It is not changed.
-            limits: Limits of the planned joints by name, in the order of all positions.
+            limits: Limits of the planned joints, keyed by name, in the order of all positions.
             tool: Name of a body or a site of the model.
             base: Name of the body in whose frame poses are given; by default, the body on which the arm is mounted.
             This is the world if the first body of the arm moves.
@@ -99,7 +99,7 @@ class Chain:
         return moved
 
     def checked(self, positions: FloatArray) -> FloatArray:
-        """Return joint positions of a client as an array (n,), in rad or m. The positions may be outside the limits.
+        """Return joint positions that a client sent as an array (n,), in rad or m. They may be outside the limits.
 
         Raises:
             PlanningError: A number is missing or not finite.
@@ -204,7 +204,7 @@ def _listed(model: Any, *kinds: str) -> str:
 
 
 def _joints(model: Any, names: Iterable[str]) -> dict[str, int]:
-    """Return the indices of the planned joints by name. Raises PlanningError."""
+    """Return the indices of the planned joints, keyed by name. Raises PlanningError."""
     joints = {name: _find(model, "joint", name) for name in names}
     for name, joint in joints.items():
         if int(model.jnt_type[joint]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):

@@ -33,7 +33,7 @@ class DescentEffort:
     steps: int
     """Maximum number of steps."""
     enough: int
-    """Number of successful starts after which the search stops, as soon as the first start has ended."""
+    """Number of successful starts after which the search stops, once the search from the first start has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -73,7 +73,7 @@ class InverseKinematics:
             first.
 
         Raises:
-            UnreachableError: No joint positions were found. The error has the nearest pose.
+            UnreachableError: No joint positions were found. The error contains the nearest pose.
             CollidingError: Joint positions were found, but none are valid.
             PlanningError: ``start`` is invalid, or no time is left.
         """
@@ -147,7 +147,7 @@ class InverseKinematics:
         x, y, z = pose.position_m.tolist()
         message = (
             f"{self._chain.tool} cannot reach the goal: the nearest pose is {distance_m:.3f} m and {angle_rad:.2f} rad "
-            f"away, at x {x:.3f}, y {y:.3f}, z {z:.3f}; move the goal there or widen its tolerances"
+            f"away, at x {x:.3f}, y {y:.3f}, z {z:.3f}. Move the goal to this pose or widen its tolerances"
         )
         return UnreachableError(message, pose, positions, (distance_m, angle_rad))
 

@@ -42,7 +42,9 @@ class PathMargins:
         return PathMargins(self.margins.for_parts(), near)
 
     def contact(self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray) -> Contact | None:
-        """Return the first contact of the edges between points (m, n), or None. ``part`` also counts previous edges.
+        """Return the first contact of the edges between points (m, n), or None.
+
+        ``part`` is the index of the edge plus the position on this edge.
 
         Args:
             collisions: Checks of the arm in the scene.

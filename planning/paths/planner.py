@@ -72,7 +72,7 @@ def plan_path(
 def _single(collisions: Collisions, request: PathRequest) -> Plan:
     """Return the only path of a single joint, with margins as large as possible.
 
-    Jaws often pass a link of their own hand at less than the padding.
+    Jaws often pass a link of their own hand at a distance below the padding.
     """
     margins = request.margins
     while True:

@@ -1,4 +1,4 @@
-"""Arm that a program moves without ROS, on real or virtual servos: motions, streams, gripper, state and torque."""
+"""Control a real or virtual arm from a program without ROS: motions, streams, gripper, state and torque."""
 
 import math
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,8 +31,9 @@ class Arm:
     """An arm whose control loop runs in its own thread of this program.
 
     The arm is active when the constructor returns: its torque is enabled and it holds its position. Use ``Arm`` as a
-    context manager, or call ``close``. The arm then stops within its limits, and holds or parks as its robot file
-    requires. Signals that end the program shut the arm down in the same way. All methods may be called from any thread.
+    context manager, or call ``close``. The arm then stops within its limits, and either holds its position or parks, as
+    its robot file specifies. Signals that terminate the program shut the arm down in the same way. All methods may be
+    called from any thread.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class Arm:
             backlash_deg: Backlash of each servo, in degrees.
 
         Raises:
-            ArmSetupError: The arm does not exist, its files are invalid, or it cannot be activated.
+            ArmSetupError: The arm does not exist, its files are invalid, or its servos cannot be activated.
         """
         from servoloop.api.options import ArmOptions
         from servoloop.api.simulated_loop import SimulatedLoop
@@ -107,7 +108,7 @@ class Arm:
     def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
-        The arm keeps running after ``close``, and motions of this program end within their limits. Only one program at
+        The arm keeps running after ``close``, and motions of this program stop within their limits. Only one program at
         a time can move the arm. From its first motion until ``close``, this program has control of the arm. All
         durations are in real time.
 
@@ -116,7 +117,7 @@ class Arm:
             namespace: ROS namespace of the running stack, such as ``left``. If None, any namespace is accepted.
 
         Raises:
-            ArmSetupError: No such arm is running, several are running, or the namespace is invalid.
+            ArmSetupError: No such arm or several such arms are running, or the namespace is invalid.
         """
         from servoloop.api.socket_backend import SocketBackend
 
@@ -164,7 +165,7 @@ class Arm:
 
     @property
     def faults(self) -> Mapping[str, str]:
-        """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
+        """Sentence about each fault or alarm, keyed by joint name; empty if there is no fault or alarm."""
         return self.state.faults
 
     @property
@@ -173,7 +174,7 @@ class Arm:
         return self._planner.scene
 
     def pose(self, tool: str | None = None) -> "ArmPose":
-        """Return the measured pose of a link or site, by default the arm's tool, in the frame of the base."""
+        """Return the measured pose of a link or site, by default the arm's tool, in the base frame."""
         return self._planner.pose(tool)
 
     def move_to(
@@ -186,27 +187,27 @@ class Arm:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Move to a target, and wait until it is reached. A motion under way blends into the new motion.
+        """Move to a target, and wait until the arm reaches the target. A running motion blends into the new motion.
 
         Args:
-            target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
-                of a saved pose. Joints without a position do not move. A motion to positions ignores obstacles.
+            target: Positions keyed by joint name, an array with one position for each of ``joints``, in rad or m, or
+                the name of a saved pose. Other joints do not move. A motion to positions ignores obstacles.
             pose: Pose of the tool to use instead of a target. The motion is planned around the obstacles of ``scene``.
-            duration: Duration of the motion, in seconds. Limits may make it longer.
+            duration: Duration of the motion, in seconds. The joint limits may make the motion longer.
             speed: Fraction of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
 
         Returns:
-            Handle to wait for, await or cancel the motion.
+            Handle with which the program can wait for, await or cancel the motion.
 
         Raises:
             ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
                 does not move.
             PlanFailedError: No motion to ``pose`` was found. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
-            MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
+            MotionFailedError: The motion stopped before it reached its target.
+            ArmTimeoutError: The motion takes longer than ``timeout`` and continues.
             ArmEndedError: The control loop has ended.
         """
         asked_s, share = duration_of(duration, speed)
@@ -228,7 +229,7 @@ class Arm:
         """Plan a motion from the measured state around the obstacles of ``scene``, without moving the arm.
 
         Args:
-            goal: Positions of the joints of the arm except its gripper, as for ``move_to``, or a pose of the tool.
+            goal: Positions of the arm's joints without the gripper, as for ``move_to``, or a pose of the tool.
             speed: Fraction of the velocity and acceleration limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
@@ -256,7 +257,8 @@ class Arm:
             name: Name of the object.
             link: Link that carries the object. If None, the object is attached to the last link of the arm, which
                 carries the gripper.
-            touch_links: Links that may touch the object. If None, the carrying link and all links after it may.
+            touch_links: Links that may touch the object. If None, the carrying link and all links after it may
+                touch the object.
 
         Raises:
             PlanFailedError: The object or a link does not exist.
@@ -274,7 +276,7 @@ class Arm:
 
         Args:
             trajectory: Trajectory of some or all joints. A trajectory from ``plan`` is refused if the arm is no longer
-                at its start, or if an obstacle now blocks it.
+                at the start of the trajectory, or if an obstacle now blocks the path.
             approach: Fraction of the velocity limits on the way to the first point, above 0 and at most 1.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
@@ -286,8 +288,8 @@ class Arm:
             ArmInputError: The trajectory is invalid or exceeds the limits. The arm does not move.
             PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
-            MotionFailedError: The motion ended before its target.
-            ArmTimeoutError: The motion takes longer than ``timeout``, and continues.
+            MotionFailedError: The motion stopped before it reached its target.
+            ArmTimeoutError: The motion takes longer than ``timeout`` and continues.
             ArmEndedError: The control loop has ended.
         """
         _, share = duration_of(None, approach)
@@ -314,15 +316,15 @@ class Arm:
         """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
 
         The arm moves toward the latest target within its velocity and acceleration limits, and holds the last target.
-        If no target arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and
-        hold.
+        If no target arrives for ``max_age`` seconds, the stream ends. The joints then slow down within their limits and
+        hold their positions.
 
         Args:
-            targets: Targets to send, one after the other. If None, return an open stream, with which the program sends
-                targets.
+            targets: Targets to send, one after the other. If None, the method returns an open stream, through which
+                the program sends targets.
             max_age: Maximum time between two targets, in seconds.
-            rate_hz: Rate at which ``targets`` are sent, in Hz. If None, they are sent as fast as the iterator yields
-                them, for an iterator that keeps its own rate.
+            rate_hz: Rate at which ``targets`` are sent, in Hz. If None, each target is sent as soon as the iterator
+                yields it. Use None if the iterator keeps its own rate.
 
         Returns:
             The open stream, which is a context manager, or None after all ``targets`` were sent.
@@ -330,7 +332,7 @@ class Arm:
         Raises:
             ArmInputError: A target is invalid.
             ArmBusyError: A motion is running, another stream is open, or the torque is off.
-            StreamEndedError: The targets came too slowly.
+            StreamEndedError: The targets arrived too slowly.
             ArmEndedError: The control loop has ended.
         """
         if rate_hz is not None and not checked_number("rate_hz", rate_hz) > 0.0:
@@ -347,14 +349,17 @@ class Arm:
         return None
 
     def stop(self) -> None:
-        """Stop all motions, and end the stream and the freedrive. The joints slow down within their limits and hold."""
+        """Stop all motions, and end the stream and the freedrive.
+
+        The joints slow down within their limits and hold their positions.
+        """
         self._backend.stop()
 
     def torque(self, on: bool, *, park: bool = True) -> None:
         """Enable or disable the torque of all servos.
 
         Args:
-            on: Whether to enable the torque. Each servo then holds its current position.
+            on: Whether to enable the torque. If True, each servo then holds its current position.
             park: Whether to move to the park pose of the robot file before the torque is disabled, so that the arm does
                 not drop. If False, hold the arm by hand.
 
@@ -368,8 +373,9 @@ class Arm:
     def freedrive(self) -> Iterator[None]:
         """Let a person move the joints by hand for the duration of the context.
 
-        The servos carry most of the arm's weight, and hold each joint like a slipping brake. When the context ends,
-        each joint holds the position at which it was left. ``stop`` from another thread ends the freedrive, too.
+        The servos carry most of the arm's weight, and each joint resists motion like a slipping brake. When the context
+        ends, each joint holds the position at which it was left. A call of ``stop`` from another thread also ends the
+        freedrive.
 
         Raises:
             ArmBusyError: A motion is running, a stream is open, the torque is off, or another program moves the arm.
@@ -417,14 +423,14 @@ class Arm:
     def on_state(self, callback: Observer) -> Callable[[], None]:
         """Call a function with the latest state after each cycle.
 
-        One thread of the arm makes all calls. In simulated time, the waiting thread makes the calls. A function that
-        takes longer than a cycle misses states.
+        All calls are made by one thread of the arm or, in simulated time, by the thread that waits. If the function
+        takes longer than a cycle, it misses states.
 
         Args:
             callback: Function that receives the state.
 
         Returns:
-            Function that ends the calls.
+            Function that stops the calls.
         """
         return self._backend.observe(callback)
 
@@ -462,10 +468,10 @@ class Arm:
         """Return a target with each position clipped to the limits of its joint.
 
         Args:
-            target: Positions by joint name or an array, in rad or m.
+            target: Positions keyed by joint name, or an array of positions, in rad or m.
 
         Returns:
-            Positions by joint name.
+            Positions keyed by joint name.
 
         Raises:
             ArmInputError: A joint is unknown, or the size of the array is wrong.
@@ -475,7 +481,7 @@ class Arm:
         return {j: min(max(at, self.limits[j].lower), self.limits[j].upper) for j, at in positions.items()}
 
     def close(self) -> None:
-        """Shut the arm down as its robot file specifies: stop, then hold, or park and release the torque.
+        """Stop the arm. Then hold its position, or park and disable the torque, as its robot file specifies.
 
         A second call has no effect. Raises ArmError if a step of the shutdown failed.
         """

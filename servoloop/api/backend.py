@@ -2,10 +2,11 @@
 
 ``ArmBackend`` defines every call that ``servoloop.Arm`` needs. Two classes implement it:
 
-- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. This class has no
-  thread: a script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend``
-  for the clients of its socket. A server translates each message into one call of this class.
-- A client of the socket sends each call as a message and keeps the latest state that it has received.
+- ``StackBackend`` (servoloop/api/stack_backend.py) moves the arm of a ``ControlStack`` in the same process. This class
+  has no thread. A script runs the loop with ``OwnLoop``. ``servoloop up`` runs its own loop and creates a
+  ``StackBackend`` for the clients of its socket. A server translates each message into one call of this class.
+- ``SocketBackend`` (servoloop/api/socket_backend.py) is a client of this socket. It sends each call as a message and
+  keeps the latest state that it has received.
 
 All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
 ``servoloop.api.errors``. A server sends the class name, the text and the joint of an error, and its client raises the
@@ -28,7 +29,7 @@ from hal.types import JointLimits
 class ArmState:
     """Measurement of all joints in one cycle. All mappings list the joints in the order of ``Arm.joints``.
 
-    A joint that did not answer in this cycle keeps its last values and has an entry in ``faults``.
+    If a joint's servo did not answer in this cycle, the joint keeps its last values and has an entry in ``faults``.
     """
 
     time_s: float
@@ -46,13 +47,13 @@ class ArmState:
     command: Mapping[str, float]
     """Latest commanded position of each joint, in rad or m; NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
-    """One sentence for each joint with a fault or an alarm; empty if no joint has one."""
+    """Sentence about each fault or alarm, keyed by joint name; empty if there is no fault or alarm."""
     unmeasured: tuple[str, ...] = ()
-    """Joints whose position may be outdated because of a fault. A joint with only an alarm is measured."""
+    """Joints whose position may be outdated because of a fault. Joints that have only an alarm are still measured."""
 
 
 Observer = Callable[[ArmState], None]
-"""Function that receives the state of each cycle. It must return within a fraction of a cycle."""
+"""Function that receives the state of each cycle. The function must return within a fraction of a cycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ class ArmDescription:
     limits: Mapping[str, JointLimits]
     """Limits of the joints, keyed by joint name."""
     hand: str
-    """Joint of the gripper; empty if the arm has none."""
+    """Joint of the gripper; empty if the arm has no gripper."""
     hand_open: float
     """Position of the open gripper, in rad or m; NaN if the arm has no gripper."""
     hand_closed: float
@@ -87,7 +88,7 @@ class MotionGoal:
     joints: tuple[str, ...]
     """Names of the n joints that move."""
     times_s: tuple[float, ...]
-    """Times of the k points since the start, in seconds, strictly increasing. Limits may make the motion longer."""
+    """Times of the k points from the start, in seconds, strictly increasing. Limits may make the motion longer."""
     positions: tuple[tuple[float, ...], ...]
     """k points with n positions each, in rad or m."""
     velocities: tuple[tuple[float, ...], ...] = ()
@@ -95,16 +96,16 @@ class MotionGoal:
 
 
 class MotionProgress(Protocol):
-    """Progress of a goal. Any thread may read it."""
+    """Progress of a goal. Any thread may read the progress."""
 
     @property
     def done(self) -> bool:
-        """Whether the goal has ended, with or without success."""
+        """Whether the goal has finished, with or without success."""
         ...
 
     @property
     def failure(self) -> Exception | None:
-        """MotionFailedError, MotionCanceledError or ArmEndedError of a goal that failed.
+        """Error of a goal that failed: MotionFailedError, MotionCanceledError or ArmEndedError.
 
         None while the goal runs and after success.
         """
@@ -128,7 +129,7 @@ class ArmBackend(Protocol):
         ...
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the state of each cycle, and return a function that ends the calls."""
+        """Call a function with the state of each cycle, and return a function that stops the calls."""
         ...
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -142,21 +143,22 @@ class ArmBackend(Protocol):
         ...
 
     def cancel(self, progress: MotionProgress) -> None:
-        """Cancel a motion. The moving joints slow down within their limits and hold.
+        """Cancel a motion. The moving joints slow down within their limits and hold their positions.
 
         A finished motion is not affected.
         """
         ...
 
     def stop(self) -> None:
-        """Cancel all motions, and end the stream and the freedrive. The joints slow down and hold."""
+        """Cancel all motions, and end the stream and the freedrive. The joints slow down and hold their positions."""
         ...
 
     def begin_stream(self, max_age_s: float) -> None:
-        """Open a stream, which accepts targets until it ends.
+        """Open a stream that accepts targets until it is closed or times out.
 
-        If no target arrives for ``max_age_s`` seconds, the stream ends: the joints slow down within their limits and
-        hold, and the next ``send`` raises StreamEndedError. The age of the first target counts from this call.
+        If no target arrives for ``max_age_s`` seconds, the stream ends. The joints then slow down within their limits
+        and hold their positions, and the next ``send`` raises StreamEndedError. The time limit for the first target
+        begins with this call.
 
         Args:
             max_age_s: Maximum time between two targets, in seconds.
@@ -167,27 +169,29 @@ class ArmBackend(Protocol):
         ...
 
     def send(self, targets: Mapping[str, float]) -> None:
-        """Send targets by joint, in rad or m. The next cycle moves toward them. Other joints hold their last target.
+        """Send targets in rad or m, keyed by joint name. The joints move toward their targets from the next cycle on.
+
+        Other joints hold their last targets.
 
         Raises:
             ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The previous target
                 stays in effect.
-            StreamEndedError: No stream is open, or its last target was too old.
+            StreamEndedError: No stream is open, or the last target arrived too long ago.
         """
         ...
 
     def end_stream(self) -> None:
-        """End the stream. The joints slow down within their limits and hold.
+        """End the stream. The joints slow down within their limits and hold their positions.
 
         This call has no effect if no stream is open.
         """
         ...
 
     def set_torque(self, on: bool, park: bool = True) -> None:
-        """Enable or disable the torque of all servos, and return when this is done.
+        """Enable or disable the torque of all servos, and return when the change is complete.
 
         Args:
-            on: Whether to enable the torque, with each goal at the measured position.
+            on: Whether to enable the torque. Each servo's goal is first set to the measured position.
             park: Whether to move to the park pose of the robot file, if there is one, before the torque is disabled.
 
         Raises:
@@ -211,7 +215,7 @@ class ArmBackend(Protocol):
         This call has no effect if the arm is not in freedrive.
 
         Raises:
-            ArmError: A servo does not answer, and still has a reduced torque limit.
+            ArmError: A servo does not answer, so its torque limit is still reduced.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""Check goals and targets before anything moves. All messages name the joint and the remedy."""
+"""Check goals and targets before the arm moves. All messages name the joint and the remedy."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,10 +12,10 @@ from servoloop.api.errors import ArmInputError
 
 
 def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
-    """Check the names, sizes, times and positions of a goal, and return it within the limits. Raises ArmInputError.
+    """Check the names, sizes, times and positions of a goal, and return the goal within the limits.
 
-    A joint that sags or is held at its limit is measured slightly beyond the limit. A position that is only slightly
-    beyond a limit is therefore moved to the limit.
+    A joint that sags or is pressed against its limit is measured slightly beyond the limit. A position that is only
+    slightly beyond a limit is therefore moved to the limit. Raises ArmInputError.
     """
     check_joints(goal.joints, arm)
     rows = len(goal.times_s)
@@ -30,7 +30,7 @@ def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
     for row in goal.velocities:
         for joint, velocity in zip(goal.joints, row, strict=True):
             if not math.isfinite(velocity):
-                raise ArmInputError(f"{joint}: velocity {velocity} is not finite: send a number", joint)
+                raise ArmInputError(f"{joint}: velocity {velocity} is not finite: send a finite number", joint)
     positions = []
     for index, row in enumerate(goal.positions):
         at = f" at point {index}" if rows > 1 else ""
@@ -40,7 +40,7 @@ def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
 
 
 def checked_targets(targets: Mapping[str, float], arm: ArmDescription) -> dict[str, float]:
-    """Check streamed targets, and return them within the limits, as for goals. Raises ArmInputError."""
+    """Check streamed targets like the positions of goals, and return them within the limits. Raises ArmInputError."""
     check_joints(targets, arm)
     return {joint: _within(joint, position, arm.limits[joint]) for joint, position in targets.items()}
 
@@ -76,7 +76,7 @@ def checked_timeout(value: object) -> float:
 
 
 def number_of(value: Any) -> float | None:
-    """Return a value as a number; None for a string, a Boolean (also of NumPy) and anything else."""
+    """Return a value as a number, or None if it is a string, a Boolean (including NumPy's) or not a number."""
     if isinstance(value, str | bytes) or type(value).__name__.startswith("bool"):
         return None
     try:
@@ -88,13 +88,13 @@ def number_of(value: Any) -> float | None:
 def _within(joint: str, position: float, limit: JointLimits, at: str = "") -> float:
     """Return a position within its limits. Raises ArmInputError if it is not finite or clearly beyond a limit."""
     if not math.isfinite(position):
-        raise ArmInputError(f"{joint}: position {position}{at} is not finite: send a number", joint)
+        raise ArmInputError(f"{joint}: position {position}{at} is not finite: send a finite number", joint)
     slack = AT_LIMIT * (limit.upper - limit.lower)
     if limit.lower - slack <= position <= limit.upper + slack:
         return min(max(position, limit.lower), limit.upper)
     shown, lower, upper = beyond_range(position, limit.lower, limit.upper)
     raise ArmInputError(
-        f"{joint}: position {shown}{at} is outside the limits {lower} to {upper}: choose a position between them", joint
+        f"{joint}: position {shown}{at} is outside the limits {lower} to {upper}: choose a position within them", joint
     )
 
 

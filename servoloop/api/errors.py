@@ -5,9 +5,9 @@ ArmError
 ├── ArmInputError      a target, a path or an argument is invalid, and nothing has moved
 │   └── PlanFailedError    no motion around the obstacles was found
 ├── ArmBusyError       another program or another call moves the arm
-├── MotionFailedError  a motion ended before its target
+├── MotionFailedError  a motion stopped before it reached its target
 │   └── MotionCanceledError  a motion was canceled or replaced
-├── StreamEndedError   a stream was silent for too long, or has been closed
+├── StreamEndedError   a stream received no target for too long, or was closed
 ├── ArmTimeoutError    a wait took too long
 └── ArmEndedError      the control loop has ended
 """
@@ -57,7 +57,7 @@ class ArmBusyError(ArmError):
 
 
 class MotionFailedError(ArmError):
-    """A motion ended before its target, for example because a joint is blocked. The arm holds its position."""
+    """A motion stopped before it reached its target, such as when a joint is blocked. The arm holds its position."""
 
 
 class MotionCanceledError(MotionFailedError):
@@ -65,7 +65,7 @@ class MotionCanceledError(MotionFailedError):
 
 
 class StreamEndedError(ArmError):
-    """A stream was silent for longer than its limit, or has been closed. The arm holds its position."""
+    """No target arrived within a stream's time limit, or the stream was closed. The arm holds its position."""
 
 
 class ArmTimeoutError(ArmError, TimeoutError):

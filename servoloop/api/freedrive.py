@@ -42,7 +42,7 @@ class Freedrive:
         self._held_cycles = 0
         """Number of cycles for which the joints have held their positions."""
         self._softened = False
-        """Whether torque limits may be reduced."""
+        """Whether the torque limits of some servos may currently be reduced."""
         self._retry_s = 0.0
         self._faults: Mapping[str, JointFault] = {}
         """Joints that were not measured in the last cycle."""
@@ -56,7 +56,7 @@ class Freedrive:
 
     @property
     def soft(self) -> list[str]:
-        """Joints whose torque limits may be reduced."""
+        """Joints whose torque limits may currently be reduced."""
         reduced = frozenset[str]().union(*(torque.reduced for _, torque in self._parts))
         return [joint for joint in self._joints if joint in reduced]
 
@@ -90,19 +90,19 @@ class Freedrive:
                 LOG.warning("freedrive has ended because its controller was deactivated")
             self._stiffen(faults, now_s)
             self._takeover.give_back()
-            self.open = self._ending = False  # last, because other threads wait for it
+            self.open = self._ending = False  # Set last, because other threads wait for this flag.
 
     def _begin(self) -> None:
         if self.open:
             raise ArmBusyError("the arm is already in freedrive")
         unknown = [name for name in self._joints if name in self._faults and self._faults[name].kind != "no_torque"]
-        if unknown:  # Writing to a silent servo would delay the loop.
+        if unknown:  # Writing to a servo that does not respond would delay the loop.
             raise ArmError(f"the arm cannot be moved by hand: {self._faults[unknown[0]].text}")
         if self._controller is None:
             self._controller = self._load()
         self._controller.holds, self._ending = False, False
         self._takeover.take()
-        self.open = self._softened = True  # From here on, ``update`` restores the torque limits, also after an error.
+        self.open = self._softened = True  # From here on, ``update`` restores the torque limits, even after an error.
         problems: list[str] = []
         for component, torque in self._parts:
             try:
@@ -136,7 +136,7 @@ class Freedrive:
                 continue
             try:
                 torque.restore(silent)
-            except DriverError as error:  # The next cycle finds the lost port.
+            except DriverError as error:  # The next cycle detects the lost port.
                 LOG.error("%s: the torque limits are still reduced: %s", component.name, error)
         self._softened = any(torque.reduced for _, torque in self._parts)
 

@@ -9,7 +9,7 @@ from servoloop.api.motion import ArmMotion
 
 
 class ArmGripper:
-    """Gripper with one joint. A gripper that closes on an object holds the object, and the motion is complete."""
+    """Gripper with one joint. If the gripper closes on an object, it holds the object, and the motion is complete."""
 
     def __init__(self, arm: ArmDescription, move: Callable[..., ArmMotion]) -> None:
         self._arm, self._move = arm, move
@@ -60,7 +60,7 @@ class ArmGripper:
 
         Args:
             position: Target in rad or m.
-            duration: Duration of the motion, in seconds. Limits may make it longer.
+            duration: Duration of the motion, in seconds. The limits of the joint may make the motion longer.
             speed: Fraction of the velocity limit to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.

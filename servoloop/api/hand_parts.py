@@ -36,7 +36,7 @@ class ControllerAccess:
 
 @dataclass(slots=True)
 class PartStart:
-    """Start of a part that moves a hand.
+    """Start time of a part that moves a hand.
 
     A trajectory controller may wait until other controllers have settled before it begins (``wait_for``). The hand of
     the same motion therefore begins just after the arm, and catches up.
@@ -61,11 +61,11 @@ class PartStart:
 
 @dataclass(slots=True)
 class ForwardPart:
-    """Path of a forward command controller for positions, whose command follows the path in each cycle."""
+    """Path of a forward command controller. In each cycle, the commanded positions follow the path."""
 
     controller: ForwardCommandController
     times_s: FloatArray
-    """Times (k,) of the points since the start, beginning with 0."""
+    """Times (k,) of the points from the start of the motion, beginning with 0."""
     positions: FloatArray
     """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the current command."""
     access: ControllerAccess
@@ -123,8 +123,8 @@ def start_forward(
     Args:
         controller: The controller, which drives at least one joint of the goal.
         goal: A checked goal.
-        held: Commanded positions (n,) of the joints of the controller.
-        access: Access to the loop of the controller.
+        held: Commanded positions (n,) of the controller's joints.
+        access: Access to the controller's loop.
     """
     rows, held = np.array(goal.positions), np.where(np.isfinite(controller.command), controller.command, held)
     points = np.tile(held, (len(rows) + 1, 1))
@@ -140,7 +140,7 @@ def start_forward(
 
 @dataclass(slots=True)
 class GripperPart:
-    """Path of a gripper action controller, as a sequence of goals. A gripper that holds an object counts as arrived."""
+    """Path of a gripper action controller, as a sequence of goals. Holding an object counts as reaching a goal."""
 
     controller: GripperActionController
     goals: list[GripperGoal]
@@ -170,7 +170,7 @@ class GripperPart:
         self.start.elapsed_s(now_s)
         if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
             self.handle = self.controller.submit(self.goals[0])
-            del self.goals[0]  # Other threads treat a finished handle without further goals as the end.
+            del self.goals[0]  # For other threads, a finished handle without further goals ends the part.
 
     def cancel(self, replaced: bool = False) -> None:
         if not self.done:

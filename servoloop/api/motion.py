@@ -10,18 +10,18 @@ from servoloop.api.errors import ArmTimeoutError
 from servoloop.api.targets import Positions
 
 Convert = Callable[[Positions], Mapping[str, float]]
-"""Function that returns targets keyed by joint name."""
+"""Function that converts a program's targets to targets keyed by joint name."""
 
 
 class ArmMotion:
-    """A motion under way. Wait for the motion with ``wait``, await it in a coroutine, or cancel it."""
+    """Running motion. Wait for the motion with ``wait``, await it in a coroutine, or cancel it."""
 
     def __init__(self, backend: ArmBackend, progress: MotionProgress) -> None:
         self._backend, self._progress = backend, progress
 
     @property
     def done(self) -> bool:
-        """Whether the motion has ended, with or without success."""
+        """Whether the motion has finished, with or without success."""
         return self._progress.done
 
     @property
@@ -36,9 +36,9 @@ class ArmMotion:
             timeout_s: Maximum time to wait, in seconds of the arm's clock.
 
         Raises:
-            MotionFailedError: The motion ended before its target.
+            MotionFailedError: The motion stopped before it reached its target.
             MotionCanceledError: The motion was canceled, or another motion has replaced it.
-            ArmTimeoutError: The motion takes longer than ``timeout_s``, and continues.
+            ArmTimeoutError: The motion takes longer than ``timeout_s`` and continues.
             ArmEndedError: The control loop has ended.
         """
         limit_s = checked_timeout(timeout_s)
@@ -57,7 +57,10 @@ class ArmMotion:
         return self.wait_async().__await__()
 
     def cancel(self) -> None:
-        """Cancel the motion. The joints slow down within their limits and hold. A second call has no effect."""
+        """Cancel the motion. A second call has no effect.
+
+        The joints slow down within their limits and hold their positions.
+        """
         if not self.done:
             self._backend.cancel(self._progress)
 
@@ -81,21 +84,24 @@ class TargetStream:
         backend.begin_stream(max_age_s)
 
     def send(self, targets: Positions) -> None:
-        """Send the next targets. The next cycle moves toward them within the velocity and acceleration limits.
+        """Send the next targets. The joints move toward the targets within the velocity and acceleration limits.
 
         Args:
-            targets: Positions by joint name, or one position for each of ``Arm.joints``, in rad or m. Joints without a
-                target hold their last target.
+            targets: Positions keyed by joint name, or one position for each of ``Arm.joints``, in rad or m. Joints
+                without a target hold their last target.
 
         Raises:
             ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay in
                 effect.
-            StreamEndedError: The stream was silent for longer than its limit, or is closed.
+            StreamEndedError: No target arrived within the stream's time limit, or the stream is closed.
         """
         self._backend.send(self._convert(targets))
 
     def close(self) -> None:
-        """End the stream. The joints slow down within their limits and hold. A second call has no effect."""
+        """End the stream. A second call has no effect.
+
+        The joints slow down within their limits and hold their positions.
+        """
         self._backend.end_stream()
 
     def __enter__(self) -> "TargetStream":

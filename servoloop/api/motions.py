@@ -1,4 +1,4 @@
-"""Motions of a local control stack: each goal is split into one part for each controller that moves its joints."""
+"""Motions of a local control stack. Each goal is split into one part for each controller that moves its joints."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ TRAJECTORY: Final = "/JointTrajectoryController"
 FORWARD: Final = ("/ForwardCommandController", "/JointGroupPositionController")
 GRIPPER: Final = "/GripperActionController"
 CANCELED: Final = "the motion was canceled; the arm holds its position"
-REPLACED: Final = "another motion has replaced this one"
+REPLACED: Final = "another motion has replaced this motion"
 
 
 class MotionPart(Protocol):
@@ -33,7 +33,7 @@ class MotionPart(Protocol):
 
     @property
     def done(self) -> bool:
-        """Whether the part has ended."""
+        """Whether the part has finished."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class MotionPart(Protocol):
 
     @property
     def moves(self) -> bool:
-        """Whether the part is under way and has not been canceled."""
+        """Whether the part is running and has not been canceled."""
         ...
 
     def begin_after_arm(self) -> None:
@@ -55,7 +55,7 @@ class MotionPart(Protocol):
         ...
 
     def cancel(self, replaced: bool = False) -> None:
-        """End the part. The moving joints slow down and hold.
+        """Cancel the part. The moving joints slow down and hold their positions.
 
         ``replaced``: whether another motion follows immediately.
         """
@@ -71,7 +71,7 @@ class RunningMotion:
 
     @property
     def done(self) -> bool:
-        """Whether all parts, or the control loop, have ended."""
+        """Whether all parts have finished or the control loop has ended."""
         return all(part.done for part in self.parts) or self.ended() is not None
 
     @property
@@ -95,7 +95,7 @@ def joints_of_mover(controller: Controller) -> tuple[str, ...]:
 
 
 def failure_of(status: GoalStatus, text: str, joints: Sequence[str]) -> MotionFailedError | None:
-    """Return the error of a goal with this status and result text, or None while it runs and after success."""
+    """Return the error of a goal with this status and result text, or None while the goal runs and after success."""
     if status in (GoalStatus.EXECUTING, GoalStatus.SUCCEEDED):
         return None
     if status is GoalStatus.CANCELED:
@@ -108,11 +108,11 @@ def failure_of(status: GoalStatus, text: str, joints: Sequence[str]) -> MotionFa
 def failed_text(text: str) -> str:
     """Return the message of a failed motion, with its reason and the remedy."""
     return (
-        f"the motion ended before its target: {text.rstrip('.')}. The arm holds its position: remove the cause, then "
-        "move again"
+        f"the motion stopped before it reached its target: {text.rstrip('.')}. The arm holds its position. Remove the "
+        "cause, then move again"
     )
 
 
 def joint_in(text: str, joints: Sequence[str]) -> str:
-    """Return the first joint that a message names, or an empty text."""
+    """Return the first joint that a message names, or an empty string."""
     return next((word for word in re.findall(r"\w+", text) if word in joints), "")

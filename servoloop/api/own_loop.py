@@ -32,7 +32,7 @@ def ended_by(error: Exception | None) -> str:
 
 
 class OwnLoop(ABC):
-    """Stack of one arm with its loop, from its start until ``close``."""
+    """Stack of one arm with its control loop, from the start of the loop until ``close``."""
 
     def __init__(self, files: Files) -> None:
         self._files = files
@@ -58,7 +58,7 @@ class OwnLoop(ABC):
         return stack
 
     def _activate(self, stack: ControlStack, recording: AbstractContextManager[None]) -> None:
-        """Start the recording and enable the torque. ``close`` is also called when the program exits."""
+        """Start the recording and enable the torque. Register ``close`` to be called when the program exits."""
         self._exit.enter_context(recording)
         stack.loop.activate(self._initial.inactive)
         self._exit.callback(atexit.unregister, self.close)

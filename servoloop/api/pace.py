@@ -12,12 +12,12 @@ from servoloop.api.errors import ArmEndedError, ArmError
 
 LOG = logging.getLogger("servoloop")
 POLL_S: Final = 0.005
-"""Period of the checks of an asynchronous wait, in seconds."""
+"""Period at which an asynchronous wait checks its condition, in seconds."""
 CHECK_S: Final = 0.1
 """Maximum time between two checks of a blocking wait, in seconds. A loop may end without waking the waiting thread."""
 
 Ended = Callable[[], ArmEndedError | None]
-"""Function that returns the error of a control loop that has ended, or None while it runs."""
+"""Function that returns the error of a control loop that has ended, or None while the loop runs."""
 
 
 class LoopPace(Protocol):
@@ -28,7 +28,7 @@ class LoopPace(Protocol):
         ...
 
     def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after each cycle, and return a function that ends the calls."""
+        """Call a function after each cycle, and return a function that stops the calls."""
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
@@ -47,7 +47,7 @@ class LoopPace(Protocol):
 class Observers:
     """Functions that are called after a cycle.
 
-    An error of a function is logged once and does not stop the other functions.
+    An error in a function is logged once and does not stop the other functions.
     """
 
     def __init__(self) -> None:
@@ -73,12 +73,12 @@ class Observers:
                 observer()
             except Exception:
                 if observer not in self._failed:
-                    LOG.exception("an on_state callback failed; the arm continues")
+                    LOG.exception("an on_state callback failed; the arm keeps running")
                 self._failed.add(observer)
 
 
 class ThreadPace:
-    """Pace of a loop that runs in its own thread. Observers run in a third thread, so that they do not delay cycles."""
+    """Pace of a loop that runs in its own thread. Observers run in another thread, so that they do not delay cycles."""
 
     def __init__(self, clock: Clock, ended: Ended) -> None:
         """``clock`` is the clock of the loop, and ``ended`` returns an error if the loop has ended."""
@@ -191,7 +191,9 @@ class SimulatedPace:
             if error := self._ended():
                 raise error
             if self._runs:
-                raise ArmError("a callback of on_state cannot wait in simulated time: set a flag and wait elsewhere")
+                raise ArmError(
+                    "an on_state callback cannot wait in simulated time: set a flag, then wait in the program"
+                )
             self._runs = True
             cycles = iter((False, True))
             try:

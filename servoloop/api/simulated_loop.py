@@ -53,11 +53,11 @@ class SimulatedLoop(OwnLoop):
         self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
         self._activate(stack, recording.of(stack.loop, files, 0.0, lambda: self._failed, setup.scene, live=False))
         self.world, self.lines = lines.world, lines.lines
-        self.backend.state()  # Runs the first cycle, so that the arm has a state.
+        self.backend.state()  # This call runs the first cycle, so that the arm has a state.
 
     def _fail(self, error: Exception) -> None:
         """Shut the arm down after an error in the loop, as the loop thread does."""
-        LOG.error("the control loop ends: %s", error)
+        LOG.error("the control loop stops: %s", error)
         self._failed = True
         self._stack.end()
         self._why_ended = ended_by(error)

@@ -25,7 +25,7 @@ from servoloop.recording.stream import RunningStack, find_stack
 FIRST_S: Final = 5.0
 """Maximum time to wait for the first state, in seconds."""
 EVENTS_S: Final = 0.2
-"""Maximum time of one wait for states, in seconds. The thread that waits ends within this time."""
+"""Maximum duration of one wait for states, in seconds. After ``close``, the waiting thread ends within this time."""
 TORQUE_S: Final = 90.0
 """Maximum time to move to the park pose and to disable the torque, in seconds."""
 FASTEST_HZ: Final = 1000.0
@@ -40,17 +40,17 @@ class SocketMotion:
 
     @property
     def done(self) -> bool:
-        """Whether the goal or the stack has ended."""
+        """Whether the goal has finished or the stack has ended."""
         return self._backend.result_of(self.number)[0]
 
     @property
     def failure(self) -> Exception | None:
-        """Error of a goal that failed. None while it runs and after success."""
+        """Error of a goal that failed. None while the goal runs and after success."""
         return self._backend.result_of(self.number)[1]
 
 
 class SocketBackend:
-    """Backend on the command socket of a running stack.
+    """Backend that moves the arm of a running stack over its command socket.
 
     From its first motion until ``close``, only this program moves the arm. Timeouts are in real time, even if the stack
     runs in simulated time.
@@ -70,14 +70,14 @@ class SocketBackend:
         """Latest state and the time of its arrival, in seconds."""
         self._first = threading.Event()
         self._results: dict[int, ArmError | None] = {}
-        """Results of the motions that have ended, keyed by motion number."""
+        """Results of the motions that have finished, keyed by motion number."""
         self._pace = ThreadPace(MonotonicClock(), self._ended)
         self._thread = threading.Thread(target=self._watch, name="states of the arm", daemon=True)
         self._thread.start()
 
     @classmethod
     def find(cls, arm: str | None, namespace: str | None) -> Self:
-        """Connect to the only running stack, or to the stack of an arm or a namespace. Raises ArmSetupError."""
+        """Connect to the only running stack, or to the stack of this arm or namespace. Raises ArmSetupError."""
         try:
             return cls(find_stack(arm, None if namespace is None else parse_namespace(namespace)))
         except DriverError as error:
@@ -94,7 +94,7 @@ class SocketBackend:
         return _aged(state, monotonic() - arrived_s)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the latest state after each cycle, and return a function that ends the calls."""
+        """Call a function with the latest state after each cycle, and return a function that stops the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -126,14 +126,14 @@ class SocketBackend:
             raise arm_error(error) from error
 
     def begin_stream(self, max_age_s: float) -> None:
-        """Accept targets, as ``ArmBackend.begin_stream`` describes."""
+        """Open a stream, as ``ArmBackend.begin_stream`` describes."""
         if not (math.isfinite(max_age_s) and max_age_s > 0.0):
             raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
         self._ask("take")
         self._ask("stream", max_age_s=max_age_s)
 
     def send(self, targets: Mapping[str, float]) -> None:
-        """Send targets by joint, in rad or m."""
+        """Send targets in rad or m, keyed by joint name."""
         positions = checked_targets(targets, self.description)
         try:
             self._commands.request("targets", positions=positions)
@@ -184,7 +184,7 @@ class SocketBackend:
         return await self._pace.wait_async(until, timeout_s)
 
     def close(self) -> None:
-        """Disconnect. Motions of this program end within their limits, and the arm holds."""
+        """Disconnect. Motions of this program stop within their limits, and the arm holds its position."""
         self._why_ended = self._why_ended or "the connection to the arm has been closed: connect again"
         self._commands.close()
         self._thread.join(2 * EVENTS_S)
@@ -192,7 +192,7 @@ class SocketBackend:
         self._pace.close()
 
     def result_of(self, motion: int) -> tuple[bool, ArmError | None]:
-        """Return whether a motion has ended, and its error if it has failed."""
+        """Return whether a motion has finished, and its error if it has failed."""
         if motion not in self._results and not self._why_ended:
             try:
                 self._keep(self._commands.events())
@@ -214,7 +214,7 @@ class SocketBackend:
             raise arm_error(error) from error
 
     def _keep(self, events: list[dict[str, Any]]) -> None:
-        """Store the results of motions that a list of events contains."""
+        """Store the motion results from a list of events."""
         for event in events:
             if event["event"] == "moved":
                 error = event["error"]
@@ -255,7 +255,7 @@ def _description(fields: Mapping[str, Any]) -> ArmDescription:
 
 
 def _limits(values: Mapping[str, Any]) -> JointLimits:
-    """Return the limits of a joint from a reply, in which infinity is null."""
+    """Return the limits of a joint from a reply. In the reply, null stands for infinity."""
     lower = -math.inf if values["lower"] is None else values["lower"]
     names = ("upper", "velocity", "acceleration", "jerk", "effort")
     upper, velocity, acceleration, jerk, effort = (math.inf if values[n] is None else values[n] for n in names)
@@ -264,7 +264,7 @@ def _limits(values: Mapping[str, Any]) -> JointLimits:
 
 
 def _state(fields: Mapping[str, Any]) -> ArmState:
-    """Return a state from an event, in which NaN is null."""
+    """Return a state from an event. In the event, null stands for NaN."""
 
     def numbers(name: str) -> dict[str, float]:
         return {joint: math.nan if at is None else float(at) for joint, at in fields[name].items()}

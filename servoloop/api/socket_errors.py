@@ -25,7 +25,7 @@ _CLASSES: Final[Mapping[ErrorKind, type[ArmError]]] = {
     "ended": ArmEndedError,
     "failed": ArmError,
 }
-"""Class of each kind of error. A class comes before its base class."""
+"""Error class of each kind of error. Each class precedes its base class."""
 _OTHERS: Final[Mapping[ErrorKind, type[ArmError]]] = {
     "owned": ArmBusyError,
     "not_owner": ArmBusyError,

@@ -1,4 +1,4 @@
-"""Backend that moves a control stack of the same process through its controllers."""
+"""Backend that moves the arm of a control stack in the same process, through the stack's controllers."""
 
 import math
 import threading
@@ -44,10 +44,10 @@ PARK_S: Final = 60.0
 
 
 class StackBackend:
-    """Backend on a control stack whose loop runs in another thread or in simulated time.
+    """Backend for a control stack whose loop runs in another thread or in simulated time.
 
-    Create the backend before the loop runs. In each cycle, the backend first calls the previous ``on_cycle`` function
-    of the loop.
+    Create the backend before the loop runs. In each cycle, the backend first calls the loop's previous ``on_cycle``
+    function.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class StackBackend:
         return self._converted(state, command)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the latest state after each cycle, and return a function that ends the calls."""
+        """Call a function with the latest state after each cycle, and return a function that stops the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -132,7 +132,7 @@ class StackBackend:
                     self._brake(entry.spec.name)
 
     def begin_stream(self, max_age_s: float) -> None:
-        """Accept targets, as ``ArmBackend.begin_stream`` describes."""
+        """Open a stream, as ``ArmBackend.begin_stream`` describes."""
         if not (math.isfinite(max_age_s) and max_age_s > 0.0):
             raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
         with self._lock:
@@ -140,7 +140,7 @@ class StackBackend:
         self._stream.begin(max_age_s)
 
     def send(self, targets: Mapping[str, float]) -> None:
-        """Send targets by joint, in rad or m."""
+        """Send targets in rad or m, keyed by joint name."""
         self._stream.send(checked_targets(targets, self.description))
 
     def end_stream(self) -> None:
@@ -179,7 +179,7 @@ class StackBackend:
         if not self._pace.wait(lambda: not freedrive.open, FREEDRIVE_S):
             raise ArmTimeoutError(f"freedrive did not end within {FREEDRIVE_S:g} s, so the arm is still compliant")
         if soft := freedrive.soft:
-            text = f"the torque of {', '.join(soft)} stays reduced until its servo answers: check its cable"
+            text = f"the torque of {', '.join(soft)} stays reduced until the servo answers: check the servo's cable"
             raise ArmError(text, soft[0])
 
     @contextmanager
@@ -322,7 +322,7 @@ class StackBackend:
         """Run an action between two cycles and raise its error."""
         request = self.stack.loop.requests.ask(action)
         if not request.done and not self._pace.wait(lambda: request.done, ANSWER_S):
-            raise ArmError("the control loop does not answer: check whether its hardware hangs")
+            raise ArmError("the control loop does not respond: check whether its hardware hangs")
         try:
             request.result()
         except ArmError:

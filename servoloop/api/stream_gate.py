@@ -17,7 +17,7 @@ InLoop = Callable[[Callable[[], None]], None]
 
 
 class Takeover:
-    """Takeover of joints by one controller. The thread of the loop calls all methods between two cycles."""
+    """Switch of some joints to one controller and back. The thread of the loop calls all methods between two cycles."""
 
     def __init__(self, stack: ControlStack, name: str) -> None:
         """``name`` is the name of the controller, which may be loaded later."""
@@ -40,7 +40,7 @@ class Takeover:
             request = SwitchRequest(activate=(self._name,), deactivate=tuple(former))
             loop.manager.switch(request, loop.within_limits)
         except ManagerError as error:
-            raise ArmBusyError(f"{self._name} cannot take over: {error}") from error
+            raise ArmBusyError(f"{self._name} cannot take over its joints: {error}") from error
         self._former = tuple(former)
 
     def give_back(self) -> None:
@@ -59,7 +59,7 @@ class Takeover:
 
 STREAM: Final = "stream_controller"
 """Name of the controller that follows streamed targets."""
-NOT_OPEN: Final = "no stream is open: open one with arm.stream()"
+NOT_OPEN: Final = "no stream is open: open a stream with arm.stream()"
 
 
 class StreamGate:
@@ -96,7 +96,7 @@ class StreamGate:
             self._in_loop(lambda: self._end(NOT_OPEN))
 
     def update(self, now_s: float) -> None:
-        """End the stream if it is silent or its controller was deactivated. The loop calls this after each cycle."""
+        """End the stream if it timed out or its controller was deactivated. The loop calls this after each cycle."""
         if not self.open:
             return
         if not self._takeover.active:
@@ -109,7 +109,7 @@ class StreamGate:
 
     def _begin(self, max_age_s: float) -> None:
         if self.open:
-            raise ArmBusyError("a stream is already open: close it first")
+            raise ArmBusyError("a stream is already open: close that stream first")
         loop = self._stack.loop
         if STREAM not in loop.manager.registry.loaded:
             self._load()

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 
 Positions = Union[Mapping[str, float], Sequence[float], "FloatArray"]
-"""Positions by joint name, or one position for each of ``Arm.joints``, in rad or m."""
+"""Positions keyed by joint name, or one position for each of ``Arm.joints``, in rad or m."""
 
 
 def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
-    """Return positions by joint name. Raises ArmInputError if the number or the type of the positions is wrong."""
+    """Return positions keyed by joint name. Raises ArmInputError if their number or type is wrong."""
     if isinstance(positions, Mapping):
         return {joint: _number(joint, value) for joint, value in positions.items()}
     if isinstance(positions, str | Set) or not hasattr(positions, "__len__"):  # A set has no order.
-        raise ArmInputError(f"{positions!r} is not a target: use positions by joint name or an array")
+        raise ArmInputError(f"{positions!r} is not a target: use positions keyed by joint name, or an array")
     if getattr(positions, "ndim", 1) != 1 or len(positions) != len(arm.joints):
         shape = getattr(positions, "shape", len(positions))
         raise ArmInputError(
@@ -35,15 +35,15 @@ def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
 
 
 def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
-    """Return the positions of a saved pose by joint name. Raises ArmInputError if there is no such pose."""
+    """Return the positions of a saved pose, keyed by joint name. Raises ArmInputError if there is no such pose."""
     from servoloop.manual.poses import PoseError, Poses
 
     if arm.folder is None:
-        raise ArmInputError(f"pose {name}: the files of {arm.name} do not belong to an arm folder, so it has no poses")
+        raise ArmInputError(f"pose {name}: {arm.name} has no saved poses, because its files are not in an arm folder")
     try:
         return dict(Poses(arm.folder).get(name))
     except PoseError as error:
-        raise ArmInputError(f"{error}; save one with `servoloop pose save`") from error
+        raise ArmInputError(f"{error}; save a pose with `servoloop pose save`") from error
 
 
 def duration_of(duration: float | None, speed: float | None) -> tuple[float | None, float]:
@@ -79,7 +79,7 @@ def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tu
         )
     lengths = {len(columns[joint]) for joint in joints}
     if len(lengths) > 1:
-        raise ArmInputError(f"the joints have different numbers of points ({sorted(lengths)}): use one per time")
+        raise ArmInputError(f"the joints have different numbers of points ({sorted(lengths)}): use one point per time")
     return tuple(zip(*([_number(joint, at) for at in columns[joint]] for joint in joints), strict=True))
 
 

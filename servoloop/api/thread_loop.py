@@ -99,7 +99,7 @@ class ThreadLoop(OwnLoop):
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
     def _joined(self, thread: threading.Thread) -> bool:
-        """Wait briefly for the shutdown, and return whether it has ended or hangs.
+        """Wait briefly for the shutdown, and return whether it has finished or hangs.
 
         Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``.
         """

@@ -14,7 +14,7 @@ class ArmTrajectory:
     """Trajectory of some or all joints with k points. The arm is at rest at the last point."""
 
     times_s: Sequence[float]
-    """Times (k,) of the points, in seconds. They are nonnegative and strictly increasing."""
+    """Times (k,) of the points, in seconds, nonnegative and strictly increasing."""
     positions: Mapping[str, Sequence[float]]
     """Positions (k,) of each joint, in rad or m."""
     velocities: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -22,10 +22,10 @@ class ArmTrajectory:
 
     @classmethod
     def recorded(cls, states: Sequence[ArmState], limits: Mapping[str, JointLimits]) -> Self:
-        """Return a smooth trajectory through recorded states, without the rest before and after the motion.
+        """Return a smooth trajectory through recorded states, without the pauses before and after the motion.
 
-        The trajectory is smoothed to remove the shaking of a hand. Joints slow down together where a joint would exceed
-        its limits, and positions outside the limits are clipped.
+        The trajectory is smoothed to remove the shaking of a hand. If a joint would exceed its limits, all joints slow
+        down together. Positions outside the limits are clipped.
 
         Args:
             states: States of a motion, in the order of their times.
@@ -60,7 +60,7 @@ class ArmTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTrajectory(ArmTrajectory):
-    """Trajectory around obstacles. ``Arm.follow`` refuses the trajectory if the arm is not at its start."""
+    """Trajectory around obstacles. ``Arm.follow`` refuses a trajectory if the arm is not at the start."""
 
     start: Mapping[str, float] = field(default_factory=dict)
     """Positions of all joints at the start, in rad or m, including those that do not move."""

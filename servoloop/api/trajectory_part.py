@@ -56,7 +56,7 @@ def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, he
     Args:
         controller: The controller, which drives at least one joint of the goal.
         goal: A checked goal.
-        held: Positions (n,) for the joints of the controller that the goal does not name.
+        held: Positions (n,) of the controller's joints, for the joints that the goal does not name.
 
     Raises:
         ArmInputError: The controller rejects the goal.

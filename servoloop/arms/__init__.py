@@ -1,1 +1,1 @@
-"""Create the folder of a new arm from its URDF."""
+"""Create arm folders: for a new arm from its URDF, or for a robot with several arms from their folders."""

@@ -1,4 +1,4 @@
-"""Write the folder of a robot with several arms, from the folders of its arms."""
+"""Combine the folders of several arms into the folder of one robot."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -56,7 +56,7 @@ def parse_bases(words: Sequence[str], names: Sequence[str]) -> dict[str, BasePos
     for word in words:
         name, _, text = word.partition("=")
         if name not in bases:
-            raise ArmFileError(f"--base {word}: there is no arm {name}: choose one of {', '.join(names)}")
+            raise ArmFileError(f"--base {word}: there is no arm {name}; choose one of {', '.join(names)}")
         if name in given:
             raise ArmFileError(f"--base {name}= is given twice: give one base pose for each arm")
         bases[name] = _base(word, text)
@@ -83,7 +83,7 @@ def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]
 
     Args:
         folder: New folder.
-        arms: Name or folder of each arm, by its name in the robot, such as ``left``.
+        arms: Name or folder of each arm, keyed by the arm's name in the robot, such as ``left``.
         bases: Base pose of each arm.
 
     Returns:

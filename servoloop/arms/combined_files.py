@@ -126,7 +126,7 @@ def arm_text(parts: Sequence[Part]) -> str:
 
 
 def poses_text(parts: Sequence[Part]) -> str:
-    """Return the saved poses of each arm; empty without poses. A pose that all arms have is also a pose of the robot.
+    """Return the saved poses of each arm; empty if there are none. The robot also has each pose that all arms have.
 
     Raises PoseError.
     """
@@ -143,7 +143,7 @@ def poses_text(parts: Sequence[Part]) -> str:
 
 
 def meshes_text(parts: Sequence[Part], folder: Path) -> str:
-    """Return the meshes of all links; empty without meshes. The mesh files remain in the folders of the arms."""
+    """Return the meshes of all links; empty if there are none. The mesh files remain in the folders of the arms."""
     links: dict[str, Any] = {}
     for part in parts:
         path = part.arm.scene.parent / PLACES
@@ -162,7 +162,7 @@ def servo_models_text(parts: Sequence[Part]) -> str:
         path = part.arm.robot.parent / FILE_NAME
         for name, model in (_content(path) if path.is_file() else {}).items():
             if models.setdefault(name, model) != model:
-                raise ArmFileError(f"{path}: the model {name} differs from that of another arm: rename one model")
+                raise ArmFileError(f"{path}: another arm has a different model {name}; rename one model")
     return yaml_text(models) if models else ""
 
 

@@ -9,7 +9,7 @@ from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.robot_files import Files
 
 BASE: Final = "base_link"
-"""Link on which all arms stand. It is the root of the combined URDF and the world frame of the scene."""
+"""Link on which all arms stand. This link is the root of the combined URDF and the world frame of the scene."""
 NAMED: Final = ("link", "joint", "sensor", "gpio", "material", "transmission")
 """Elements of a URDF whose names get the prefix."""
 
@@ -47,7 +47,7 @@ class Part:
         return (elements | {spec.name for spec in self.files.controllers.controllers}) - {""}
 
     def prefixed(self, value: Any, names: Collection[str]) -> Any:
-        """Return a value of a YAML file with the prefix added to each of the names, also in keys and lists.
+        """Return a value of a YAML file with the prefix added to each of the names, including names in keys and lists.
 
         Interfaces such as ``joint1/position`` also get the prefix. Other values do not change.
         """

@@ -107,10 +107,10 @@ def bench_arm(
 
     Args:
         arm: The arm.
-        devices: Serial device of each bus, by bus name.
+        devices: Serial device of each bus, keyed by bus name.
         clock: Clock for the measurements.
         signals: Function that returns the number of signals received. The first signal ends the measurement; a second
-            signal skips the way back.
+            signal skips the motion back.
         say: Function that prints a line of progress.
         virtual: Virtual buses in this process, used instead of the devices.
 

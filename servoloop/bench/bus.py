@@ -37,7 +37,7 @@ LARGEST_ID: Final = 253
 
 @dataclass(frozen=True, slots=True)
 class BusSpeed:
-    """Results of one measurement. A cycle lasts from one answer of at least one servo to the next."""
+    """Results of one measurement. A cycle lasts from one answer by at least one servo to the next such answer."""
 
     hz: float
     p50_us: float
@@ -50,12 +50,15 @@ class BusSpeed:
     ratio: float
     """Ratio of ``p50_us`` to ``wire_us``."""
     faults: dict[str, int]
-    """Number of faults of each kind. ``silent`` counts each cycle without a servo's answer, even if it was not read."""
+    """Number of faults of each kind.
+
+    ``silent`` counts each cycle without a servo's answer, even if the servo was not read.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class BusRun:
-    """Data of one measurement. A cycle lasts from one answer of at least one servo to the next."""
+    """Data of one measurement. A cycle lasts from one answer by at least one servo to the next such answer."""
 
     took_s: list[float]
     """Duration of each cycle, in seconds."""
@@ -160,7 +163,7 @@ def standing_still(
     try:
         if goals:
             bus.write_goals(goals)
-        bus.read_states(servo_ids)  # This read detects whether Dynamixel servos support fast reads.
+        bus.read_states(servo_ids)  # The bus detects in this read whether Dynamixel servos support fast reads.
         yield goals
     finally:
         for error in bus.torque_off(limp) if hold else ():

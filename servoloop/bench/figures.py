@@ -21,7 +21,7 @@ class Distribution:
 
     @classmethod
     def of(cls, times_s: Iterable[float]) -> Self | None:
-        """Return the distribution of times (in seconds), or None if there are none."""
+        """Return the distribution of times (in seconds), or None if there are no times."""
         ordered = sorted(times_s)
         if not ordered:
             return None
@@ -38,7 +38,7 @@ class Timing:
     cycles: int
     missed: int
     late: Distribution | None
-    """Delay of the start of a cycle."""
+    """Delay of a cycle's start."""
     took: Distribution | None
     """Time from the start of a cycle until its goals were sent."""
 
@@ -85,7 +85,7 @@ class MachineFigures:
     realtime: bool
     """Whether the system grants real-time priority."""
     adapters: tuple[str, ...]
-    """Chip and latency timer of the adapter of each bus."""
+    """Chip and latency timer of each bus's adapter."""
 
 
 @dataclass(frozen=True, slots=True)

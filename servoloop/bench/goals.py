@@ -1,4 +1,4 @@
-"""Find goals that cause no motion, for servos that are known to interpret them as goals."""
+"""Find goals that cause no motion, for servos whose goal register is known."""
 
 import logging
 from collections.abc import Sequence
@@ -37,12 +37,12 @@ def _known() -> frozenset[int]:
 
 
 class OnlyGroupReadsError(ServoError):
-    """A servo answers group reads but not single reads."""
+    """Raised when a servo answers group reads but not single reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class PresentGoals:
-    """Goals by servo ID that cause no motion.
+    """Goals that cause no motion, keyed by servo ID.
 
     For most makes, a goal also enables the torque, so servos whose torque is off are listed separately.
     """

@@ -75,7 +75,7 @@ def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> fl
 
 
 REST_S: Final = 1.5
-"""Rest after each motion, in seconds, during which gravity compensation settles."""
+"""Time at rest after each motion, in seconds, so that gravity compensation settles."""
 BACK: Final = "the arm returns to its initial pose, and its torque is disabled"
 LOG = logging.getLogger("servoloop")
 
@@ -119,12 +119,12 @@ def run_trial(
 ) -> BenchTrial:
     """Move an arm through the poses and back to its initial pose, and measure it.
 
-    At the start and at the end the torque is off, even after an error. Only a second signal skips the way back.
+    At the start and at the end the torque is off, even after an error. Only a second signal skips the motion back.
 
     Args:
         files: Files of the arm, with reduced velocity limits.
         poses: Poses of the joints of all trajectory controllers.
-        devices: Serial device of each bus, by bus name.
+        devices: Serial device of each bus, keyed by bus name.
         clock: Clock of the control loop.
         signals: Function that returns the number of signals received.
         virtual: Virtual buses in this process, used instead of the devices.

@@ -27,7 +27,7 @@ LISTEN_S: Final = 5.0
 GOALS: Final = 10
 """Number of goals to send."""
 REST_S: Final = 0.5
-"""Rest before each goal, in seconds, so that settling is not measured as motion."""
+"""Time at rest before each goal, in seconds, so that settling is not measured as motion."""
 STEP: Final = 0.1
 """Distance between two goals, in rad or m, limited to a tenth of the joint's range.
 
@@ -49,16 +49,16 @@ class RosRun:
 def run_ros(
     arm: ArmFolder, files: Files, ready: Pose, lay: Pose, devices: Mapping[str, str], signals: Callable[[], int]
 ) -> RosRun:
-    """Start the stack, send it goals near the ready pose, and end it.
+    """Start the stack, send goals near the ready pose to the stack, and shut it down.
 
     At the end the arm is in its initial pose with its torque off.
 
     Args:
         arm: The arm.
         files: Files of the arm, with reduced velocity limits.
-        ready: Ready pose of the arm, in the order of the joints of its controller.
+        ready: Ready pose of the arm, in the joint order of its controller.
         lay: Initial pose of the robot.
-        devices: Serial device of each bus, by bus name.
+        devices: Serial device of each bus, keyed by bus name.
         signals: Function that returns the number of signals received.
 
     Raises:
@@ -80,11 +80,11 @@ def run_ros(
             except DriverError:
                 if signals():
                     raise Interrupted(f"interrupted; {BACK}") from None
-                stack.check()  # If the stack has ended, its output explains the error better.
+                stack.check()  # If the stack has exited, its output explains the error better.
                 raise
             if status := stack.end()["stack"]:
                 output = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])
-                raise DriverError(f"the stack ended with status {status}; torque may still be on:\n  {output}")
+                raise DriverError(f"the stack exited with status {status}; torque may still be on:\n  {output}")
         return _run(noted, read_recording(work.recording), float(files.controllers.update_rate_hz))
 
 

@@ -21,7 +21,7 @@ class Work:
     arm: str
     """Folder of the arm."""
     devices: dict[str, str]
-    """Serial device of each bus, by bus name."""
+    """Serial device of each bus, keyed by bus name."""
     lay: dict[str, float]
     """Initial pose, to which the arm returns at the end before its torque is disabled."""
     folder: str

@@ -42,7 +42,7 @@ class ArmRequests:
         }
 
     def state(self) -> Reply:
-        """Return the latest state of the arm by joint. Raises ArmError if there is no state."""
+        """Return the latest state of the arm. Raises ArmError if there is no state."""
         return asdict(self._arm.state())
 
     def stop(self) -> None:
@@ -56,11 +56,11 @@ class ArmRequests:
         self._streaming = client
 
     def set_torque(self, message: messages.Torque) -> None:
-        """Enable or disable the torque, and wait until this is done. Raises ArmError."""
+        """Enable or disable the torque, and wait until the change is complete. Raises ArmError."""
         self._arm.set_torque(message.on, message.park)
 
     def set_freedrive(self, client: Owner, on: bool) -> None:
-        """Begin a freedrive, or end the freedrive of this client, and wait until this is done. Raises ArmError."""
+        """Begin a freedrive, or end this client's freedrive, and wait until the change is complete. Raises ArmError."""
         if on:
             self._arm.begin_freedrive()
             self._guiding = client
@@ -71,7 +71,7 @@ class ArmRequests:
     def halt(self, client: Owner) -> None:
         """Cancel the motions of a client, and end its stream and its freedrive.
 
-        The joints slow down within their limits and hold.
+        The joints slow down within their limits and hold their positions.
         """
         with self._lock:
             if self._guiding is client:
@@ -82,7 +82,7 @@ class ArmRequests:
                 self._end_stream()
 
     def ended(self, client: Owner) -> Iterator[Reply]:
-        """Yield the result of each motion of a client that has ended since the last call, as an event."""
+        """Yield the result of each of a client's motions that has finished since the last call, as an event."""
         if client not in self._motions:
             return
         with self._lock:
@@ -115,7 +115,7 @@ class ArmRequests:
     def _cancel(self, client: Owner, message: messages.CancelMove) -> Reply:
         with self._lock:
             progress = self._motions.get(client, {}).get(message.motion)
-            if progress is not None:  # a motion that has just ended is not affected
+            if progress is not None:  # a motion that has just finished is not affected
                 self._arm.cancel(progress)
         return {}
 

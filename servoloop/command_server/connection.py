@@ -31,7 +31,7 @@ class SocketConnection:
     def __init__(self, connection: socket.socket, pid: int, requests: StackRequests) -> None:
         self.session = Session(f"process {pid}", self, requests)
         self.gone = False
-        """Whether the client has disconnected and its motions have been ended."""
+        """Whether the client has disconnected and its motions have been stopped."""
         self._connection = connection
         self._thread = threading.Thread(target=self._run, name="commands of a client", daemon=True)
 
@@ -66,7 +66,7 @@ class SocketConnection:
             self._serve()
         except OSError:
             pass  # the client has disconnected
-        except Exception:  # a defect here must not keep the motions of the client running
+        except Exception:  # an error here must not keep the client's motions running
             LOG.exception("command socket: internal error while %s was served", self.session.name)
         finally:
             self.session.end()

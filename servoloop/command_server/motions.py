@@ -37,7 +37,7 @@ FORWARD: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class _RunningGoal:
-    """Goal of a client, until the goal ends."""
+    """Goal of a client that has not finished yet."""
 
     controller: Any
     handle: GoalHandle | GripperHandle
@@ -63,7 +63,7 @@ class Motions:
         self._numbers = count(1)
 
     def goal(self, client: object, name: str, joints: Sequence[str], points: Sequence[GoalPoint]) -> int:
-        """Start a goal of a trajectory controller, and return its number.
+        """Send a goal to a trajectory controller, and return the number of the goal.
 
         Args:
             client: Client that sends the goal.
@@ -81,7 +81,7 @@ class Motions:
             return self._add(client, started)
 
     def grip(self, client: object, name: str, goal: GripperGoal) -> int:
-        """Start a goal of a gripper controller, and return its number. Raises the same errors as ``goal``."""
+        """Send a goal to a gripper controller, and return its number. Raises the same errors as ``goal``."""
         with self._lock:
             controller: GripperActionController = cast(Any, self._entry(name, GRIPPER).controller)
             if reason := controller.check(goal):
@@ -95,7 +95,7 @@ class Motions:
             client: Client that sends the set point.
             name: Name of a forward or trajectory controller.
             values: One value for each joint of the controller.
-            time_s: Time until a trajectory controller rests at the set point, in seconds.
+            time_s: Time until a trajectory controller comes to rest at the set point, in seconds.
 
         Raises:
             CommandError: The controller is unknown or inactive, or rejects the set point.
@@ -109,22 +109,22 @@ class Motions:
                 motions.set_points[name] = self._submit(entry, goal)
                 return
             if not entry.active:
-                raise CommandError("rejected", f"{name} is not active: activate it first")
+                raise CommandError("rejected", f"{name} is not active: activate the controller first")
             if reason := cast(Any, entry.controller).submit(list(values)):
                 raise CommandError("rejected", reason)
             motions.set_points[name] = None
 
     def cancel(self, client: object, number: int) -> None:
-        """Cancel a goal of a client. A goal that has just ended is not affected. Raises CommandError."""
+        """Cancel a goal of a client. A goal that has just finished is not affected. Raises CommandError."""
         with self._lock:
             goals = self._clients.get(client, _ClientMotions()).goals
             if number not in goals:
                 running = ", ".join(map(str, goals)) or "none"
-                raise CommandError("unknown", f"this client has no goal {number} under way; its goals are: {running}")
+                raise CommandError("unknown", f"this client has no running goal {number}; its goals are: {running}")
             goals[number].controller.cancel(goals[number].handle)
 
     def halt(self, client: object) -> None:
-        """End the motions of a client: cancel its goals, and hold the joints of its streams."""
+        """Stop the motions of a client: cancel its goals, and hold the joints of its streams."""
         with self._lock:
             motions = self._clients.get(client, _ClientMotions())
             for goal in (*motions.goals.values(), *filter(None, motions.set_points.values())):
@@ -145,7 +145,7 @@ class Motions:
                 self._hold(entry)
 
     def ended(self, client: object) -> Iterator[dict[str, Any]]:
-        """Yield the result of each goal of a client that has ended since the last call, as an event."""
+        """Yield the result of each of a client's goals that has finished since the last call, as an event."""
         if client not in self._clients:
             return
         with self._lock:

@@ -21,9 +21,9 @@ class Owner(Protocol):
 
 
 class Ownership:
-    """Control of the motion of an arm. At most one client has this control. Any thread may call each method.
+    """Control over the motion of an arm. At most one client has control. Any thread may call each method.
 
-    ``halt`` ends the motions of a client within their limits.
+    ``halt`` stops the motions of a client within their limits.
     """
 
     def __init__(self, halt: Callable[[Owner], None]) -> None:
@@ -42,7 +42,7 @@ class Ownership:
 
         Args:
             client: The client.
-            force: Whether to take control from another client, whose motions then end.
+            force: Whether to take control from another client, whose motions then stop.
 
         Raises:
             CommandError: Another client is the owner.
@@ -56,14 +56,14 @@ class Ownership:
             self._owner = client
 
     def release(self, client: Owner) -> None:
-        """End the motions of a client, and release its control of the arm."""
+        """Stop the motions of a client, and release its control of the arm."""
         with self._lock:
             self._halt(client)
             if self._owner is client:
                 self._owner = None
 
     def end(self, why: str) -> None:
-        """End the motions of the owner, which must take control again before it can move the arm."""
+        """Stop the motions of the owner, which must take control again before it can move the arm."""
         with self._lock:
             owner, self._owner = self._owner, None
             if owner is not None:
@@ -78,6 +78,6 @@ class Ownership:
         """Call ``move`` while a client has control of the arm. Raises CommandError if the client has no control."""
         with self._lock:
             if self._owner is not client:
-                owner = f"{self.owner} has it" if self._owner is not None else "send take first"
+                owner = f"{self.owner} has control" if self._owner is not None else "send take first"
                 raise CommandError("not_owner", f"this client does not have control of the arm: {owner}")
             return move()

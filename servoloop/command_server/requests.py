@@ -31,13 +31,13 @@ Result = TypeVar("Result")
 STALE_S: Final = 0.5
 """Maximum age of a command that moves joints, in seconds."""
 FUTURE_S: Final = 0.1
-"""Maximum time by which a command may seem to be sent in the future, in seconds."""
+"""Maximum time by which the time stamp of a command may lie in the future, in seconds."""
 LOOP_S: Final = 15.0
 """Maximum time to wait until the loop has carried out a request, in seconds. A component needs at most 10 s."""
 
 
 class Recordings(Protocol):
-    """Recordings of a stack: servoloop.recording.stack_recording.StackRecording."""
+    """Recordings of a stack. servoloop.recording.stack_recording.StackRecording implements this interface."""
 
     def begin(self, path: Path) -> None:
         """Begin a recording. Raises RecordingError."""
@@ -49,7 +49,7 @@ class Recordings(Protocol):
 
 
 class Client(Owner, Protocol):
-    """Interface of a connected client for the handlers of messages."""
+    """Connected client, as the message handlers see it."""
 
     name: str
 
@@ -114,7 +114,7 @@ class StackRequests:
         return self._handlers[type(message)](client, message)
 
     def ended(self, client: Client) -> Iterator[Reply]:
-        """Yield the results of a client since the last call, as events."""
+        """Yield the results of a client's motions and goals since the last call, as events."""
         yield from self._motions.ended(client)
         yield from self._arm.ended(client)
 
@@ -123,7 +123,7 @@ class StackRequests:
         return {**self._arm.state(), "owner": self.ownership.owner}
 
     def disconnect(self, client: Client) -> None:
-        """End the motions of a client that has disconnected, and discard its data."""
+        """Stop the motions of a client that has disconnected, and discard its data."""
         self.ownership.release(client)
         self._motions.forget(client)
         self._arm.forget(client)
@@ -195,17 +195,17 @@ class StackRequests:
 
     def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
         self.ownership.require(client)
-        self._arm.open_stream(client, message)  # This waits for a cycle, so the control of the arm is not locked.
+        self._arm.open_stream(client, message)  # This call waits for a cycle, so it does not lock the control.
         return self._still_owned(client)
 
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
         self.ownership.require(client)
-        self._arm.set_torque(message)  # This waits without a lock, so that other clients can stop the arm.
+        self._arm.set_torque(message)  # This call waits without a lock, so that other clients can stop the arm.
         return self._still_owned(client)
 
     def _freedrive(self, client: Client, message: messages.SetFreedrive) -> Reply:
         self.ownership.require(client)
-        self._arm.set_freedrive(client, message.on)  # This waits without a lock, as above.
+        self._arm.set_freedrive(client, message.on)  # This call waits without a lock, as above.
         return self._still_owned(client)
 
     def _still_owned(self, client: Client) -> Reply:
@@ -220,7 +220,7 @@ class StackRequests:
     def _record(self, client: Client, message: messages.Record) -> Reply:
         path = Path(message.path)
         if not path.is_absolute():
-            raise CommandError("malformed", f"record: path: {path} is not absolute: send the absolute path")
+            raise CommandError("malformed", f"record: the path {path} is not absolute; send an absolute path")
         _attempt(lambda: self._recordings.begin(path))
         return {}
 
@@ -247,7 +247,7 @@ def _attempt(work: Callable[[], Result]) -> Result:
 
 def _require_fresh(age_s: float) -> None:
     if age_s > STALE_S:
-        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s: it is ignored")
+        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s, and is ignored")
     if age_s < -FUTURE_S:
         text = f"sent_s is {-age_s:.2f} s in the future: use CLOCK_MONOTONIC of this machine, in seconds"
         raise CommandError("malformed", text)

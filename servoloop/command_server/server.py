@@ -31,7 +31,7 @@ MAX_CLIENTS: Final = 16
 NEWS_S: Final = 0.1
 """Maximum time between two checks for results if no cycle runs, in seconds."""
 END_S: Final = 2.0
-"""Maximum time to wait for a thread at the end, in seconds."""
+"""Maximum time to wait for a thread when the server closes, in seconds."""
 
 
 class CommandServer:
@@ -61,7 +61,7 @@ class CommandServer:
             new.rename(path)
         except OSError as error:
             self._server.close()
-            raise LiveError(f"no command socket: {path} cannot be created: {error.strerror or error}") from error
+            raise LiveError(f"the command socket {path} cannot be created: {error.strerror or error}") from error
         self._threads = [
             threading.Thread(target=work, name=f"commands: {name}", daemon=True)
             for name, work in (("connections", self._accept), ("results", self._notify))
@@ -138,7 +138,7 @@ def _turn_away(connection: socket.socket, error: CommandError) -> None:
 def command_socket(stack: ControlStack, recording: StackRecording, ended: Callable[[], bool]) -> Iterator[None]:
     """Serve the command socket of a stack for the duration of the context.
 
-    The previous ``on_cycle`` of the loop is called first. If the socket cannot be created, the stack runs without it.
+    The loop's previous ``on_cycle`` is called first. If the socket cannot be created, the stack runs without a socket.
 
     Args:
         stack: The stack, whose loop is not running yet.

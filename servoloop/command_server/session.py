@@ -1,8 +1,8 @@
 """Session of one client of the command socket, which receives bytes, carries out messages and sends replies.
 
 A session has neither a thread nor a socket, and it reads the time only from the clock of its server. A program with
-sockets passes bytes to the session from a thread (servoloop/command_server/connection.py); a simulation does so between
-two cycles.
+sockets passes bytes to the session from a thread (servoloop/command_server/connection.py). A simulation passes bytes
+between two cycles.
 """
 
 import logging
@@ -55,7 +55,7 @@ class _Received:
     line: bytes
     message: messages.Message | CommandError
     due_s: float
-    """Time from which the message may be carried out, in seconds."""
+    """Earliest time at which the message may be carried out, in seconds."""
 
 
 class Session:
@@ -94,10 +94,10 @@ class Session:
         self._received += data
 
     def serve(self) -> float:
-        """Carry out the received messages, as far as their rate allows.
+        """Carry out the received messages, as far as the rate limit allows.
 
         Returns:
-            Time until the next received message may be carried out, in seconds; 0 if none waits.
+            Time until the next received message may be carried out, in seconds; 0 if no message waits.
         """
         while not self.refused and (waiting := self._take()) is not None:
             left_s = waiting.due_s - self._requests.time.now()
@@ -108,7 +108,7 @@ class Session:
         return 0.0
 
     def watch(self, rate_hz: float) -> None:
-        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops sending states."""
+        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the states."""
         self._watch_s = 1.0 / rate_hz if rate_hz > 0.0 else None
 
     def post(self, message: dict[str, Any]) -> None:
@@ -140,7 +140,7 @@ class Session:
             self.post({"event": "state", **state()})
 
     def end(self) -> None:
-        """End the motions of the client within their limits, even after an error."""
+        """Stop the motions of the client within their limits, even after an error."""
         try:
             self._requests.disconnect(self)
         except Exception:

@@ -43,7 +43,7 @@ class CommandClient:
             self._socket.connect(str(stack.commands))
         except FileNotFoundError as error:
             self._socket.close()
-            text = f"{stack.label} has no command socket: it has ended, or it was not started with `servoloop up`"
+            text = f"{stack.label} has no command socket: the stack has ended, or was not started with `servoloop up`"
             raise CommandError("ended", text) from error
         except OSError as error:
             self._socket.close()
@@ -93,7 +93,7 @@ class CommandClient:
         return events
 
     def close(self) -> None:
-        """Close the connection. Motions of this client end within their limits."""
+        """Close the connection. Motions of this client stop within their limits."""
         self._socket.close()
 
     def __enter__(self) -> Self:

@@ -40,7 +40,7 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
     "failed": "The hardware, the controller manager or a recording did not carry out the request.",
     "input": "A target of the arm is invalid. Nothing has moved.",
     "busy": "The arm cannot be moved now, for example because its torque is off.",
-    "motion_failed": "A motion ended before its target.",
+    "motion_failed": "A motion stopped before it reached its target.",
     "motion_canceled": "A motion was canceled, or another motion has replaced it.",
     "stream_ended": "No stream is open, or the last target arrived too long ago.",
     "timeout": "The control loop did not carry out the request in time, and may still carry it out later.",

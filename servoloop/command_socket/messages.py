@@ -31,7 +31,7 @@ class Message(BaseModel):
 
     v: Annotated[int, NoTruth, Field(ge=VERSION, le=VERSION)]
     id: Number | Text
-    """Number or text that identifies the message, and that the reply repeats."""
+    """Identifier of the message, a number or a text, which the reply repeats."""
 
 
 class Hello(Message):
@@ -49,7 +49,7 @@ class GetState(Message):
 
 
 class WatchStates(Message):
-    """Request for a state event after each cycle, at most ``rate_hz`` times a second. A rate of 0 ends the events."""
+    """Request for a state event after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the events."""
 
     op: Literal["watch"]
     rate_hz: Rate
@@ -62,14 +62,14 @@ class ListControllers(Message):
 
 
 class Take(Message):
-    """Request for control of the arm. ``force`` takes control from another client, whose motions end."""
+    """Request for control of the arm. ``force`` takes control from another client, whose motions then stop."""
 
     op: Literal["take"]
     force: bool = False
 
 
 class Release(Message):
-    """Release of the control of the arm. Motions of this client end."""
+    """Request to release control of the arm. Motions of this client stop."""
 
     op: Literal["release"]
 
@@ -97,7 +97,7 @@ class SendGoal(MotionMessage):
 
     op: Literal["goal"]
     controller: Text = ""
-    """Name of the controller. If empty, the active trajectory controller that moves these joints."""
+    """Name of the controller. If empty, the active trajectory controller that moves these joints is used."""
     joints: list[Text]
     points: list[Point]
 
@@ -107,10 +107,10 @@ class SendGrip(MotionMessage):
 
     op: Literal["grip"]
     controller: Text = ""
-    """Name of the controller. If empty, the only active gripper controller."""
+    """Name of the controller. If empty, the only active gripper controller is used."""
     position: Position
     velocity: Speed = 0.0
-    """Maximum velocity, in rad/s or m/s. If 0, the default velocity of the controller."""
+    """Maximum velocity, in rad/s or m/s. If 0, the controller's default velocity is used."""
 
 
 class SendSetPoint(MotionMessage):
@@ -121,7 +121,7 @@ class SendSetPoint(MotionMessage):
     values: Annotated[list[AnyVelocity], Field(min_length=1)]
     """One value for each joint of the controller, in the order of its joints."""
     time_s: Duration = 0.3
-    """Time until a trajectory controller rests at the set point, in seconds. Forward controllers ignore it."""
+    """Time until a trajectory controller comes to rest at the set point, in seconds. Forward controllers ignore it."""
 
 
 class CancelGoal(Message):
@@ -132,7 +132,7 @@ class CancelGoal(Message):
 
 
 class Stop(Message):
-    """Request to cancel all goals and hold all streams of all clients, including ROS clients.
+    """Request to cancel all goals and stop all streams of all clients, including ROS clients.
 
     Every client may send this request.
     """
@@ -203,7 +203,7 @@ class Torque(Message):
 
 
 class SetFreedrive(Message):
-    """Request to let a person move the joints by hand, or to hold them again."""
+    """Request to let a person move the joints by hand, or to make the joints hold their positions again."""
 
     op: Literal["freedrive"]
     on: bool

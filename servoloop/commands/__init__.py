@@ -1,1 +1,1 @@
-"""Commands of ``servoloop``, which parse arguments, call the other packages and print results."""
+"""Commands of ``servoloop``. Each command parses its arguments, calls the other packages and prints the results."""

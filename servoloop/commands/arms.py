@@ -50,7 +50,7 @@ def new(
     urdf: Annotated[Path, typer.Argument(help="URDF file of the arm.")],
     servo: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
 ) -> None:
-    """Create a folder for a new arm from its URDF: robot file, controllers and simulated scene.
+    """Create an arm folder from a URDF, with a robot file, controllers and a simulated scene.
 
     Example: `servoloop arms new my_arm robot.urdf`, then `servoloop emulate ./bus --arm ./my_arm`
     """
@@ -74,7 +74,7 @@ def new(
 def combine(
     arms: Annotated[
         list[str],
-        typer.Argument(metavar="PREFIX=ARM", help="Prefix and arm: a name that `servoloop arms` lists, or a folder."),
+        typer.Argument(metavar="PREFIX=ARM", help="Prefix, and the name (see `servoloop arms`) or folder of an arm."),
     ],
     out: Annotated[Path, typer.Option(help="New arm folder.")],
     base: Annotated[
@@ -85,9 +85,9 @@ def combine(
         ),
     ] = None,
 ) -> None:
-    """Create the folder of a robot with several arms on one table, from their arm folders.
+    """Combine several arms on one table into one robot, and create an arm folder for this robot.
 
-    The names of all joints, links and controllers of an arm begin with its prefix. Each arm has a port of its own.
+    The names of all joints, links and controllers of an arm begin with its prefix. Each arm has its own port.
     Example: `servoloop arms combine left=so101 right=so101 --out two_arms`
     """
     from servoloop.arms.combine import combine as write
@@ -112,7 +112,7 @@ def check(
     folder: Annotated[str, typer.Argument(help="Arm folder, or a name that `servoloop arms` lists.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Check the files of an arm and list all problems; the exit status is 1 if there are any.
+    """Check an arm's files and list all problems. The exit status is 1 if there are problems.
 
     Example: `servoloop arms check ./my_arm`
     """

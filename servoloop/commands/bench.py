@@ -24,8 +24,8 @@ app = typer.Typer(no_args_is_help=True, help="Measure the performance of a bus o
 
 MOVES = (
     "The arm will move with torque enabled. It moves to its ready pose, moves each joint by up to 0.3 rad, and returns "
-    "to where it started, at no more than a quarter of its speed. Its torque is off at the end. Make sure that the arm "
-    "has room. Continue?"
+    "to its initial position, at no more than a quarter of its speed. Its torque is off at the end. Make sure that the "
+    "arm has room. Continue?"
 )
 
 
@@ -36,7 +36,7 @@ class MeasuredServos:
     port: Annotated[str, typer.Option(help="Serial port of the servos.")]
     ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7"
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215"
-    baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000
+    baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Baud rate in bits/s.")] = 1_000_000
 
 
 @app.command()
@@ -52,9 +52,9 @@ def bus(
     """Measure the speed and error rate of a servo bus.
 
     The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
-    it already holds. A goal would enable the torque of a servo whose torque is off, so such servos are only read. With
-    --hold, these servos hold their positions during the measurement, and their torque is disabled at the end. For
-    servos that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted
+    it already holds. Servos whose torque is off are only read, because a goal would enable their torque. With --hold,
+    these servos hold their positions during the measurement, and their torque is disabled at the end. The goal speed
+    and the goal acceleration of servos that are sent goals are set to 0 (no limit). Communication errors are counted
     and do not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo
     differs from that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`

@@ -88,7 +88,7 @@ def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[st
 
 
 def _require_writable(robot: Path) -> None:
-    """Before the user moves any joint, raise DriverError if the calibration could not be stored."""
+    """Raise DriverError if the calibration cannot be stored, before the user moves any joint."""
     from servoloop.stack.robot_files import require_writable
 
     try:
@@ -100,7 +100,7 @@ def _require_writable(robot: Path) -> None:
 def _calibrated(
     arm: "ArmFolder", files: "ServoFiles", line: tuple[str, str], terminal: Any, auto: bool
 ) -> "CalibrationOutcome":
-    """Calibrate the joints on one bus. ``line`` is the name of the bus and its device."""
+    """Calibrate the joints on one bus. ``line`` holds the name and the device of the bus."""
     from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run
@@ -120,7 +120,7 @@ def _calibrated(
         return servo_bus(files.robot.file, SerialPort(device, baud, clock), clock, bus)
 
     if others:
-        terminal.say(f"Only the joints on the bus {bus} are calibrated. The others keep their calibration")
+        terminal.say(f"Only the joints on the bus {bus} are calibrated. The other joints keep their calibration")
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
     task = JointsToCalibrate(arm.robot, joints, plan.joints, others)
@@ -216,7 +216,7 @@ def import_(
     """Import a LeRobot calibration file for an arm.
 
     Directions, homing offsets and travel come from the file; the zeros are computed from the travel. Nothing is written
-    to the servos, because they already hold LeRobot's offsets. The previous calibration file is kept as a backup.
+    to the servos, because they already contain LeRobot's offsets. The previous calibration file is kept as a backup.
     Example: `servoloop calibration import my_arm.json --arm so101`
     """
     known = known_arm(arm)

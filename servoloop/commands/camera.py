@@ -22,7 +22,7 @@ READ_S: Final = 2.0
 """Maximum time to wait for a frame, in seconds."""
 app = typer.Typer(no_args_is_help=True, help="List, show and calibrate cameras.")
 Source = Annotated[
-    str, typer.Argument(help="Path in /dev/v4l/by-id, index, video, image, or folder of images.", metavar="SOURCE")
+    str, typer.Argument(help="Path in /dev/v4l/by-id, camera index, video, image, or image folder.", metavar="SOURCE")
 ]
 
 
@@ -36,7 +36,7 @@ class CameraFormat:
 
     @contextmanager
     def opened(self, source: str) -> "Iterator[CameraSource]":
-        """Open a source, and close it at the end. Raises CameraError."""
+        """Open a source, and close it at the end of the block. Raises CameraError."""
         require_extras("the camera", "vision")
         from drivers.clock import MonotonicClock
         from perception.sources.choice import source_of
@@ -96,7 +96,7 @@ class Effort:
 def list_cameras(json: JsonOption = False) -> None:
     """List the cameras of this machine, and the programs that use them.
 
-    The command opens no camera. Example: `servoloop camera list`
+    The command does not open any camera. Example: `servoloop camera list`
     """
     from rich.console import Console
     from rich.table import Table
@@ -126,7 +126,7 @@ def list_cameras(json: JsonOption = False) -> None:
 def show(
     source: Source,
     form: CameraFormat,
-    out: Annotated[Path, typer.Option(help="File for an image, PNG or JPEG.")] = Path("camera.png"),
+    out: Annotated[Path, typer.Option(help="Image file to write, PNG or JPEG.")] = Path("camera.png"),
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="Duration of the measurement, in s.")] = 3.0,
 ) -> None:
     """Save an image from a camera, and measure its actual frame rate.
@@ -183,12 +183,12 @@ def calibrate(
     form: CameraFormat,
     size: BoardSize,
     effort: Effort,
-    out: Annotated[Path, typer.Option(help="File for the intrinsics.")] = Path("camera.yaml"),
+    out: Annotated[Path, typer.Option(help="Intrinsics file to write.")] = Path("camera.yaml"),
     name: Annotated[str, typer.Option(help="Name of the camera in the file.")] = "camera",
 ) -> None:
     """Calibrate the lens of a camera with views of the board.
 
-    Show the board in all parts of the image, tilted to all sides, and hold it still for a moment in each pose.
+    Show the board in all parts of the image and tilted to all sides. Hold the board still for a moment in each pose.
     Example: `servoloop camera calibrate 0 --square 30`
     """
     from perception.calibration.lens import calibrate_lens
@@ -212,8 +212,8 @@ def plane(
     source: Source,
     size: BoardSize,
     place: BoardOnTable,
-    camera_file: Annotated[Path, typer.Option("--camera", help="Intrinsics of the camera.")] = Path("camera.yaml"),
-    out: Annotated[Path, typer.Option(help="File for the pose.")] = Path("camera_pose.yaml"),
+    camera_file: Annotated[Path, typer.Option("--camera", help="Intrinsics file to read.")] = Path("camera.yaml"),
+    out: Annotated[Path, typer.Option(help="Pose file to write.")] = Path("camera_pose.yaml"),
 ) -> None:
     """Find the pose of a camera above the table, from one view of the board on the table.
 
@@ -264,7 +264,7 @@ def _save_picture(path: Path, picture: "Picture") -> None:
 
 
 def _encoded(picture: "Picture", ending: str) -> bytes:
-    """Return a gray or BGR image, encoded as the content of a file."""
+    """Encode a gray or BGR image in the file format that ``ending`` selects."""
     import cv2
 
     from perception.errors import CameraError

@@ -43,7 +43,7 @@ class CampaignRuns:
         int | None,
         typer.Option(
             min=0,
-            help="Number of processes; by default the number of processors. 0 runs in this process, for a debugger.",
+            help="Number of processes (default: the number of processors). 0 uses this process, for debugging.",
         ),
     ] = None
     ray: Annotated[
@@ -80,11 +80,11 @@ def campaign(
     ] = Path("out/campaign"),
     json: JsonOption = False,
 ) -> None:
-    """Find seeds for which an arm violates an invariant, in many simulated runs with random faults.
+    """Run many simulations with random faults, and find the seeds for which an arm violates an invariant.
 
     For each violated invariant, the first failing schedule is minimized and saved with a trace of the two seconds
     before the violation. The report is one page with plots. The exit status is 1 if an invariant was violated or a
-    promise was not kept. Ctrl-C ends the campaign and reports the completed runs.
+    promise was not kept. After Ctrl-C, the campaign stops and reports the completed runs.
     Example: `servoloop campaign --scenario docs/campaign.yaml --seeds 1000`
     """
     if (scenario is None) == (schedule is None):
@@ -248,7 +248,7 @@ def _print(tally: "Tally", kept: "list[KeptViolation]", page: Path | None) -> No
 
 
 def _marks(tally: "Tally") -> "Table":
-    """Return the table of how often each invariant examined its condition."""
+    """Return a table that shows how often each invariant examined its condition."""
     from rich.table import Table
 
     table = Table("invariant", "examined", "runs that violate it")

@@ -39,7 +39,7 @@ def doctor(
     move: Annotated[
         bool,
         typer.Option(
-            "--move", help="Test gears, gains and gravity hold with small, slow motions, after a confirmation."
+            "--move", help="Ask for confirmation, then test gears, gains and gravity hold with small, slow motions."
         ),
     ] = False,
     yes: YesOption = False,
@@ -47,7 +47,7 @@ def doctor(
 ) -> None:
     """Diagnose an arm: check its port, bus, servos, settings, supply and calibration.
 
-    The command only reads from the servos. Nothing moves and the torque does not change, except with --move. Uncertain
+    Without --move, the command only reads from the servos. Nothing moves, and the torque does not change. Uncertain
     findings are reported as warnings. The exit status is 1 if there are faults.
     Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
     """
@@ -108,7 +108,7 @@ def print_report(report: "DoctorReport", console: "Console") -> None:
         if bus.servos:
             print_table(console, _table(bus), "joint", "model", "answers", "alarms")
     if not report.findings:
-        console.print("nothing is wrong", style="green")
+        console.print("no faults found", style="green")
 
 
 def _table(bus: "BusFigures") -> "Table":

@@ -80,7 +80,7 @@ def _require_paths(link: Path, pictures: Path | None) -> None:
 
 
 def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[FaultEvent]":
-    """Read the fault file. Raises FaultError if the servos cannot have one of the faults."""
+    """Read the fault file. Raises FaultError if a fault does not apply to the servos."""
     from servoloop.simulation.stack_faults import inventory_of, require_possible_in
     from sim_backend.faults.script import read_script
 
@@ -129,7 +129,7 @@ def fault(
     ] = None,
     clear: Annotated[
         bool,
-        typer.Option("--clear", help="Remove faults of this kind with these parameters; without WHAT, remove all."),
+        typer.Option("--clear", help="Remove the faults that match WHAT, or all faults if WHAT is omitted."),
     ] = False,
     kinds: Annotated[bool, typer.Option("--list", help="List all fault kinds with their parameters.")] = False,
     json: JsonOption = False,

@@ -57,7 +57,7 @@ def jog(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
 
 
 def stop(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
-    """Stop all motions of a running arm, including those that ROS clients have started. The arm holds its position.
+    """Stop all motions of a running arm, including those started by ROS clients. The arm holds its position.
 
     Example: `servoloop stop`
     """
@@ -83,7 +83,7 @@ class Jogging:
         self._way = 0.0
         """Direction of the motion; 0 at rest."""
         self._began_s: float | None = None
-        """Start of the motion, on the monotonic clock in seconds."""
+        """Start time of the motion on the monotonic clock, in seconds."""
         self._sent_s = 0.0
         """Time of the last command."""
         self._message = ""
@@ -115,7 +115,7 @@ class Jogging:
         return bool(self._key.held(monotonic())) or self._began_s is None or self._sent_s - self._began_s < TAP_S
 
     def _stop(self) -> None:
-        """End the motion until a key is pressed again."""
+        """Stop the motion until a key is pressed again."""
         self._key.release()
         self._way, self._began_s = 0.0, None
 

@@ -78,7 +78,7 @@ def save(
     place: PassportPlace,
     baud: Annotated[
         int,
-        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, if no robot file is given."),
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Baud rate if no robot file is given."),
     ] = USUAL_BAUD,
     json: JsonOption = False,
 ) -> None:

@@ -22,7 +22,8 @@ def ports(
 ) -> None:
     """List the serial adapters with their chip, serial number, permissions, users and problems.
 
-    The command opens no port. Example: `servoloop ports`, or `servoloop ports --wait` while you plug in an adapter
+    The command does not open any port.
+    Example: `servoloop ports`, or `servoloop ports --wait` while you plug in an adapter
     """
     from rich.console import Console
 

@@ -111,13 +111,13 @@ def replay(
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then the arm
-    follows the recorded joint positions. Without --port and --running, the recording is only shown, as with
-    `servoloop view`.
+    You can hold any key except q, which ends the command. The arm first moves slowly to the start of the recording.
+    Then the arm follows the recorded joint positions. Without --port and --running, the recording is only shown, as
+    with `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
     if running and place.port is not None:
-        raise DriverError("--running moves the arm of `servoloop up`, which has the port: omit --port")
+        raise DriverError("--running moves the arm of `servoloop up`, which uses the port: omit --port")
     if not running and place.port is None:
         _require_no_motion_options(place, options)
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)

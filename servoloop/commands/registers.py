@@ -54,7 +54,7 @@ def name_to_read(name: str | None, span: Span | None) -> str:
 
 
 def name_and_value(words: list[str], span: Span | None) -> tuple[str, str]:
-    """Return the name and the value. The name is empty if an address is given.
+    """Return the name of the register and the value to write. The name is empty if an address is given.
 
     Raises CommissioningError for other arguments.
     """
@@ -88,7 +88,7 @@ def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool)
 
     confirm(
         f"servo {servo.servo_id} ({servo.name}): servoloop cannot check what this register does, or whether the torque "
-        "of the servo is enabled: continue?",
+        "of the servo is enabled. Continue?",
         yes,
     )
     written = write_address(servo, *span, value)
@@ -102,7 +102,9 @@ def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool)
 
 ModelOption = Annotated[
     str | None,
-    typer.Option("--model", help="Model of a servo that answers no reads, to write its status level without a reply."),
+    typer.Option(
+        "--model", help="Model of a servo that answers only pings, to write its status level without a reply."
+    ),
 ]
 
 

@@ -42,15 +42,16 @@ def scan(
     ] = None,
     ids: Annotated[str | None, typer.Option(help="IDs to ping (default: all), such as 1-6 or 1,2,5.")] = None,
     make: Annotated[
-        list[MakeChoice] | None, typer.Option(help="Make to search for completely. May be repeated.")
+        list[MakeChoice] | None,
+        typer.Option(help="Make to search for, even if servos of other makes answer. May be repeated."),
     ] = None,
     arm: Annotated[str | None, typer.Option(help="Arm whose servo IDs and models are checked.")] = None,
     json: JsonOption = False,
 ) -> None:
     """List the servos on a bus, of all makes and at all baud rates, and report their problems.
 
-    The command only pings and reads; torque and registers do not change. If a servo answers, servos with the other wire
-    protocol are only searched for with --make. The exit status is 1 if no servo was found or an expected ID is missing.
+    The command only pings and reads; torque and registers do not change. Once a servo has answered, the other wire
+    protocol is tried only with --make. The exit status is 1 if no servo was found or an expected ID is missing.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
     from rich.console import Console

@@ -35,7 +35,7 @@ def set_id(
 ) -> None:
     """Change the ID of a servo and verify it.
 
-    The command refuses an ID that another servo has, and an old ID that two servos share.
+    The command fails if another servo has the new ID, or if two servos share the old ID.
     Example: `servoloop set-id 1 4 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import set_id as change
@@ -138,7 +138,7 @@ class ServoAddress:
     baud: BaudOption = None
 
     def opened(self) -> "AbstractContextManager[FoundServo]":
-        """Open the port and find the servo for the duration of a block, which signals can interrupt."""
+        """Open the port and find the servo for the duration of a block. Signals can interrupt the block."""
         return servo_at(self.port, self.servo_id, self.baud)
 
 
@@ -223,10 +223,10 @@ def write(
     """Write one register and verify it.
 
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
-    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation. A servo whose
-    torque is enabled holds its current position. A servo whose torque is disabled drops its load. With --address and
-    --size, a register without a name is written after a confirmation and without these checks. With --model, the status
-    level of a servo that answers only pings is written.
+    torque is enabled, only torque_enable can be written, after a confirmation. After its torque is enabled, a servo
+    holds its current position. After its torque is disabled, a servo drops its load. With --address and --size, a
+    register without a name is written after a confirmation and without these checks. With --model, the status level of
+    a servo that answers only pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register

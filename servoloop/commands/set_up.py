@@ -71,7 +71,7 @@ class Plugger:
         typer.echo(text, err=True)
 
     def connect(self, task: "SetUpTask") -> None:
-        """Print the problem with the connected servos, if any, and the next task, and wait for Enter."""
+        """Print any problem with the connected servos and the next task, and wait for Enter."""
         if task.problem:
             print_styled(task.problem, fg="yellow", err=True)
         print_styled(f"{task.text}, then press Enter", bold=True, err=True)
@@ -79,7 +79,7 @@ class Plugger:
 
 
 def _run(made: "SetUp") -> "list[Audit]":
-    """Run the setup. Errors and interruptions state which servos are done and how to continue."""
+    """Run the setup. Error messages state which servos are done and how to continue."""
     from commissioning.slow_arm import StoppedError
 
     try:

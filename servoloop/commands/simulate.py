@@ -100,7 +100,7 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
 def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
     grades = tuple(grade.strip().upper() for grade in text.split(",") if grade.strip())
     if not grades or set(grades) - set(known):
-        raise DriverError(f"--job must be grades from {', '.join(known)}, such as {','.join(known)}, not {text!r}")
+        raise DriverError(f"--job must list grades from {', '.join(known)}, such as {','.join(known)}, not {text!r}")
     return grades
 
 
@@ -132,7 +132,7 @@ def _plain(result: "SimulationResult") -> dict[str, Any]:
 
 
 def _following(result: "SimulationResult") -> dict[str, Any]:
-    """Return the following error of the only arm, or of several arms by the name of the controller."""
+    """Return the following error of the only arm, or of each of several arms, keyed by controller name."""
     errors = {name: error.as_dict(result.joints[name]) for name, error in result.following.items()}
     return errors if len(errors) > 1 else next(iter(errors.values()))
 

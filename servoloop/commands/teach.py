@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 READY_S: Final = 1.5
 """Time from enabling the torque until the servos carry the arm and have corrected its sag, in seconds."""
-NO_FOLDER: Final = "the motions of the running arm are unknown: its stack does not report its folder"
+NO_FOLDER: Final = "the motions of the running arm are unknown: its stack does not report the arm's folder"
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 
@@ -74,9 +74,9 @@ class TaughtArm:
 
     @contextmanager
     def opened(self) -> "Iterator[Arm]":
-        """Yield the arm with its torque enabled. At the end, an arm at a port holds or parks as its robot file sets.
+        """Yield the arm with its torque enabled. Raises ArmSetupError.
 
-        Raises ArmSetupError.
+        At the end, an arm at a port holds its position or parks, as its robot file specifies.
         """
         from servoloop.api.arm import Arm
 
@@ -100,7 +100,7 @@ class TaughtArm:
 
 
 MotionOf = Callable[[Path | None, Sequence[str], Sequence[JointLimits]], "RecordedMotion"]
-"""Function that returns the checked motion for an arm, by its folder (if any), its joints and their limits."""
+"""Function that returns the checked motion for an arm, given the arm's folder (if any), joints and joint limits."""
 
 
 @app.command()
@@ -114,13 +114,14 @@ def record(
         typer.Option("--limp", help="Disable the torque. The arm moves more easily, but falls when you release it."),
     ] = False,
     poses: Annotated[
-        bool, typer.Option("--poses", help="Record single poses instead of a path: one at each Enter or p; q ends.")
+        bool,
+        typer.Option("--poses", help="Record single poses instead of a path. Enter or p records a pose, and q ends."),
     ] = False,
     yes: YesOption = False,
 ) -> None:
     """Record a motion while you move the arm by hand, until you press Enter.
 
-    The arm holds its position softly and yields to your hand. At the end the arm holds its last position, or parks, as
+    The arm holds its position softly and yields to your hand. At the end, the arm holds its last position, or parks, as
     set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded and holds its
     position at the end.
     Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
@@ -178,10 +179,10 @@ class PlayOptions:
 def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
     """Play back a recorded motion while you hold a key.
 
-    Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, and then follows
-    the motion. The arm stops when you release the key. At the end the arm holds or parks, as set by on_exit in its
-    robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which holds its position
-    at the end.
+    You can hold any key except q, which ends the command. The arm first moves slowly to the start of the motion, and
+    then follows the motion. The arm stops when you release the key. At the end, the arm holds its position or parks, as
+    set by on_exit in its robot file. Without --port, the motion is played on the arm of the running `servoloop up`,
+    which holds its position at the end.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     play_motion(place, partial(_saved_motion, name), options)
@@ -276,7 +277,7 @@ def teleop(
         typer.Argument(
             metavar="LEADER FOLLOWER",
             help="Serial ports of leader and follower, or NAME=PATH,NAME=PATH for several buses. With several arms on "
-            "one robot, the two ports of each arm, one arm after the other.",
+            "one robot, pass the two ports of each arm, one arm after the other.",
         ),
     ],
     leader_arm: Annotated[
@@ -290,10 +291,11 @@ def teleop(
 ) -> None:
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
-    Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, and
+    You can hold any key except a and q; q ends the command. The follower first moves slowly to the leader's pose, and
     then follows the leader. The follower holds its position when you release the key or the leader is lost. Key a
-    re-enables servos of the follower that have disabled their torque. At the end the follower holds or parks, as set by
-    on_exit in its robot file. The torque of the leader is always off. The command asks before it disables this torque.
+    enables the torque of follower servos that have disabled it. At the end, the follower holds its position or parks,
+    as set by on_exit in its robot file. The leader's torque is always off. The command asks before it disables the
+    leader's torque.
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
     `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """

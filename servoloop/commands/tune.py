@@ -39,7 +39,8 @@ class TuneRequest:
     joint: Annotated[str, typer.Argument(help="Joint to measure.")]
     more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None
     at: Annotated[
-        float | None, typer.Option(help="Position to measure at, in rad or m (default: near the current position).")
+        float | None,
+        typer.Option(help="Position for the measurement, in rad or m (default: near the current position)."),
     ] = None
     write: Annotated[
         list[str] | None, typer.Option("--write", help="Gains to write before measuring again: --write P=24 D=32.")
@@ -52,7 +53,7 @@ class TuneRequest:
 
         if self.more and not self.write:
             more = " ".join(self.more)
-            raise TuneError(f"{more}: gains can only be given after --write: --write {more}")
+            raise TuneError(f"{more}: gains need the option --write, as in --write {more}")
         if self.write and self.apply:
             raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
 
@@ -75,9 +76,9 @@ def tune(
 ) -> None:
     """Measure how a joint follows steps and a sine, and propose gains for its servo.
 
-    The command asks before the arm moves. The command reports overshoot, settling time, delay, sag, following error and
-    oscillation. Gains are written only with --write or --apply. The command then measures again and shows both results
-    side by side. Stop the stack first, because the command opens the port itself.
+    The command asks for confirmation before the arm moves. It reports overshoot, settling time, delay, sag, following
+    error and oscillation. Gains are written only with --write or --apply. The command then measures again and shows
+    both results side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
     from rich.console import Console
@@ -180,7 +181,7 @@ def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", 
     wanted = " ".join(f"{name}={value}" for name, value in gains.items()) or "The proposed gains"
     return (
         f"{wanted} will be written to servo {tuner.joint.servo_id} after the first measurement. Before the write, "
-        "the torque of the arm is disabled (in the park pose, if it has one). Then the measurement is repeated. "
+        "the torque of the arm is disabled (in the park pose, if the arm has one). Then the measurement is repeated. "
         f"First: {text}"
     )
 

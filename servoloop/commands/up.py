@@ -1,4 +1,4 @@
-"""``servoloop up``, ``pick`` and ``demo``: run an arm with ROS 2, send it a job, and demonstrate pick and place."""
+"""``servoloop up``, ``pick`` and ``demo``: run an arm, send a job to an arm, and demonstrate pick and place."""
 
 import logging
 import os
@@ -161,7 +161,7 @@ def demo(
     """Sort cubes with a virtual arm, show the progress and measure the motion.
 
     With all grades, two more cubes are sorted for comparison: one without gravity compensation and one without lead.
-    All arms of a robot with several arms sort at the same time, without comparison.
+    If the robot has several arms, all arms sort at the same time, without comparison.
     The exit status is 0 if every cube is in the right bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
@@ -212,7 +212,7 @@ def _sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpt
 
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:
-    """Sort apples by the images of the virtual camera, print the report and return the exit status."""
+    """Sort apples that are graded from camera images, print the report and return the exit status."""
     require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Environment variables of which at least one is set on a machine with a screen."""
+"""Environment variables. At least one of them is set on a machine with a screen."""
 CAMERA_BELOW: Final = 0.25
 """Position of the camera image among the controls, after the buttons and before the folder *Arm*."""
 
@@ -36,7 +36,7 @@ class PageOptions:
 
     port: Annotated[
         int,
-        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free one is used."),
+        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free port is used."),
     ] = 8080
     host: Annotated[
         str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")
@@ -53,7 +53,7 @@ def view(
     arm: Annotated[
         str | None,
         typer.Option(
-            help="Name, folder or process ID of the arm if several are running. With an MCAP file: the recorded arm."
+            help="Name, folder or process ID of the arm if several are running. With an MCAP file, the recorded arm."
         ),
     ] = None,
     namespace: RunningNamespace = None,
@@ -115,7 +115,7 @@ def _serve(
 
 
 def _scene_watch(namespace: str) -> "SceneWatch | None":
-    """Start to watch the motion planner of the arm, if ROS 2 is installed."""
+    """Start watching the motion planner of the arm, if ROS 2 is installed."""
     try:
         require_ros(PLANNING_PACKAGES)
     except RosError:
@@ -128,7 +128,7 @@ def _scene_watch(namespace: str) -> "SceneWatch | None":
 
 
 def _live_camera(clock: Clock, namespace: str) -> "LiveCamera | None":
-    """Start to watch the camera node, if ROS 2 is installed."""
+    """Start watching the camera node, if ROS 2 is installed."""
     try:
         require_ros()
     except RosError:
@@ -175,7 +175,7 @@ def monitor(
 ) -> None:
     """Show a running arm or a recording in this terminal, for example over ssh.
 
-    The command only watches; q or Ctrl-C ends it without affecting the arm.
+    The command only displays the arm. Press q or Ctrl-C to end the command without affecting the arm.
     Example: `servoloop monitor`, or `servoloop monitor out/run.mcap` for a recording
     """
     require_extras("the monitor", "monitor")

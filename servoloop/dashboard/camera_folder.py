@@ -19,7 +19,7 @@ LivePictures = Callable[[], Mapping[str, CameraPicture]]
 
 
 class CameraFolder:
-    """Folder of the page with the latest image of each camera. It appears when the first image arrives."""
+    """Folder of the page with the latest image of each camera. The folder appears when the first image arrives."""
 
     def __init__(self, server: viser.ViserServer, order: float, live: LivePictures | None = None) -> None:
         """Prepare the folder, which is created when the first image arrives.

@@ -51,7 +51,7 @@ class Handling:
         self._stop.set()
 
     def step(self, client: Moves) -> None:
-        """Stop if requested, otherwise continue the motion of the held button by one step.
+        """Stop if requested. Otherwise, continue the motion of the held button by one step.
 
         After an error, the motion does not continue until a button is pressed again.
         """
@@ -100,14 +100,14 @@ class Mover:
                 self._serve_stack()
             except DriverError as error:
                 self._why = str(error)
-            except Exception as error:  # a defect must not end the view
+            except Exception as error:  # an error must not end the view
                 log.exception("the arm cannot be moved from the page")
                 self._why = f"the arm cannot be moved: {error}"
             self.targets = NO_TARGETS
             self._ended.wait(RETRY_S)
 
     def _serve_stack(self) -> None:
-        """Move the joints of the running stack until it ends."""
+        """Move the joints of the running stack until the stack ends."""
         self._why = CONNECTING
         if not self._wait_for(lambda: self._source.connected):
             return
@@ -157,7 +157,7 @@ const release = () => document.querySelectorAll("button").forEach(
 addEventListener("blur", release);
 document.addEventListener("visibilitychange", release);
 """
-"""JavaScript that releases all buttons when the page goes into the background, where it may miss a release."""
+"""JavaScript that releases all buttons when the page goes into the background, because it may then miss a release."""
 Button = viser.GuiButtonHandle
 
 

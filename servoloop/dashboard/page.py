@@ -118,7 +118,7 @@ def _cell(cell: TableCell) -> str:
 NO_JOINTS: Final = ("–",)
 RED: Final = "#d2322d"
 LOST_S: Final = 5
-"""Time without data after which a page reports that its connection is lost, in seconds."""
+"""Maximum time without data before a page reports that its connection is lost, in seconds."""
 _STATUS: Final = f"""<style>
 @keyframes answered {{{{ to {{{{ visibility: hidden; position: absolute }}}} }}}}
 @keyframes lost {{{{ to {{{{ visibility: visible; position: static }}}} }}}}
@@ -132,7 +132,7 @@ the connection to servoloop view is lost; the page is outdated</b></p>"""
 def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
     """Return the arm in ``folder``, or the arm in config/arms with this robot description, or None.
 
-    Raises ArmFileError if the file of the arm is invalid.
+    Raises ArmFileError if the arm's file is invalid.
     """
     if folder is not None and (folder / ARM_FILE).is_file():
         return read_arm(folder)
@@ -217,7 +217,7 @@ class Page:
     def show_numbers(self, watched: ObservedRobot) -> None:
         """Update the tables, colors and plots.
 
-        The update takes much processor time; call it only a few times per second.
+        Call this method only a few times per second, because the update takes much CPU time.
         """
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:

@@ -25,11 +25,11 @@ OPACITY: Final = 0.5
 LARGEST_M: Final = 3.0
 """Maximum extent of an object that is drawn, in m. Larger objects, such as an infinite table, are omitted."""
 SHOWN_S: Final = 2.0
-"""Time the ghost stays at the end of a plan, in seconds."""
+"""Duration of the ghost's pause at the end of a plan, in seconds."""
 
 
 class PlannedScene:
-    """Drawing of the scene and the plan of the motion planner.
+    """Drawing of the motion planner's scene and plan.
 
     ``drawn`` contains the names of the objects that the page already shows.
     """

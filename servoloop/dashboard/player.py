@@ -13,7 +13,7 @@ PLAY: Final = "Play"
 
 
 class Player:
-    """Player of a recording in a loop, controlled by the browsers."""
+    """Endless playback of a recording, controlled by the browsers."""
 
     up_to_date = True
 

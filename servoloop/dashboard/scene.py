@@ -21,7 +21,7 @@ HOT_C: Final = 70.0
 """Temperature at which STS servos switch their torque off by default, in °C."""
 SCALE: Final = np.array([(62, 121, 214), (74, 176, 110), (240, 196, 60), (214, 48, 40)])
 STEPS: Final = 24
-"""Number of steps of the color scale. With few steps, measurement noise does not cause messages to the browser."""
+"""Number of steps of the color scale. With few steps, measurement noise causes no messages to the browsers."""
 
 
 def color_of(share: float) -> Rgb | None:
@@ -37,7 +37,7 @@ def color_of(share: float) -> Rgb | None:
 def shares(choice: str, temperature_c: FloatArray, effort: FloatArray, limit: FloatArray) -> FloatArray:
     """Return the position of each joint on the color scale (n,), from 0 to 1.
 
-    The temperature scale goes from 25 to 70 °C, the load scale from 0 to the effort limit.
+    The temperature scale goes from 25 to 70 °C, and the load scale goes from 0 to the effort limit.
     """
     if choice == TEMPERATURE:
         return (temperature_c - COLD_C) / (HOT_C - COLD_C)
@@ -52,7 +52,7 @@ GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
 REACH_M: Final = 0.75
-"""Reach of the arm for which the camera position below is designed, in meters."""
+"""Reach of an arm that the camera position below fits, in meters."""
 CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
 TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 
@@ -103,7 +103,7 @@ class DrawnScene:
             _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
-        """Move the arm to the measured joint positions and its ghost to the commanded ones (n,), in rad or m.
+        """Move the arm to the measured positions (n,) and its ghost to the commanded positions (n,), in rad or m.
 
         Joints of the ghost without a command are shown at their measured positions.
         """

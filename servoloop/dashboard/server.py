@@ -33,14 +33,14 @@ class ViewError(DriverError):
 
 
 class Guard:
-    """Check of all requests before a page or a websocket is served.
+    """Guard that checks each request before a page or a websocket is served.
 
     Browsers let a page of any site open a websocket to this machine, so the origin of a request must be the page
     itself. The host name of a request must be a name of this machine, which prevents DNS rebinding.
     """
 
     def __init__(self, local: bool, token: str | None) -> None:
-        """Create the check.
+        """Create the guard.
 
         Args:
             local: Whether only host names of this machine are accepted.
@@ -76,7 +76,7 @@ class Guard:
 
 
 class PageServer(viser.ViserServer):
-    """Viser server that answers only requests allowed by a guard, and only at the given address."""
+    """Viser server that serves only requests allowed by a guard, and only at the given address."""
 
     def __init__(self, host: str = LOCALHOST, port: int = PORT) -> None:
         """Start the server.
@@ -94,9 +94,11 @@ class PageServer(viser.ViserServer):
         guard = Guard(local, self.token)
         with _guarded(guard) as served, contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
             super().__init__(host=host, port=port, label="servoloop", verbose=False)
-        if not served:  # this viser does not use websockets, so the guard has no effect
+        if not served:  # this version of viser does not use websockets, so the guard has no effect
             self.stop()
-            raise ViewError("access to the page cannot be restricted with this viser; install the pinned version")
+            raise ViewError(
+                "access to the page cannot be restricted with this version of viser; install the pinned version"
+            )
         self.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
 
     @property

@@ -165,8 +165,8 @@ STRIPS: Final = (
 def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
     """Return the data of a plot for the joint with index ``place``.
 
-    The first array has the times relative to the latest cycle, in seconds. The other arrays have the values of one
-    column each.
+    The first array contains the times relative to the latest cycle, in seconds. Each other array contains the values
+    of one column.
     """
     curves, rows = minute
     if columns[0] in Health._fields:
@@ -184,7 +184,7 @@ def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[Floa
 def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, float]:
     """Return the range of an axis that contains all finite values and is at least ``least`` wide.
 
-    The range is rounded, so that it seldom changes.
+    The range is rounded, so that it rarely changes.
     """
     values = np.concatenate(columns)
     values = values[np.isfinite(values)]

@@ -105,11 +105,11 @@ KEYS: Final = {"p": "position", "e": "error", "v": "velocity", "l": "load", "u":
 AT_FIRST: Final = ("p", "e", "l")
 """Keys of the plots that are shown at the start."""
 OF_RECORDINGS: Final = ("pause", "seek", "speed")
-"""Actions that are only available for recordings."""
+"""Actions that are available only for recordings."""
 
 
 class MonitorApp(App[None]):
-    """Screen for one source. The screen only shows the arm; no key moves it."""
+    """Screen for one source. The screen only shows the arm. No key moves the arm."""
 
     TITLE = "servoloop monitor"
     ENABLE_COMMAND_PALETTE = False

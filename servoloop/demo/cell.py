@@ -30,14 +30,14 @@ ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
 START_S = 60.0
 ADDRESS = re.compile(r"the page is at (\S+)")
-"""Message of ``servoloop view`` when the page is ready."""
+"""Pattern of the message that ``servoloop view`` prints when the page is ready."""
 LEFT = "the processes of the demo will end on their own"
-"""Message after a second signal. Each process gets SIGTERM when its parent ends."""
+"""Message after a second signal. Each process receives SIGTERM when its parent exits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Cell that is ready for jobs: its processes run and its clients are connected."""
+    """Cell whose processes are running and whose clients are connected, so that jobs can start."""
 
     runner: JobRunner
     monitor: "StackMonitor"
@@ -72,7 +72,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     """Start the processes of a cell, and end them after the block.
 
     Raises:
-        DriverError: A process failed; the message has its last output.
+        DriverError: A process failed. The message contains the last output of the process.
         Interrupted: A signal arrived.
     """
     from nodes.clients.client_node import client_node
@@ -82,14 +82,14 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.pick_place.homing import Homing
     from nodes.planning_client.presence import is_planner_present
 
-    if not options.namespace:  # a namespace separates the cell from others in the domain
+    if not options.namespace:  # a namespace separates the cell from other cells in the domain
         choose_ros_domain()
     out, arm = options.out, options.found()
     link = out / "bus"
     files = read_arm_files(arm, robot=options.robot, namespace=options.namespace)
     settings = load_pick_place(arm.pick_place, options.namespace).settings()
     if options.poses and not arm.pick_place_poses.exists():
-        raise DriverError(f"--poses: {arm.pick_place_poses} is missing: create it from config/pick_place_poses.yaml")
+        raise DriverError(f"--poses needs {arm.pick_place_poses}: create this file from config/pick_place_poses.yaml")
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = start_stack(processes, link, files, options, live)
@@ -113,7 +113,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
                 sorting.subscribe(node)
                 process_ids["camera"] = _start_camera(processes, link, files, live)
             yield Cell(runner, monitor, files.component.name, settings.joints, sorting, process_ids)
-        live.say("drawing the pictures")
+        live.say("drawing the images")
         processes.end()
 
 

@@ -1,4 +1,4 @@
-"""Options of a demo cell: its arm, how the virtual arm is built, and where its results are written."""
+"""Options of a demo cell: its arm, the properties of the virtual arm, and the folder for the results."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +38,7 @@ class CellOptions:
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[
-        bool, typer.Option("--vision", help="Sort twelve apples by the images of a virtual camera instead of cubes.")
+        bool, typer.Option("--vision", help="Sort twelve apples, graded from camera images, instead of cubes.")
     ] = False
 
     @property

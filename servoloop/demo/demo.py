@@ -1,4 +1,4 @@
-"""Run the demo: jobs in a new cell, with measurements of the motion, the control loop and the CPU load."""
+"""Run the demo: execute jobs in a new cell, and measure the motion, the control loop and the CPU load."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,7 +38,7 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     ],
     "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
 }
-"""Parameters (node, name and value) to set for each comparison run without one of the compensations."""
+"""Parameters (node, name and value) that disable each compensation in its comparison run."""
 EXPLANATION: Final = (
     "Each error is given for the worst joint, then for the fastest joint. The RMS error is measured while moving, and "
     "the error at rest is measured half a second after a motion."
@@ -78,7 +78,7 @@ def demo(
 ) -> DemoReport:
     """Pick cubes of these grades, ``repeat`` times, in a new cell.
 
-    Raises DriverError if a process fails; the message has its last output.
+    Raises DriverError if a process fails. The message contains the last output of the process.
     """
     jobs = [grade for _ in range(repeat) for grade in grades]
     with cell(options, live) as ready:
@@ -91,7 +91,7 @@ def loop_figures(monitor: "StackMonitor") -> dict[str, float]:
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
-    """Run all jobs and, with ``compare``, one more job without each compensation."""
+    """Run all jobs. If ``compare`` is set, also run one job without each of the compensations."""
     runner = ready.runner
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = cpu_load(stack, lambda: runner.idle(IDLE_S))

@@ -28,7 +28,7 @@ class Live:
     """Progress display: a live table in a terminal, otherwise one line per event."""
 
     def __init__(self, console: Console, arm: str = "") -> None:
-        """``arm`` is the name of the arm, for a robot with several arms. Their jobs have no table."""
+        """``arm`` is the name of the arm if the robot has several arms. The table is then not shown."""
         self.console = console
         self._arm = f"{arm}: " if arm else ""
         self._view = RichLive(console=console, refresh_per_second=8, transient=True)
@@ -149,7 +149,7 @@ class RosClients:
 
 
 class JobRunner:
-    """Jobs that run one after another in a running cell."""
+    """Runner of jobs, one after another, in a running cell."""
 
     def __init__(
         self,
@@ -168,7 +168,7 @@ class JobRunner:
         self._processes = processes
 
     def run(self, grade: str) -> JobRun:
-        """Run one job and watch it. Raises Interrupted, after canceling the job, if the user ends the demo."""
+        """Run and watch one job. If the user interrupts the demo, cancel the job and raise Interrupted."""
         if self._failed:
             self._clean_up()
         samples = self._monitor.newest.samples
@@ -199,7 +199,7 @@ class JobRunner:
             self._live.say(f"the arm did not reach its home pose: {outcome.text}")
 
     def idle(self, seconds: float) -> None:
-        """Watch the arm for ``seconds`` seconds without a job. Raises Interrupted if the user ends the demo."""
+        """Watch the arm for ``seconds`` seconds without a job. Raises Interrupted if the user interrupts the demo."""
         until_s = perf_counter() + seconds
         while perf_counter() < until_s:
             self._monitor.spin(0.1)
@@ -215,7 +215,7 @@ class JobRunner:
             )
 
     def update(self) -> bool:
-        """Show the latest state and return whether to cancel the job. Raises DriverError if a process has ended."""
+        """Show the latest state and return whether to cancel the job. Raises DriverError if a process has exited."""
         self.camera.poll()
         self._live.show(self._monitor.newest)
         self._processes.check()
@@ -235,7 +235,7 @@ class JobRunner:
 
 
 class Camera:
-    """Reader of the bin of the cube, the joint positions between cycles, and the contacts in the simulated world."""
+    """Reader of the simulated world: the cube's bin, the contacts, and the joint positions between cycles."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str], prefix: str = "") -> None:
         """``prefix`` is the prefix of all names of the arm, for a robot with several arms."""

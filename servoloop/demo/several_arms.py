@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from nodes.clients.stack_monitor import StackMonitor
 
 POLL_S: Final = 0.2
-"""Period at which the world is read while the arms work, in seconds."""
+"""Period at which the world is read while jobs are running, in seconds."""
 MOVING_RAD_S: Final = 0.05
 """Minimum joint speed at which an arm counts as moving, in rad/s or m/s."""
 LEFT: Final = "the processes of the demo will end on their own"
@@ -102,8 +102,8 @@ def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpti
     """Let each arm pick cubes of these grades, ``repeat`` times, in a new cell.
 
     Raises:
-        DriverError: A process failed; the message has its last output.
-        Interrupted: The user ended the demo.
+        DriverError: A process failed. The message contains the last output of the process.
+        Interrupted: The user interrupted the demo.
     """
     jobs = [grade for _ in range(repeat) for grade in grades]
     with _cell(options, live) as (arms, process_ids, feed):
@@ -121,7 +121,7 @@ def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], 
     """Start the processes of the cell, and end them after the block."""
     from nodes.clients.client_node import client_nodes
 
-    if not options.namespace:  # a namespace separates the cell from others in the domain
+    if not options.namespace:  # a namespace separates the cell from other cells in the domain
         choose_ros_domain()
     out, arm = options.out, options.found()
     link, jobs = out / "bus", arm_jobs(options)
@@ -146,7 +146,7 @@ def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], 
             for one in arms:
                 one.runner.wait_for_node(START_S)
             yield arms, process_ids, open_feed(link, processes)
-        live.say("drawing the pictures")
+        live.say("drawing the images")
         processes.end()
 
 
@@ -181,7 +181,7 @@ def _run(
     watch = _MotionWatch([arm.prefix for arm in arms])
     with ThreadPoolExecutor(len(arms)) as threads:
         runs = {arm.name: threads.submit(_run_all, arm.runner, grades) for arm in arms}
-        while wait(runs.values(), POLL_S).not_done:  # A runner ends if a process ends or a signal arrives.
+        while wait(runs.values(), POLL_S).not_done:  # A runner stops if a process exits or a signal arrives.
             for publication in feed.all():
                 watch.add(publication)
         return {name: run.result() for name, run in runs.items()}, watch.together_s
@@ -192,7 +192,7 @@ def _run_all(runner: JobRunner, grades: Sequence[str]) -> tuple[JobRun, ...]:
 
 
 class _MotionWatch:
-    """Counter of the time during which all arms move at the same time."""
+    """Measurement of the time during which all arms move at the same time."""
 
     def __init__(self, prefixes: Sequence[str]) -> None:
         self.together_s = 0.0
@@ -213,7 +213,7 @@ class _MotionWatch:
 
 
 def check_options(options: CellOptions) -> None:
-    """Raise DriverError if an option is not possible with several arms."""
+    """Raise DriverError if an option cannot be used with several arms."""
     if options.vision or options.poses:
         raise DriverError(
             f"{options.arm} has several arms, which sort cubes by joint positions: omit --vision and --poses"

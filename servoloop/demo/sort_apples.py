@@ -11,12 +11,12 @@ from sim_backend.camera.scene_camera import SceneCamera
 
 
 def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
-    """Sort ``count`` apples in a new cell by the images of the virtual camera, and draw the results.
+    """Sort ``count`` apples in a new cell, graded from the virtual camera's images, and draw the results.
 
     Raises:
         ArmFileError: The scene has no camera or no apples.
-        DriverError: A process failed; the message has its last output.
-        Interrupted: The user ended the demo.
+        DriverError: A process failed. The message contains the last output of the process.
+        Interrupted: The user interrupted the demo.
     """
     from nodes.clients.camera_pictures import PICTURES
 

@@ -1,4 +1,4 @@
-"""Sort apples by the images of the virtual camera: wait for each job, and check its grade and bin."""
+"""Sort apples, graded from the virtual camera's images: wait for each job, and check its grade and bin."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ FALL_S: Final = 3.0
 FRAME_S: Final = 0.4
 """Interval between the frames of the film, in seconds."""
 FRAMES: Final = 70
-"""Maximum number of frames. They show about two jobs."""
+"""Maximum number of frames, which is enough for about two jobs."""
 MOVED: Final = 0.01
 """Minimum motion of a joint between two frames that are kept, in rad or m."""
 
@@ -74,7 +74,7 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
 
 class Sorter:
-    """Observer of a cell that sorts apples by itself."""
+    """Observer of a cell in which camera images start the jobs."""
 
     def __init__(self, ready: Cell, monitor: "SortingMonitor", camera: SceneCamera, live: Live) -> None:
         self._ready, self._monitor, self._live = ready, monitor, live
@@ -86,11 +86,11 @@ class Sorter:
         self.film = SortingFilm()
 
     def run(self, count: int = APPLES) -> list[SortedApple]:
-        """Watch the jobs of ``count`` apples, or of fewer if no further apple comes in time.
+        """Watch the jobs of ``count`` apples, or of fewer if no further apple arrives in time.
 
         Raises:
-            DriverError: A process has ended.
-            Interrupted: The user ends the demo.
+            DriverError: A process has exited.
+            Interrupted: The user interrupted the demo.
         """
         found: list[SortedApple] = []
         for number in range(1, count + 1):
@@ -119,7 +119,7 @@ class Sorter:
         return SortedApple(number, truth, grade, job, self._ready.runner.camera.bin)
 
     def _comes(self) -> bool:
-        """Wait for the next apple, and return whether it arrived. If not, print why the demo ends."""
+        """Wait for the next apple, and return whether it arrived. If not, print why the demo stops."""
         self._wait(lambda: self._has_new_apple() or self._is_stuck(), APPLE_S)
         if self._has_new_apple():
             return True

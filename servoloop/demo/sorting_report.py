@@ -22,7 +22,7 @@ MARK_RGB: Final = (20, 90, 220)
 TEXT_PX: Final = 28
 FILM_FPS: Final = 6.0
 FILM_STEP: Final = 2
-"""Factor by which the width and the height of the film are smaller than those of the camera images."""
+"""Factor by which the film is smaller than the camera images, in width and in height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class SortingReport:
 
     apples: tuple[SortedApple, ...]
     wanted: int
-    """Number of apples that the cell should sort."""
+    """Number of apples to sort."""
     loop: Mapping[str, float]
 
     @property
@@ -64,7 +64,7 @@ def print_sorting(report: SortingReport, console: Console) -> None:
     delay_s, missed = report.median_picture_to_goal_s, report.loop["missed_cycles"]
     console.print(
         f"apples in the right bins: {sum(apple.success for apple in report.apples)} of {report.wanted}; "
-        f"picture to goal: {'unknown' if delay_s is None else f'{1e3 * delay_s:.0f} ms'} (median); "
+        f"image to goal: {'unknown' if delay_s is None else f'{1e3 * delay_s:.0f} ms'} (median); "
         f"missed cycles: {missed:.0f}"
     )
 

@@ -67,12 +67,12 @@ BEGIN_S: Final = 0.1
 The arm moves neither after a single report nor after several delayed reports that arrive at once.
 """
 GAP_S: Final = 0.6
-"""Time without a report after which the next report is a new press, in seconds.
+"""Minimum time without a report before the next report counts as a new press, in seconds.
 
 In a hidden page, browsers send only one report per second.
 """
 LONGEST_S: Final = 10.0
-"""Maximum duration of a press, in seconds, because a browser may miss that the button was released."""
+"""Maximum duration of a press, in seconds. A limit is needed because a browser may miss the release of a button."""
 TAKEN: Final = "another browser or button is moving the arm; release this button and press it again later"
 TOO_LONG: Final = f"a button can be held for at most {LONGEST_S:.0f} s; release it and press it again"
 

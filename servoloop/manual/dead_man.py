@@ -24,23 +24,23 @@ class Keys(Permission, Protocol):
 
 
 class HandsFree:
-    """Unconditional permission to move, for ``--hands-free``. It reads no keys."""
+    """Unconditional permission to move, for ``--hands-free``. No keys are read."""
 
     def allowed(self, now_s: float) -> bool:
         """Return True."""
         return True
 
     def ended(self) -> bool:
-        """Return False; only a signal ends the command."""
+        """Return False, because only a signal ends the command."""
         return False
 
     def commands(self) -> Sequence[str]:
-        """Return no keys."""
+        """Return an empty sequence, because no keys are read."""
         return ()
 
 
 class DeadMansKey:
-    """Permission to move while any key of the terminal is held, except q, which ends the command, and command keys."""
+    """Permission to move while a key of the terminal is held, except command keys and q, which ends the command."""
 
     def __init__(self, commands: Collection[str] = ()) -> None:
         self._key = HeldKey(FIRST_S)

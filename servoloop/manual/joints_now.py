@@ -1,4 +1,4 @@
-"""Define the data about a robot that manual motion needs."""
+"""Define the data about a robot that are needed to move it manually."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

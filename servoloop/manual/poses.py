@@ -119,7 +119,7 @@ def find_targets(
     """Return the joints that a running arm can move and the poses to which it can move.
 
     Args:
-        folder: Folder of the arm; None if the stack does not report it.
+        folder: Folder of the arm; None if the stack does not report the folder.
         driven: Joints of each active controller, keyed by controller name.
         limits: Limits of each joint.
     """

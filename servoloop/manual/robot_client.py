@@ -44,9 +44,9 @@ class _DrivenController:
 class RobotClient:
     """Client that jogs joints and moves them to poses, slowly and within limits.
 
-    All calls come from one thread. Each call of ``jog`` or ``approach`` moves a short distance, so call them at least
-    ten times per second. The joints stop within 0.3 s after the last call, even if this process is killed. Methods
-    raise HandlingError if a joint cannot be moved, and CommandError if the connection has ended.
+    All calls must come from one thread. Each call of ``jog`` or ``approach`` moves a short distance, so call these
+    methods at least ten times per second. The joints stop within 0.3 s after the last call, even if this process is
+    killed. Methods raise HandlingError if a joint cannot be moved, and CommandError if the connection has ended.
     """
 
     def __init__(self, commands: CommandClient, robot: MovableRobot, now: Callable[[], float] = monotonic) -> None:
@@ -157,7 +157,7 @@ class RobotClient:
     def _no_controller(self, joints: Sequence[str]) -> str:
         """Return an error message with a remedy for joints without an active controller."""
         inactive = dict.fromkeys(self._inactive[joint] for joint in joints if joint in self._inactive)
-        advice = f"activate {', '.join(inactive)}" if inactive else "activate a controller that does"
+        advice = f"activate {', '.join(inactive)}" if inactive else "activate a controller that moves them"
         return f"no active controller moves {', '.join(joints)}: {advice}"
 
     def _begin(self, name: str, controller: _DrivenController) -> tuple[GuidedMotion, float, JointPositions]:
@@ -210,7 +210,7 @@ class RobotClient:
         except HandlingError as error:
             controller.motion = None
             self._refresh()
-            if name not in self._controllers:  # the controller was deactivated after the last list
+            if name not in self._controllers:  # the controller was deactivated after the list was received
                 raise HandlingError(self._no_controller(joints)) from error
             raise
 

@@ -18,9 +18,12 @@ from sim_backend.scene.scene_file import scene_spec
 SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
-"""Fraction of poses with contact above which a pair of links touches by design, as in MoveIt's setup assistant."""
+"""Minimum fraction of poses with contact for a pair of links to count as touching by design.
+
+MoveIt's setup assistant uses the same value.
+"""
 OFTEN: Final = 0.05
-"""Fraction of poses with a small distance above which a pair of links that never touches is near by design."""
+"""Minimum fraction of poses with a small distance for a pair of links that never touches to count as near by design."""
 
 Pair = tuple[str, str]
 

@@ -22,10 +22,10 @@ from sim_backend.scene.scene_file import scene_spec
 NEVER: Final = "Never"
 """Reason for pairs that touched in no random pose.
 
-Such pairs are still checked, because they may touch in other poses, unless they are near by design.
+Unless such pairs are near by design, they are still checked, because they may touch in other poses.
 """
 POSES: Final = 500
-"""Number of random poses with which to find the links that always touch."""
+"""Number of random poses used to find the links that always touch."""
 SEED: Final = 1
 """Seed of the random poses."""
 
@@ -35,8 +35,10 @@ def planning_robot(files: Files) -> PlanningRobot:
 
     Groups, end effectors, named states and pairs that may touch come from the SRDF of the arm, if it has one. The SRDF
     is the only ``*.srdf`` in the folder of the arm, or the file in ``config/moveit`` with the name of the arm.
-    Otherwise the group ``arm`` has the joints of the first trajectory controller, and the group ``hand`` has the other
-    joints. The named states are then the poses of the pick-place job, of the robot file and of ``servoloop pose``.
+
+    If the arm has no SRDF, the group ``arm`` has the joints of the first trajectory controller, and the group ``hand``
+    has the other joints. In this case, the named states are the poses of the pick-place job, of the robot file and of
+    ``servoloop pose``.
 
     Raises:
         HalError: The files of the arm have errors, or the arm has no trajectory controller.

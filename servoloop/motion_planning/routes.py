@@ -1,4 +1,4 @@
-"""Controllers of an arm that the planning server uses."""
+"""List the controllers of an arm that the planning server uses."""
 
 from controller.forward.commands import ForwardParameters
 from controller.gripper.goal import GripperParameters

@@ -60,7 +60,7 @@ class PaddedArm:
         return found
 
     def collisions(self, pose: Pose) -> list[str]:
-        """Return the pairs that make MoveIt refuse a pose, or an empty list if MoveIt can plan from this pose."""
+        """Return the pairs that make MoveIt refuse a pose. The list is empty if MoveIt can plan from the pose."""
         around = [f"{link} - {thing}" for (link, thing), gap in self.distances(pose).items() if gap <= 0.0]
         itself = self._links.touching(self._links.pose(dict(pose))) - self._unchecked
         return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
@@ -90,7 +90,10 @@ def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
 
 
 def working_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the poses of the pick-place job with open and closed hand, and the zero pose, in which the mock starts."""
+    """Return the poses of the pick-place job with open and closed hand, and the zero pose.
+
+    The mock starts in the zero pose.
+    """
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}
     for name, pose in _arm_poses(arm_jobs(arm.pick_place)):

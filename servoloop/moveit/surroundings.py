@@ -15,7 +15,7 @@ from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
+"""Clearance between the padded arm and the objects that the arm stands on, lies on or works at, in m."""
 REST_MARGIN_M: Final = 0.03
 """Maximum distance between the actual and the computed rest pose of an arm, in m."""
 REACH_M: Final = 0.7
@@ -101,7 +101,7 @@ def _stands(model: Any, geom: int, base: int) -> bool:
 
 def _level(data: Any, geom: int, name: str) -> float:
     if abs(data.geom_xmat[geom][8] - 1.0) > 1e-6:
-        raise ArmFileError(f"the plane {name} of the scene is tilted: make it level")
+        raise ArmFileError(f"the plane {name} of the scene is tilted: make the plane level")
     return float(data.geom_xpos[geom][2])
 
 
@@ -215,7 +215,7 @@ def _depth(x: float, y: float, pits: Sequence[Pit]) -> float:
 
 
 def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, list[str]]:
-    """Return the scene with MoveIt's padding of the arm and with the objects, and the names of the added geometries.
+    """Return the scene with the objects and with the arm padded as in MoveIt, and the names of the added geometries.
 
     Padding makes boxes, cylinders and capsules longer at each end and thicker on all sides.
     """

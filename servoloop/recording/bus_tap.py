@@ -14,15 +14,15 @@ KEPT: Final = 20_000
 
 
 class Transfer(NamedTuple):
-    """Bytes of one call to a port."""
+    """Bytes that one call wrote to a port or read from it."""
 
     stamp_s: float
     """Time just before a write or just after a read, in seconds on the loop's clock."""
     port: str
     sent: bool
-    """Whether the bytes were written."""
+    """True if the bytes were written, False if they were read."""
     data: bytes
-    """Bytes of the call. Empty after a read that timed out."""
+    """Bytes written or read. Empty after a read that timed out."""
 
 
 class BusTaps:
@@ -38,7 +38,7 @@ class BusTaps:
     def take(self) -> tuple[Transfer, ...]:
         """Return all transfers since the last call.
 
-        Only one thread may call this method; another thread may use the ports.
+        Only one thread may call this method. A different thread may use the ports.
         """
         transfers = self._transfers
         return tuple(transfers.popleft() for _ in range(len(transfers)))

@@ -24,7 +24,7 @@ class EmulatorSource:
     """Latest state of the virtual arm at ``link``. Not thread-safe."""
 
     def __init__(self, link: Path, description: Description, clock: Clock) -> None:
-        """Connect to ``servoloop emulate`` at ``link``. Raises LiveError if no emulator runs at this path."""
+        """Connect to ``servoloop emulate`` at ``link``. Raises LiveError if no emulator is running at this path."""
         self._link, self._description, self._clock = link, description, clock
         self._client: WorldFeedClient | None = None
         self._messages: Messages | None = None
@@ -32,7 +32,7 @@ class EmulatorSource:
         self._robot = ObservedRobot()
         self._connect()
         if self._client is None:
-            raise LiveError(f"there is no virtual arm at {link}: start one with `servoloop emulate {link}`")
+            raise LiveError(f"no virtual arm is running at {link}: start the arm with `servoloop emulate {link}`")
 
     @property
     def up_to_date(self) -> bool:
@@ -42,7 +42,7 @@ class EmulatorSource:
     @property
     def status(self) -> str:
         """Path of the virtual arm, with a note on whether its emulator is running."""
-        return f"{self._link}: virtual servos" if self.up_to_date else f"{self._link}: the emulator has ended"
+        return f"{self._link}: virtual servos" if self.up_to_date else f"{self._link}: the emulator has stopped"
 
     @property
     def robot(self) -> ObservedRobot:
@@ -71,7 +71,7 @@ class EmulatorSource:
         self._robot, self._messages = ObservedRobot(), None
 
     def _update(self, published: dict[str, Any]) -> None:
-        """Convert a publication of the emulator to the messages of a stack, and process them."""
+        """Convert a state that the emulator has published to the messages of a stack, and process them."""
         stamp_s, joints = published["time_s"], published["joints"]
         if self._messages is None:
             self._messages = Messages(self._description, list(joints), (), 0.0)

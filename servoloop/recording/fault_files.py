@@ -1,4 +1,4 @@
-"""Record faults. The last 30 seconds are kept in memory and written to a file when a fault occurs."""
+"""Record faults: keep the last 30 seconds in memory, and write them to a file when a fault occurs."""
 
 import logging
 import re
@@ -20,9 +20,9 @@ LOG = logging.getLogger("servoloop")
 
 FOLDER: Final = Path("out/faults")
 KEPT_S: Final = 30.0
-"""Time kept in memory, in seconds.
+"""Duration of the cycles kept in memory, in seconds.
 
-A fault shortly after a file was written is recorded in the next file, which continues without a gap.
+If a fault occurs shortly after a file was written, the next file records the fault and continues without a gap.
 """
 MIN_INTERVAL_S: Final = KEPT_S - 1.0
 """Minimum time between the ends of two files, in seconds.
@@ -44,8 +44,8 @@ NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 class FaultFiles:
     """Sink that keeps the last ``KEPT_S`` seconds and writes them to a new file when a fault begins.
 
-    Faults are a joint that is not measured or whose torque is off, a lost component, a goal whose tolerances are
-    violated, and a loop that ends with an error. A component that a client switches off is not a fault.
+    The following are faults: a joint that is not measured or whose torque is off, a lost component, a goal whose
+    tolerances are violated, and a loop that stops with an error. A component that a client switches off is not a fault.
     """
 
     eager = False

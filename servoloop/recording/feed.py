@@ -20,7 +20,10 @@ MAX_QUEUE_BYTES: Final = 4 * 1024 * 1024
 
 
 class Viewer:
-    """Connection to a program that receives the feed. It never blocks. ``gone`` is set when the program disconnects."""
+    """Connection to a program that receives the feed. Sending never blocks.
+
+    ``gone`` becomes true when the program disconnects.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         self.gone = False
@@ -98,7 +101,7 @@ class LiveFeed:
             new.rename(path)
         except OSError as error:
             self._server.close()
-            raise LiveError(f"no live feed: {path} cannot be created: {error.strerror or error}") from error
+            raise LiveError(f"cannot create the socket {path} of the live feed: {error.strerror or error}") from error
 
     @property
     def eager(self) -> bool:
@@ -136,7 +139,7 @@ class LiveFeed:
     def _keep_goals(self, messages: Iterable[Recorded]) -> None:
         for one in messages:
             if one.topic.endswith(GOAL):
-                # This removes the result of the previous goal.
+                # The result of the previous goal is no longer current.
                 self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)
                 self._goals[one.topic] = one
             elif one.topic.endswith(RESULT):

@@ -16,7 +16,7 @@ REST_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error of each joint of the arm in one run, in rad. All values are empty if nothing could be measured.
+    """Following error of each joint of the arm in one run, in rad. All values are empty if there is no measurement.
 
     Sag is largest at the joints that carry the arm. Lag is largest at the joint that moves fastest.
     """
@@ -56,7 +56,7 @@ UNKNOWN = FollowingError((), (), (), 0)
 
 
 def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray) -> FollowingError:
-    """Return the following error from errors and reference velocities, both (samples, joints)."""
+    """Compute the following error from position errors and reference velocities, both of shape (samples, joints)."""
     if not len(error):
         return UNKNOWN
     moving = np.abs(velocity) > MOVING_RAD_S
@@ -74,7 +74,7 @@ def _rests(times_s: FloatArray, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def worst(errors: Iterable[FollowingError]) -> FollowingError:
-    """Return the largest following error of several runs for each joint."""
+    """Return each joint's largest following error in several runs."""
     known = [error for error in errors if error.largest_rad]
     if not known:
         return UNKNOWN

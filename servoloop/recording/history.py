@@ -23,7 +23,7 @@ class HistoryRow(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """Joint values of the last minute: times (k,) in seconds, and arrays (k, n) in the units of Row."""
+    """Joint values of the last minute: times (k,) in seconds, and arrays (k, n) in the units of HistoryRow."""
 
     time_s: FloatArray
     position: FloatArray
@@ -46,7 +46,7 @@ class History:
     def add(self, row: HistoryRow) -> None:
         """Add a row. If the row is older than the last row, start a new history.
 
-        Rows older than a newly added joint get NaN for this joint.
+        If the row contains a new joint, earlier rows get NaN for this joint.
         """
         rows = self._rows
         if rows and len(rows[-1].position) < len(row.position):

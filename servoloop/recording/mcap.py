@@ -1,4 +1,4 @@
-"""Write encoded messages to MCAP streams and files. Small chunks keep the file of a killed program readable."""
+"""Write encoded messages to MCAP streams and files. Small chunks keep a killed program's file readable."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -75,9 +75,9 @@ def check_path(path: Path) -> None:
     if path.suffix != SUFFIX:
         raise RecordingError(f"{path} is not a valid name for a recording: the name must end in {SUFFIX}")
     if path.exists():
-        raise RecordingError(f"{path} already exists: choose another file, or delete it")
+        raise RecordingError(f"{path} already exists: choose another file name, or delete the file")
     if not path.parent.is_dir():
-        raise RecordingError(f"folder {path.parent} does not exist: create it first")
+        raise RecordingError(f"folder {path.parent} does not exist: create the folder first")
 
 
 class McapFile:

@@ -29,7 +29,7 @@ STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/c
 STATUSES, SCENE, URDF = "/diagnostics", "/servoloop/scene", "/robot_description"
 GOAL, RESULT = "/goal", "/goal_result"
 COMPRESSED: Final = "/image_raw/compressed"
-"""Suffix of the topics with camera images."""
+"""Suffix of the topics that carry camera images."""
 MAGIC: Final = b"\x89MCAP"
 OTHER_FORMATS: Final = {
     b"SQLite format 3": "is a rosbag2 database: convert it with `ros2 bag convert`",
@@ -96,7 +96,7 @@ def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
         try:
             content = decode(message.data, schema.name)
         except Exception:  # The message is damaged, or its type has another version.
-            LOG.debug("a message of %s does not fit %s", channel.topic, schema.name)
+            LOG.debug("a message on %s does not match the type %s", channel.topic, schema.name)
             continue
         yield Received(channel.topic, message.log_time, content, message.sequence)
 
@@ -127,7 +127,7 @@ def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Recei
 
 
 def _require_mcap(stream: IO[bytes], path: Path) -> None:
-    """Raise RecordingError if a file does not start as an MCAP file."""
+    """Raise RecordingError if a file does not start like an MCAP file."""
     head = stream.read(512)
     stream.seek(0)
     if head.startswith(MAGIC):

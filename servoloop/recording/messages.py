@@ -40,7 +40,7 @@ class Recorded(NamedTuple):
 
 
 class Messages:
-    """Factory of the messages of a robot's recording."""
+    """Factory of the ROS messages in a robot's recording."""
 
     def __init__(
         self, description: Description, joints: Sequence[str], command_interfaces: Sequence[str], offset_s: float

@@ -1,4 +1,4 @@
-"""Read a recording into arrays. Incomplete recordings of killed programs can be read too."""
+"""Read a recording into arrays. The recording of a killed program is incomplete, but can also be read."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -57,7 +57,7 @@ class RecordedRun:
 
 
 def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
-    """Read a recording of servoloop or of another program, which may be incomplete. Raises RecordingError."""
+    """Read a recording by servoloop or another program. The file may be incomplete. Raises RecordingError."""
     received: dict[str, list[Received]] = {}
     command_rows: list[int] = []
     for one in read_messages(path, open_file):
@@ -66,22 +66,22 @@ def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
             command_rows.append(len(received.get(STATES, ())) - 1)
     states = [one for one in received.get(STATES, []) if len(one.message.position)]
     if not states:
-        raise RecordingError(f"{path} has no positions in {STATES}: it is not a recording of a robot")
+        raise RecordingError(f"{path} has no positions in {STATES}: the file is not a recording of a robot")
     return _Numbers(received, command_rows).run
 
 
 class _Numbers:
-    """Converter of the messages of a run to arrays."""
+    """Converter of a run's messages to arrays."""
 
     def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
-        """``command_rows`` has the index of the joint state for each command."""
+        """``command_rows`` contains the index of the joint state for each command."""
         self._received = received
         self._states = received[STATES]
         self._stamped = _are_stamped(self._states)
         times_s = self._times_s(STATES)
         order = np.argsort(times_s, kind="stable")
         sorted_s = times_s[order]
-        # This keeps the last of several rows with equal times.
+        # If several rows have the same time, the last row is kept.
         self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]
         self._time_s = times_s[self._rows]
         self._begin_s = float(self._time_s[0])
@@ -104,7 +104,7 @@ class _Numbers:
         )
 
     def _times_s(self, topic: str) -> FloatArray:
-        """Return the ROS times (n,) of a topic's messages: their stamps, or else their log times."""
+        """Return the ROS times (n,) of a topic's messages, from their stamps or else their log times."""
         found = self._received.get(topic, [])
         return np.array([self._time_of(one) for one in found], dtype=np.float64)
 

@@ -21,12 +21,12 @@ from servoloop.recording.sampler import CycleSample, Sampler, Scene, scene_poses
 
 LOG = logging.getLogger("servoloop")
 FLUSH_S: Final = 0.5
-"""Period of writing, in seconds.
+"""Period at which samples are written, in seconds.
 
-A killed program loses the data of at most one period. A longer period needs less CPU time.
+If the program is killed, the data of at most one period is lost. A longer period needs less CPU time.
 """
 CLOSE_S: Final = 5.0
-"""Maximum time to wait for the disk when the program ends, in seconds."""
+"""Maximum time to wait for the disk when the program exits, in seconds."""
 WAITING: Final = 2_000
 """Maximum number of cycles that wait for a slow disk: 100 s at 20 Hz."""
 
@@ -122,7 +122,7 @@ class Recorder:
     def drain(self) -> None:
         """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # The current scene belongs only to the latest sample.
+        if samples:  # The current scene belongs to the latest sample only.
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()
@@ -144,7 +144,7 @@ class Recorder:
 
     def _close(self, sink: Sink) -> None:
         if sink not in self._sinks:
-            raise RecordingError("the recording has stopped because of an error: see the log of the stack")
+            raise RecordingError("the recording has stopped because of an error: see the stack's log")
         self._sinks.remove(sink)
         sink.close((), failed=False)
 
@@ -191,7 +191,7 @@ class RecordingFile:
         self._file.add_metadata(name, values)
 
     def flush(self) -> None:
-        """Hand all messages to the operating system, so that they survive the end of this program.
+        """Hand all messages to the operating system, so that they are written even if this program is killed.
 
         Raises RecordingError.
         """

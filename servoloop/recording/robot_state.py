@@ -41,7 +41,7 @@ class ScenePose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StatusNow:
-    """Latest diagnostic status with one name. Level 0 is OK, 1 a warning and 2 an error."""
+    """Latest diagnostic status with a given name. Level 0 is OK, 1 is a warning, and 2 is an error."""
 
     level: int
     message: str
@@ -172,7 +172,7 @@ class RobotState:
         )
 
     def _commanded(self, message: Any) -> None:
-        """Add the commands of the last measured cycle, which complete its row in the history."""
+        """Store the commands of the last measured cycle, and add the row of this cycle to the history."""
         now = self._now
         positions = dict(zip(message.name, message.position, strict=False))
         command = np.array([positions.get(joint, np.nan) for joint in now.joints])
@@ -184,7 +184,7 @@ class RobotState:
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
             if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
-                return  # The goal has only velocities, or is an invalid goal of another program.
+                return  # The goal has only velocities, or another program sent an invalid goal.
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )
@@ -236,7 +236,7 @@ def servo_faults(snapshot: RobotSnapshot) -> dict[str, str]:
 
 
 class Health(NamedTuple):
-    """Supply voltages and temperatures of the servos at one time: arrays (n,) by joint, NaN for missing values."""
+    """Supply voltages and temperatures of the servos at one time: arrays (n,) in joint order, NaN if unknown."""
 
     stamp_s: float
     voltage_v: FloatArray
@@ -278,7 +278,7 @@ class ObservedRobot:
         return Minute(self.state.curves(), health_rows)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
-        """Return the joint positions (n,) at the start of a goal, or None if the history is shorter."""
+        """Return the joint positions (n,) at the start of a goal, or None if the history begins after the start."""
         curves = self.state.curves()
         at = int(np.searchsorted(curves.time_s, goal.begun_s, side="right")) - 1
         return None if at < 0 else np.asarray(curves.position[at])

@@ -1,4 +1,6 @@
-"""Sample each control cycle for the recording. A sample takes little time, because it refers to immutable objects."""
+"""Sample each control cycle for the recording. Sampling takes little time, because a sample only refers to immutable
+objects.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -78,7 +80,7 @@ DIAGNOSTICS_S: Final = 1.0
 
 
 class CycleTiming(NamedTuple):
-    """Timing of a cycle, which is known when the next cycle runs."""
+    """Timing of a cycle, which is known only when the next cycle runs."""
 
     stamp_s: float
     number: int
@@ -97,7 +99,7 @@ class Tracked(NamedTuple):
 
 
 class GoalBegin(NamedTuple):
-    """Acceptance of a goal by a controller. ``joints`` are the joints of the goal."""
+    """Goal that a controller has just accepted. ``joints`` are the joints of the goal."""
 
     controller: str
     joints: tuple[str, ...]
@@ -105,7 +107,7 @@ class GoalBegin(NamedTuple):
 
 
 class GoalEnd(NamedTuple):
-    """End of a goal with its result."""
+    """Result of a goal that has just finished."""
 
     controller: str
     status: GoalStatus
@@ -141,17 +143,17 @@ class CycleSample:
 
 
 class Sampler:
-    """Sampler of a control loop, called in the loop thread."""
+    """Collector of the data to record from each cycle of a control loop. The loop thread calls the sampler."""
 
     def __init__(self, loop: ControlLoop, hardware_id: str, servo_ids: Mapping[str, str], taps: BusTaps) -> None:
-        """``hardware_id`` and ``servo_ids`` (by joint) appear in the diagnostics."""
+        """``hardware_id`` and ``servo_ids`` (keyed by joint name) appear in the diagnostics."""
         self._loop = loop
         self._hardware_id = hardware_id
         self._servo_ids = servo_ids
         self._taps = taps
         self._goals: dict[str, GoalHandle | GripperHandle] = {}
         self._ended: dict[str, GoalHandle | GripperHandle] = {}
-        """Last goal with a recorded end, keyed by controller name."""
+        """Last goal whose result was recorded, keyed by controller name."""
         self._last_s: float | None = None
         self._cycles = 0
         self._diagnosed_s = -DIAGNOSTICS_S
@@ -194,7 +196,7 @@ class Sampler:
             yield from self._end(name, newest)
 
     def _end(self, name: str, handle: GoalHandle | GripperHandle) -> Iterator[GoalEnd]:
-        """Yield the end of a goal once."""
+        """Yield the result of a goal once."""
         if not handle.done or self._ended.get(name) is handle:
             return
         self._ended[name] = handle

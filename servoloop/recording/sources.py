@@ -15,7 +15,7 @@ from servoloop.recording.stream import LiveError, MessageStream, RunningStack, f
 AGAIN_S: Final = 1.0
 """Time between attempts to reconnect to a stack, in seconds."""
 SILENT_S: Final = 2.0
-"""Maximum time since the last cycle of a stack that counts as live, in seconds."""
+"""Maximum time since the last cycle for a stack to count as live, in seconds."""
 
 
 class LiveSource:
@@ -46,14 +46,14 @@ class LiveSource:
 
     @property
     def stack(self) -> RunningStack:
-        """Stack that the source follows, or followed last."""
+        """Stack that the source follows, or the last stack that it followed."""
         return self._found
 
     @property
     def status(self) -> str:
         """Name of the arm, with a note on whether its stack is running and sends cycles."""
         if not self.connected:
-            return f"{self.arm}: the stack has ended. Waiting for it to come back"
+            return f"{self.arm}: the stack has stopped. Waiting for it to restart"
         if not self.up_to_date:
             return f"{self.arm}: no cycle for {self.silent_s:.0f} s. The stack is paused or hangs"
         return f"{self.arm}: live"
@@ -93,7 +93,7 @@ class LiveSource:
                 self.connected = False
 
     def _stack(self) -> RunningStack:
-        """Return the current stack while it runs, then a new stack of the same arm. Raises LiveError."""
+        """Return the current stack. If it no longer runs, find a new stack of the same arm. Raises LiveError."""
         if self._found not in running_stacks():
             self._found = find_stack(self._same_arm, self._found.namespace)
         return self._found
@@ -115,17 +115,17 @@ class Source(Protocol):
 
     @property
     def robot(self) -> ObservedRobot:
-        """Current robot."""
+        """Robot with its current state."""
         ...
 
     @property
     def status(self) -> str:
-        """Description of the source, such as a running stack, a stack that has ended or a recording."""
+        """Description of the source, such as a running stack, a stopped stack or a recording."""
         ...
 
     @property
     def up_to_date(self) -> bool:
-        """Whether the state is up to date. False after a running stack has ended or while it hangs."""
+        """Whether the state is up to date. False if the stack has stopped or hangs."""
         ...
 
     def close(self) -> None:
@@ -143,7 +143,7 @@ class PlayedRecording:
         self._stamps = [one.stamp_ns for one in self._entries]
         cycles = [one.stamp_ns for one in self._entries if one.topic == STATES]
         if not cycles:
-            raise RecordingError(f"{path} has no {STATES}: it is not a recording of a robot")
+            raise RecordingError(f"{path} has no {STATES}: the file is not a recording of a robot")
         self._begin_ns = cycles[0]
         self.length_s = (cycles[-1] - cycles[0]) * 1e-9
         self.robot = ObservedRobot()
@@ -151,7 +151,7 @@ class PlayedRecording:
         self.play_to(0.0)
 
     def play_to(self, time_s: float) -> ObservedRobot:
-        """Return the robot at a time since the first cycle, which may be before the current position."""
+        """Return the robot at ``time_s`` seconds after the first cycle. Playback may also move backward."""
         stamp_ns = self._begin_ns + round(time_s * 1e9)
         until = bisect_right(self._stamps, stamp_ns)
         if until < self._next or stamp_ns - self._stamps[max(0, self._next - 1)] > KEPT_S * 1e9:
@@ -195,7 +195,7 @@ class Playback:
     @property
     def status(self) -> str:
         """Name of the recording, playback position and speed."""
-        speed = f"{self.speed} times the speed" if self.playing else "paused"
+        speed = f"{self.speed} times the original speed" if self.playing else "paused"
         return f"recording: {self.name}, {self.time_s:.1f} of {self.length_s:.1f} s, {speed}"
 
     @property

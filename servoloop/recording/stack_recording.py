@@ -42,10 +42,10 @@ class StackRecording:
         self._recorder: Recorder | None = None
         self._messages: Messages | None = None
         self._files: dict[Path, RecordingFile] = {}
-        """Recordings that clients have begun, keyed by path."""
+        """Recordings that clients have started, keyed by path."""
 
     def begin(self, path: Path) -> None:
-        """Begin another recording. Raises RecordingError if it cannot be created."""
+        """Start another recording. Raises RecordingError if the file cannot be created."""
         if self._recorder is None or self._messages is None:
             raise RecordingError("the stack records nothing, because its loop is not running")
         check_path(path)
@@ -53,14 +53,14 @@ class StackRecording:
         self._recorder.add(file)
 
     def end(self, path: Path) -> Request[None]:
-        """Request the end of a recording that ``begin`` has begun.
+        """Request the end of a recording that ``begin`` has started.
 
         Raises RecordingError if there is no such recording.
         """
         file = self._files.pop(path, None)
         if file is None or self._recorder is None:
             begun = ", ".join(map(str, self._files)) or "none"
-            raise RecordingError(f"no client has begun a recording in {path}; recordings of clients: {begun}")
+            raise RecordingError(f"no client has started a recording in {path}; recordings of clients: {begun}")
         return self._recorder.remove(file)
 
     def tap(self, port: Port, clock: Clock) -> Port:
@@ -77,13 +77,13 @@ class StackRecording:
         scene: Scene = dict,
         live: bool = True,
     ) -> Iterator[None]:
-        """Record the loop for the duration of the context. The previous ``on_cycle`` of the loop is called first.
+        """Record the loop for the duration of the context. The loop's previous ``on_cycle`` function is called first.
 
         Args:
             loop: Control loop.
             files: Files of the robot.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
-            failed: Function that returns at the end whether the loop failed.
+            failed: Function that returns whether the loop failed. It is called at the end.
             scene: Function that returns the objects around the arm, called in the recorder thread.
             live: Whether to write fault files, and whether other programs can find the stack and follow it.
 
@@ -124,7 +124,7 @@ def _live_feed(files: Files, messages: Messages) -> list[Sink]:
 
 
 POLL_S: Final = 0.1
-"""Period of the checks for the end of a recording, in seconds."""
+"""Period at which the end of a recording is checked, in seconds."""
 
 
 @dataclass(slots=True)
@@ -232,7 +232,7 @@ class _LiveRecording:
 
 
 def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
-    """Return the first cycle without goals that ended before it. The feed sends these goals to every new viewer."""
+    """Return the first cycle without goals that finished earlier. The feed sends these goals to every new viewer."""
     begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
     past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
     ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}

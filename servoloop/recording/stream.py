@@ -22,7 +22,7 @@ SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
 COMMANDS: Final = ".command"
-"""Suffix of the command socket of the stack, which is next to the socket of its message stream."""
+"""Suffix of the stack's command socket, which is in the same folder as the socket of the message stream."""
 _NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -44,7 +44,7 @@ class RunningStack(NamedTuple):
 
     @property
     def commands(self) -> Path:
-        """Path of the command socket of the stack."""
+        """Path of the stack's command socket."""
         return self.socket.with_suffix(COMMANDS)
 
     @property
@@ -73,7 +73,7 @@ def make_live_folder() -> Path:
 
 
 def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
-    """Return the path of a stack's socket. Its folder may not exist yet."""
+    """Return the path of a stack's socket. The folder of the socket may not exist yet."""
     owner = f"{namespace[1:].replace('/', '.')}@" if namespace else ""
     return live_folder() / f"{owner}{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
 
@@ -98,7 +98,7 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
     if len(found) == 1:
         return found[0]
     if not running:
-        raise LiveError("no stack is running: start one with `servoloop up`, with virtual servos if no --port is given")
+        raise LiveError("no stack is running: start one with `servoloop up`, which uses virtual servos without --port")
     names = ", ".join(stack.label for stack in running)
     if not found:
         wanted = (f" of {arm}" if arm is not None else "") + (
@@ -106,8 +106,8 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
         )
         raise LiveError(f"no stack{wanted} is running. Running stacks: {names}")
     raise LiveError(
-        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process number) or "
-        "--namespace, or end the others"
+        f"several stacks are running: {names}. Choose one with --arm (name, folder or process ID) or "
+        "--namespace, or stop the other stacks"
     )
 
 
@@ -177,13 +177,13 @@ class MessageStream:
 
 
 def open_live(stack: RunningStack) -> MessageStream:
-    """Open the message stream of a running stack. Raises LiveError if the stack has just ended."""
+    """Open the message stream of a running stack. Raises LiveError if the stack has just stopped."""
     connection = socket.socket(socket.AF_UNIX)
     try:
         connection.connect(str(stack.socket))
     except OSError as error:
         connection.close()
-        raise LiveError(f"the stack of {stack.arm} has just ended") from error
+        raise LiveError(f"the stack of {stack.arm} has just stopped") from error
 
     def close() -> None:
         try:

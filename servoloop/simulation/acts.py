@@ -90,10 +90,10 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware with its torque enabled. Activate hardware and controllers again after ``for_s``.
+    """Deactivate the hardware but keep its torque enabled. Activate hardware and controllers again after ``for_s``.
 
     If ``for_s`` is 0, activate the active hardware, which enables the torque of limp joints. A hand may push these
-    joints beforehand.
+    joints before the activation.
     """
 
     kind: Literal["reactivate"] = "reactivate"
@@ -123,7 +123,7 @@ class GuideArm(_Act):
 
 
 CONNECTIONS: Final = 3
-"""Maximum number of programs of a schedule that are connected to the command socket at the same time."""
+"""Maximum number of a schedule's programs that are connected to the command socket at the same time."""
 
 STREAM_AGE_S: Final = 0.2
 """Maximum time between two targets of a stream over the command socket, in seconds."""
@@ -132,7 +132,7 @@ STREAM_AGE_S: Final = 0.2
 class SocketAct(_Act):
     """Action of a program that is connected to the command socket.
 
-    Before an action that moves the arm, the program requests control of the arm. A program whose connection has ended
+    Before an action that moves the arm, the program requests control of the arm. A program whose connection was closed
     connects again.
     """
 
@@ -159,7 +159,7 @@ class SocketStream(SocketAct):
     leaps: bool = False
     """Whether the first target is ``positions`` itself, regardless of its distance from the arm."""
     closes: bool = True
-    """Whether the program closes the stream of targets. Otherwise it stops sending targets."""
+    """Whether the program closes the stream of targets. If False, the program only stops sending targets."""
 
 
 class SocketRequest(SocketAct):
@@ -210,7 +210,7 @@ class SocketStall(SocketAct):
 
 
 class SocketDeath(SocketAct):
-    """End the connection, as if the program had been killed."""
+    """Close the connection, as if the program had been killed."""
 
     kind: Literal["socket_death"] = "socket_death"
     half: bool = False

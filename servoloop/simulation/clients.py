@@ -1,7 +1,7 @@
 """Simulated clients, which carry out the actions of a schedule between cycles."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, Final, Protocol
 

@@ -69,7 +69,7 @@ class CycleRecording:
     """Name of each bus, keyed by the name of its port."""
 
     def around(self, time_s: float, before_s: float, cycles_after: int) -> "CycleRecording":
-        """Return the cycles of ``before_s`` seconds before a time, and ``cycles_after`` cycles after it."""
+        """Return the cycles in the ``before_s`` seconds before a time, and ``cycles_after`` cycles after that time."""
         times = [cycle.time_s for cycle in self.cycles]
         begin = bisect_left(times, time_s - before_s - ROUNDING_S)
         end = bisect_left(times, time_s + ROUNDING_S) + cycles_after
@@ -77,7 +77,7 @@ class CycleRecording:
 
 
 class CycleRecorder:
-    """Recorder of all cycles of a stack until its program ends. Each command that is written adds one record."""
+    """Recorder of all cycles of a stack until its program exits. Each written command adds one record."""
 
     def __init__(self, stack: FaultyStack) -> None:
         """``stack`` must not be active yet."""

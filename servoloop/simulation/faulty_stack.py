@@ -20,15 +20,15 @@ from sim_backend.faults.targets import FaultTargets
 
 
 def number_of_arm(seed: int | None, arms: int) -> int:
-    """Return the zero-based number of the arm that the clients of a seed move."""
+    """Return the zero-based index of the arm that a seed's clients move."""
     return (seed or 0) % max(arms, 1)
 
 
 class FaultyStack(SimulatedStack):
     """Simulated stack with a fault ``player``. Without faults, the stack behaves exactly as a SimulatedStack.
 
-    ``options`` are the options of SimulatedStack. In a robot with several arms, ``arm`` and ``hand`` are the ones that
-    the clients of the seed move.
+    ``options`` are the options of SimulatedStack. If a robot has several arms, ``arm`` and ``hand`` belong to the
+    arm that the seed's clients move.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -39,10 +39,10 @@ class FaultyStack(SimulatedStack):
         self.ending = False
         """Whether the program is shutting down."""
         self.narrowed: Mapping[str, tuple[float, float]] = {}
-        """Limits (lower, upper) of joints that the schedule narrows, in rad or m."""
+        """Joint limits (lower, upper) that the schedule narrows, in rad or m."""
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
-        """Goals that ended in the latest cycle."""
+        """Goals that finished in the latest cycle."""
         super().__init__(**options)
         self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
         self.arm = self.arms[number_of_arm(options.get("build", NOMINAL_BUILD).seed, len(self.arms))]

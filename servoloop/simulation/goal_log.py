@@ -17,7 +17,7 @@ class LoggedGoal:
     cancel_s: float | None = None
     """Time of the client's cancel request."""
     ended_s: float | None = None
-    """End of the first cycle after the goal ended."""
+    """Time at the end of the cycle in which the goal finished."""
 
 
 @dataclass(slots=True)
@@ -28,7 +28,7 @@ class GoalLog:
     """Function that returns the time of the stack's clock, in seconds."""
     goals: list[LoggedGoal] = field(default_factory=list)
     open: list[LoggedGoal] = field(default_factory=list)
-    """Goals that have not ended."""
+    """Goals that have not finished."""
     refused: list[tuple[TrajectoryGoal, str]] = field(default_factory=list)
 
     def sent(self, controller: str, goal: TrajectoryGoal, handle: GoalHandle) -> None:
@@ -44,7 +44,7 @@ class GoalLog:
                 logged.cancel_s = self.now()
 
     def end_cycle(self) -> list[LoggedGoal]:
-        """Close the goals that have ended, and return them."""
+        """Log the end of each finished goal, and return the finished goals."""
         ended = [logged for logged in self.open if logged.handle.done]
         for logged in ended:
             logged.ended_s = self.now()

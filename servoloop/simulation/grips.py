@@ -65,7 +65,7 @@ class GripperClient:
         return self.goals[-1]
 
     def cancel(self, goal: LoggedGrip) -> None:
-        """Cancel a goal, unless it has ended."""
+        """Cancel a goal, unless it has finished."""
         if not goal.handle.done:
             goal.cancel_s = self._stack.clock.now()
             self.controller.cancel(goal.handle)

@@ -22,7 +22,7 @@ from servoloop.stack.robot_files import Files
 from sim_backend.scene.scene_check import require_scene
 
 LONGEST_S = 60.0
-"""Maximum duration of a job, in seconds. Its longest wait is 4 s, for the hand."""
+"""Maximum duration of a job, in seconds. The longest wait within a job is 4 s, for the hand."""
 FALLS_S = 1.0
 """Maximum time for a released cube to come to rest, in seconds."""
 
@@ -113,7 +113,7 @@ class RunningJob:
 
     @property
     def done(self) -> bool:
-        """Whether the job has ended."""
+        """Whether the job has finished."""
         return bool(self._results)
 
     def after_cycle(self) -> None:
@@ -127,12 +127,12 @@ class RunningJob:
             self._bins.append(found)
 
     def close(self) -> None:
-        """Abandon the job if it has not ended."""
+        """Abandon the job if it has not finished."""
         self._steps.close()
 
     def record(self, ended_s: float) -> JobRecord:
-        """Return the record of the job, which ended at ``ended_s`` on the clock of the stack."""
-        no_end = Result(JobEnding.ABORTED, self._number, f"the job did not end within {LONGEST_S:g} s")
+        """Return the record of the job, which finished at ``ended_s`` on the stack's clock."""
+        no_end = Result(JobEnding.ABORTED, self._number, f"the job did not finish within {LONGEST_S:g} s")
         result = self._results[0] if self._results else no_end
         landed = self._bins[-1] if self._bins else None
         return JobRecord(

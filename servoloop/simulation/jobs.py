@@ -1,4 +1,4 @@
-"""Run the jobs of all arms of a simulated stack: one after the other for each arm, all arms at the same time."""
+"""Run the jobs of a simulated stack. All arms work at the same time, and each arm runs its jobs one after the other."""
 
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
@@ -48,12 +48,12 @@ class _ArmJobs:
         self._stack, self._name, self._settings, self._on_record = stack, name, settings, on_record
         self._waiting = list(enumerate(grades, 1))
         self._end_s, self._rest_s = inf, inf
-        """Latest end of the job, and time by which its cube must be at rest, on the clock of the stack."""
+        """Deadlines for the end of the job and for its cube to come to rest, on the stack's clock."""
         self._ended_s = inf
         self.job: RunningJob | None = None
 
     def proceed(self) -> bool:
-        """Begin the next job if the previous one has ended and its cube is at rest. Return whether a job has begun."""
+        """Start the next job if the previous job has finished and its cube is at rest. Return whether a job started."""
         now_s = self._stack.clock.now() + 1e-9
         if self.job is not None and self._rest_s == inf and (self.job.done or now_s >= self._end_s):
             self._ended_s, self._rest_s = self._stack.clock.now(), now_s + FALLS_S

@@ -14,7 +14,7 @@ class ObservedComponents(ComponentSet):
     on_command: Callable[[FloatArray], None] | None = None
     """Function called with each command before it is written."""
     on_written: Callable[[], None] | None = None
-    """Function called when a command was written."""
+    """Function called after each command is written."""
 
     def read(self, deadline_s: float | None = None) -> JointState:
         """Read all components, as in ComponentSet, and call ``on_read``."""

@@ -13,7 +13,10 @@ from drivers.errors import DriverError
 POLL_S: Final = 0.1
 """Maximum time between two checks while waiting, in seconds of real time."""
 LONGEST_CATCH_UP_S: Final = 0.1
-"""Maximum delay that the simulation makes up for after a slow phase, in seconds of real time. Longer delays remain."""
+"""Maximum delay that the simulation makes up for after a slow phase, in seconds of real time.
+
+The simulation does not make up for a longer delay.
+"""
 
 
 class PausedError(DriverError):
@@ -62,7 +65,9 @@ class MachineWall:
 
 
 class Pace:
-    """Pace of a simulation. The loop thread waits between cycles; any thread may pause, resume or request steps.
+    """Speed limit, pauses and single steps of a simulation.
+
+    The loop thread waits between cycles. Any thread may pause, resume or request steps.
 
     ``factor`` is the maximum ratio of simulated to real time, or ``math.inf`` for the maximum speed of the computer.
     """
@@ -78,7 +83,7 @@ class Pace:
         """Number of remaining cycles of each request."""
         self._ended = False
         self._anchor: tuple[float, float] | None = None
-        """Simulated and real time of one moment, or None if a new reference moment must be chosen."""
+        """Simulated and real time at the reference moment, or None if a new reference moment must be chosen."""
         self._begun_s = self._now_s = 0.0
         self._running_s = 0.0
         self._ran_at_s: float | None = None

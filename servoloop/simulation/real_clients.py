@@ -50,14 +50,14 @@ class SimulatedTime:
         kinds = [hardware.choose(kind, component) for component in files.description.components]
         if users := [str(one) for one in kinds if not isinstance(one, HardwareKind)]:
             names = ", ".join(users)
-            raise DriverError(f"{names} may not support simulated time: omit --rtf and --step, or choose a --hardware")
+            raise DriverError(f"{names} may not support simulated time: omit --rtf and --step, or set --hardware")
         if HardwareKind.SERVOS in kinds:
             self._lines = VirtualLines(files, self._build)
         devices = self._lines.devices if self._lines is not None else {}
         return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
     def connect(self, loop: ControlLoop, surface: RosInterface) -> None:
-        """Set the loop to pace and the ROS interface that publishes its states."""
+        """Connect the paced loop and the ROS interface that publishes the states of this loop."""
         self._loop, self._surface = loop, surface
         self.pace.on_done = surface.wake
         loop.on_cycle = self._on_cycle

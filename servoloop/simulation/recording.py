@@ -20,12 +20,12 @@ class Trace:
     velocity: list[FloatArray] = field(default_factory=list)
 
     def following_error(self) -> tuple[FloatArray, FloatArray]:
-        """Return the largest error and the RMS error while moving of each joint, in rad, including between cycles."""
+        """Return each joint's largest error and RMS error while moving, in rad, including the times between cycles."""
         error = self.following()
         return np.array(error.largest_rad), np.array(error.rms_moving_rad)
 
     def following(self, since_s: float = 0.0) -> FollowingError:
-        """Return the following error since a time, including between cycles."""
+        """Return the following error since a time, including the times between cycles."""
         start = bisect_left(self.world_s, since_s)
         cycles, position, velocity = np.array(self.cycle_s), np.array(self.position), np.array(self.velocity)
         return between_cycles(self.world_s[start:], self.actual[start:], cycles, position, velocity)

@@ -101,7 +101,7 @@ class SimulationResult:
     """Following error of each arm controller."""
     digest: str
     cpu_s: float
-    """Processor time, in seconds. The digest does not depend on it."""
+    """Processor time, in seconds. The digest does not depend on this time."""
 
     @property
     def success(self) -> bool:
@@ -110,7 +110,7 @@ class SimulationResult:
 
 
 def simulated(files: Files) -> Inventory:
-    """Return the possible targets of faults in ``simulate``. Faults at the end of the program are not possible."""
+    """Return the possible targets of faults in ``simulate``. Faults during the shutdown are not possible."""
     return replace(inventory_of(files), end_s=None)
 
 

@@ -95,7 +95,7 @@ class SimulatedStack:
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
         self.arms = tuple(one for one in built if isinstance(one, JointTrajectoryController))
-        """Trajectory controllers of all arms. ``arm`` is the first of them."""
+        """Trajectory controllers of all arms. ``arm`` is the first of these controllers."""
         self._traces = [_ArmTrace(one, self.world) for one in self.arms]
         self.trace = self._traces[0].trace
         """Trace of the first arm."""
@@ -213,7 +213,7 @@ class _ArmTrace:
         self._arrays = world.arrays
 
     def after_step(self, time_s: float) -> None:
-        """Add the positions of a millisecond."""
+        """Add the positions at the end of one millisecond."""
         self.trace.world_s.append(time_s)
         self.trace.actual.append(self._arrays.position.take(self._at))
 

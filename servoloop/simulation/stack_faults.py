@@ -80,7 +80,7 @@ class Upsettable:
         self.upsets: list[tuple[ControllerFault, float]] = []
         """Kind and command offset of each active fault."""
         self.newest: GoalHandle | None = None
-        """Latest goal, if the controller has goals that end."""
+        """Latest goal, if the controller has goals that finish."""
         self.forwarded: tuple[float, ...] | None = None
         """Latest accepted values, if the controller forwards values to its joints."""
         self._controller: Any = controller
@@ -157,7 +157,7 @@ class StackFaults:
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Names of the controllers in sorted order, with whether each controller commands joints."""
+        """Whether each controller commands joints, keyed by controller name in sorted order."""
         return {name: bool(one.command_interfaces) for name, one in sorted(self._controllers.items())}
 
     def stall(self, seconds: float) -> None:

@@ -19,7 +19,7 @@ ANY_SIZE = frozenset(range(1, 256))
 
 
 class PacketText:
-    """Converter of the packets of one bus to text. Packets must be passed in order."""
+    """Converter from the packets of one bus to text. Packets must be passed in order."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
         """``joints`` are the joints with a servo on the bus; there must be at least one."""
@@ -89,7 +89,7 @@ def trace_text(recording: CycleRecording, joints: Sequence[Joint]) -> str:
 
 
 def packet_texts(recording: CycleRecording, joints: Sequence[Joint]) -> list[list[str]]:
-    """Return the packets of each cycle as text with their times in s: ``>`` for sent and ``<`` for received."""
+    """Return the packets of each cycle as text with their times in s. ``>`` marks sent and ``<`` received packets."""
     buses = {joint.bus for joint in joints}
     texts = {bus: PacketText([joint for joint in joints if joint.bus == bus]) for bus in sorted(buses)}
 

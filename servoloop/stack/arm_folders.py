@@ -73,12 +73,12 @@ class ArmFolder:
 
     @property
     def pick_place(self) -> Path:
-        """Path of the parameter file of the pick-place node."""
+        """Path of the pick-place node's parameter file."""
         return self._path(self.file.pick_place)
 
     @property
     def pick_place_poses(self) -> Path:
-        """Path of the parameter file with which the pick-place node plans to poses. Not every arm has this file."""
+        """Path of the pick-place node's parameter file for planned motions to poses. Not every arm has this file."""
         return self._path(self.file.pick_place_poses)
 
     def _path(self, name: str) -> Path:
@@ -97,7 +97,7 @@ def find_arm(name: str = OWN) -> ArmFolder:
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))
-    raise ArmFileError(f"there is no arm {name}: choose one of {known}, or give the path of a folder with {ARM_FILE}")
+    raise ArmFileError(f"there is no arm {name}: choose one of {known}, or specify a folder with {ARM_FILE}")
 
 
 def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
@@ -132,7 +132,9 @@ def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
     """Return the arm file with its missing values copied from the arm in the folder ``model``."""
     other = load(model / ARM_FILE, ArmFile, ArmFileError)
     if other.like is not None:
-        raise ArmFileError(f"{path}: like: {model.name} itself copies {other.like}: specify {other.like} here instead")
+        raise ArmFileError(
+            f"{path}: `like` refers to {model.name}, which itself copies {other.like}: specify {other.like} instead"
+        )
     paths = {name: str((model / getattr(other, name)).resolve()) for name in PATHS}
     rest = {"source": other.source, "license": other.license, "calibration": other.calibration, **paths}
     return own.model_copy(update={name: value for name, value in rest.items() if name not in own.model_fields_set})
@@ -164,9 +166,8 @@ def read_arm_servos(
 ) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
-    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given as well. The poses
-    are then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
-    read_servo_files.
+    If ``urdf`` is given without ``robot``, the URDF specifies the robot file. If ``urdf`` is not the arm's own URDF,
+    the poses are in the folder of ``urdf``. Raises the same errors as read_servo_files.
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments)

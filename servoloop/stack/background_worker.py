@@ -10,9 +10,9 @@ JOIN_S: Final = 10.0
 
 
 class BackgroundWorker:
-    """Worker that runs each task of the loop thread in its own thread.
+    """Worker that runs each task in a new thread.
 
-    The loop thread calls the worker with each task.
+    The loop thread calls the worker once per task.
     """
 
     def __init__(self, join_s: float = JOIN_S) -> None:

@@ -72,12 +72,12 @@ class ControlStack:
         return Factory(self.files.controllers, self.context)
 
     def load_controllers(self) -> None:
-        """Load all controllers in the controllers file. Raises an error if a controller cannot be built."""
+        """Load all controllers of the controllers file. Raises an error if a controller cannot be built."""
         self.factory.fill(self.loop.manager)
 
     @property
     def releases(self) -> bool:
-        """Whether the robot file requires that torque be disabled at the end of the program."""
+        """Whether the robot file requires that torque be disabled when the program exits."""
         return self.files.robot.file.on_exit.releases(self.setup.virtual)
 
     @contextmanager
@@ -92,8 +92,8 @@ class ControlStack:
         Args:
             leave_out: Names of the components that stay unconfigured.
             keep_alive: Whether to skip a component that cannot be configured.
-            hangs: Function that returns whether a thread still waits for the hardware at the end. The hardware then
-                stays configured.
+            hangs: Function that returns whether a thread still waits for the hardware at the end. If it returns true,
+                the hardware stays configured.
 
         Raises:
             DriverError: A port cannot be opened, a servo is missing, or a bus is too slow for the update rate.
@@ -111,8 +111,9 @@ class ControlStack:
         """Stop the arm. Then hold its position, or park it and disable its torque, as the robot file requires.
 
         Args:
-            hurry: Whether to skip the motion to the park pose.
-            return_to: Pose in which to disable the torque instead, in rad or m, keyed by joint name.
+            hurry: Function that returns whether to skip the motion to the park pose.
+            return_to: Pose to which the arm moves before its torque is disabled, instead of the park pose; in rad or m,
+                keyed by joint name.
 
         Returns:
             One sentence for each failure during the shutdown.

@@ -59,7 +59,7 @@ def port_options(link: Path, buses: Iterable[str]) -> list[str]:
 
 
 def world_feed(devices: Mapping[str, str]) -> Path | None:
-    """Return the path of the world feed of the emulator that serves these devices, or None for a real bus."""
+    """Return the path of the emulator's world feed for these devices, or None for a real bus."""
     for name, device in devices.items():
         link = Path(device)
         base = link.with_name(link.name.removesuffix(f".{name}")) if name else link

@@ -1,4 +1,4 @@
-"""Scene of an emulator: latest poses of the objects around the arm. The module does not import the simulation."""
+"""Scene of an emulator: latest poses of the objects around the arm. This module does not import the simulation."""
 
 import threading
 from collections.abc import Mapping

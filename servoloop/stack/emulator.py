@@ -163,7 +163,7 @@ class EmulatedArm:
         # All servos of a new box share one ID, so a fault cannot target a single servo.
         self.player = FaultPlayer(FaultTargets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
-        """Function that executes the requests of the clients of the control socket."""
+        """Function that executes requests from clients of the control socket."""
 
     def serve(
         self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
@@ -178,12 +178,12 @@ class EmulatedArm:
         serve_all(buses, stop=stop, on_tick=on_tick, on_ready=on_ready)
 
     def _wired(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """Return the lines of servos that are set up, and the handler of control commands."""
+        """Return the lines with configured servos, and the handler of control commands."""
         lines = virtual_lines(files.robot, WorldPlant(self.world, ways, self._after_step), build.spread)
         return lines, self._obeyed
 
     def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """Return the line of factory-new servos, and a handler that can also plug and unplug them."""
+        """Return the line with factory-new servos, and a handler that can also connect and disconnect them."""
         box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
         lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
         return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
@@ -214,14 +214,14 @@ def emulate(
         files: Files of the robot.
         link: Path of the bus.
         options: Options of the virtual arm.
-        faults: Faults to inject. Their times count from the moment the emulator is ready.
-        stop: Function that returns whether to end.
+        faults: Faults to inject, timed from when the emulator is ready.
+        stop: Function that returns whether to stop.
         on_ready: Function called when clients can open the buses.
 
     Raises:
         PortBusy: Another program uses one of the paths.
-        EepromError: The EEPROM file does not fit the servos.
-        FaultError: These servos do not support one of the faults.
+        EepromError: The EEPROM file does not match the servos.
+        FaultError: The servos do not support one of the faults.
         ArmFileError: The scene lacks joints of the servos.
     """
     arm = EmulatedArm(files, link, options.build(), pictured=options.pictures is not None)

@@ -35,7 +35,7 @@ END_S: Final = 10.0
 
 
 def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:
-    """Return the ``servoloop`` arguments with which a child process serves the arm of these files."""
+    """Return the ``servoloop`` arguments for a child process that serves the arm of these files."""
     return ("emulate", str(link), *files.servo_options)
 
 
@@ -85,8 +85,8 @@ def _wait_for(
             raise Interrupted("interrupted while starting the virtual servos")
         if clock.now() > deadline_s:
             raise DriverError(
-                f"the virtual servos were not ready within {START_S:g} s: end other programs that use the processor, "
-                "and start again"
+                f"the virtual servos were not ready within {START_S:g} s: stop other programs that use the processor, "
+                "then start the command again"
             )
         clock.sleep_until(clock.now() + POLL_S)
 

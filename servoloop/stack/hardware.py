@@ -70,7 +70,7 @@ class HardwareSetup:
     scene: Callable[[], Mapping[str, Pose]]
     """Function that returns the poses of all objects in the world, keyed by name."""
     set_compensation: Mapping[str, Callable[[bool], None]]
-    """Switch for the gravity compensation of each component that has servos."""
+    """Functions that switch the gravity compensation on or off, keyed by the name of a component with servos."""
     virtual: bool
     """Whether all hardware is simulated."""
     buses: Mapping[str, RatedLine]
@@ -118,7 +118,7 @@ def build(
         LOG.warning("%s: <plugin> %s is outdated; use %s instead", component.name, component.plugin, successor)
     in_mujoco = [component for component in components if kinds[component.name] is HardwareKind.MUJOCO]
     if len(in_mujoco) > 1:
-        raise DescriptionError("only one component can run in MuJoCo: use servos or mocks for the others")
+        raise DescriptionError("only one component can run in MuJoCo: use servos or mocks for the other components")
     world = _World(clock, files.scene, in_mujoco[0].joints) if in_mujoco else None
     below: OpenPort = virtual.open if virtual else SerialPort
 
@@ -238,7 +238,7 @@ def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:
 
 
 class _World:
-    """World in MuJoCo with the arm and the objects around it."""
+    """MuJoCo world with the arm and the objects around it."""
 
     def __init__(self, clock: Clock, scene: Path, joints: Sequence[str]) -> None:
         from sim_backend.scene.scene_check import require_scene

@@ -40,14 +40,14 @@ class LoopThread:
     error: Exception | None = None
     """Error that ended the loop, if any."""
     wall: Clock = field(default_factory=MonotonicClock)
-    """Clock that detects a hanging thread. The clock of the loop may be simulated."""
+    """Clock for detecting a hanging thread, because the clock of the loop may be simulated."""
     alive_s: float = 0.0
-    """Time of the last progress of the loop thread, in seconds.
+    """Time at which the loop thread last made progress, in seconds.
 
     Before the first signal, this is the time of the last check.
     """
     before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
-    """Function called before each cycle. It may delay the loop until the function that it receives returns true."""
+    """Function called before each cycle. It may delay the loop until the function passed to it returns true."""
 
     def start(self) -> threading.Thread:
         """Start the loop in a daemon thread. The program can end even if this thread hangs."""
@@ -65,10 +65,10 @@ class LoopThread:
             ran = True
         except DriverError as error:
             self.error = error
-            LOG.error("the control loop ends: %s", error)
+            LOG.error("the control loop has stopped: %s", error)
         except Exception as error:  # the arm must be shut down after any defect
             self.error = error
-            LOG.exception("the control loop ends after an internal error")
+            LOG.exception("the control loop has stopped after an internal error")
         finally:
             try:
                 self.failed = bool(self.stack.end(lambda: self._signaled(2))) or not ran
@@ -90,7 +90,10 @@ class LoopThread:
         return self._signaled(1)
 
     def _signaled(self, signals: int) -> bool:
-        """Return whether this number of signals has arrived. The loop calls it in every cycle, even while parking."""
+        """Return whether this number of signals has arrived.
+
+        The loop calls this method in every cycle, even while parking.
+        """
         self.alive_s = self.wall.now()
         return self.signals.count >= signals
 

@@ -77,7 +77,7 @@ class PickPlace(BaseModel):
 
 
 def load_pick_place(path: Path, namespace: str = "") -> PickPlace:
-    """Read the parameters of the node of an arm in a namespace, or of the first arm of several.
+    """Read the parameters of the arm's node in a namespace. If there are several arms, use the first one.
 
     Raises ArmFileError with the file and line of every error.
     """

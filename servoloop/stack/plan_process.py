@@ -23,7 +23,8 @@ LOG: Final = logging.getLogger("servoloop")
 def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
     """Run the planning server of an arm alongside its stack.
 
-    The stack continues if the server ends. At the end, the server stops its motions along their paths.
+    If the server exits early, the stack continues. At the end of the context, the server stops its motions along their
+    paths.
 
     Args:
         files: Files of the arm.
@@ -48,11 +49,11 @@ def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
 def _begin() -> None:
     end_with_parent()
     os.nice(NICENESS)
-    # This drops the real-time priority inherited from the stack.
+    # The server gives up the real-time priority that it inherits from the stack.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _watch(process: "subprocess.Popen[bytes]", ending: threading.Event) -> None:
     status = process.wait()
     if not ending.is_set():
-        LOG.error("the planning server has ended (exit status %d): the stack continues without it", status)
+        LOG.error("the planning server has exited (exit status %d): the stack continues without it", status)

@@ -17,7 +17,7 @@ from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 
 END_S: Final = 60.0
-"""Maximum time for a process to end, in seconds. The emulator draws its images when it ends."""
+"""Maximum time for a process to end, in seconds. The emulator draws its images before it exits."""
 POLL_S: Final = 0.02
 """Period of checks while waiting for a process, in seconds."""
 _PR_SET_PDEATHSIG: Final = 1
@@ -110,7 +110,7 @@ class Processes:
             clock.sleep_until(clock.now() + POLL_S)
 
     def end(self) -> dict[str, int]:
-        """End all processes, the last one first, and return their exit statuses."""
+        """End all processes in reverse order of their start, and return their exit statuses."""
         statuses: dict[str, int] = {}
         while self._running:
             name, process = self._running.pop()
@@ -150,8 +150,8 @@ def realtime_priority(priority: int = LOOP_PRIORITY) -> Iterator[None]:
     Use this context for programs with long computations before or after their real-time part. At real-time priority,
     these computations would block the loops of other programs. Threads that start in the context keep its priority.
 
-    ``PRIORITY`` is too low for a real-time part in the calling thread: the program would share the processor with
-    starting stacks in turns of 0.1 s. Servos that answer so late count as lost.
+    ``PRIORITY`` is too low for a real-time part in the calling thread. At that priority, the program would share the
+    processor with starting stacks in turns of 0.1 s, and servos whose replies are read so late count as lost.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     claim_realtime_priority(priority)
@@ -183,9 +183,9 @@ def put_first() -> None:
 def on_one_processor() -> Iterator[None]:
     """Keep the main thread, and the processes it starts, on its current processor. Call this in the main thread.
 
-    Use this for a loop of ordinary priority that only waits for a bus. Otherwise the system often moves the loop to
-    another processor, with cold caches. Do not use this for a loop with other threads, which may have to wait although
-    another processor is free.
+    Use this context for a loop of ordinary priority that only waits for a bus. Otherwise, the system often moves the
+    loop to another processor, with cold caches. Do not use this context for a loop with other threads, which may have
+    to wait although another processor is free.
     """
     allowed = os.sched_getaffinity(0)
     try:

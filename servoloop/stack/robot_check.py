@@ -32,9 +32,9 @@ class _Check:
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
-        """``names_known`` is whether ``arm.yaml`` was readable.
+        """``names_known`` states whether ``arm.yaml`` was readable.
 
-        If the file was not readable, a missing file may have another name.
+        If ``arm.yaml`` was not readable, a file that seems to be missing may have another name.
         """
         self.problems: list[str] = []
         self._arm = arm
@@ -95,7 +95,7 @@ class _Check:
             self._failed(error)
 
     def _wanted(self, name: str) -> bool:
-        """Return whether to read an optional file, because it exists or ``arm.yaml`` lists it."""
+        """Return whether to read an optional file. It is read if it exists or if ``arm.yaml`` lists it."""
         return self._exists(name) or name in self._arm.file.model_fields_set
 
     def _exists(self, name: str) -> bool:
@@ -138,7 +138,7 @@ class _Check:
             self._failed(error)
             return
         links = dict.fromkeys(mesh.link for mesh in meshes if mesh.link not in description.links)
-        self._report(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
+        self._report(folder / PLACES, (f"the URDF has no link {link}: correct the name of the link" for link in links))
         for path in dict.fromkeys(mesh.path for mesh in meshes):
             try:
                 read_stl(path)
@@ -233,9 +233,9 @@ def check_arm(folder: Path) -> list[str]:
 
 
 def missing_parts(arm: ArmFolder) -> list[str]:
-    """Return a sentence for each missing optional file, with the commands that need it."""
+    """Return a sentence for each missing optional file, with the commands that need the file."""
     parts = {
-        "scene": "emulate and up without --port need a scene: `servoloop arms new` writes one",
+        "scene": "emulate and up without --port need a scene: write a scene with `servoloop arms new`",
         "pick_place": "pick, demo and simulated jobs need pick-place parameters: docs/arms/README.md describes them",
     }
     paths = {name: getattr(arm, name) for name in parts}

@@ -68,7 +68,7 @@ class ServoFiles:
     def servo_options(self) -> tuple[str, ...]:
         """Options with which ``servoloop emulate`` reads these files in another process.
 
-        Several robot files need no options, because the URDF lists them.
+        If there are several robot files, the URDF lists them, and no option is needed for them.
         """
         paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
         if len(self.robot_paths) == 1:
@@ -199,7 +199,7 @@ def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> di
 
 
 def _found(name: str, urdf: Path) -> Path:
-    """Return the path of a robot file, relative to the URDF if it exists there, or else to the ``config`` folder."""
+    """Return the path of a robot file. The folder of the URDF is searched first, then the ``config`` folder."""
     beside = urdf.parent / name
     return beside if beside.exists() else CONFIG / name
 
@@ -242,7 +242,7 @@ def initial_states(files: Files) -> InitialStates:
                 f"{where} must contain the lists unconfigured and inactive, not {state or states}"
             )
         if unknown := [str(name) for name in names if name not in known]:
-            raise ControllersFileError(f"{where} names {', '.join(unknown)}, but the URDF has {', '.join(known)}")
+            raise ControllersFileError(f"{where} lists {', '.join(unknown)}, but the URDF has {', '.join(known)}")
         lists[state] = names
     return InitialStates(**lists)
 
@@ -265,7 +265,7 @@ def make_folder(folder: Path) -> None:
 
 
 def require_file(path: Path) -> None:
-    """Raise DriverError if no file can be written at ``path``. Call this before a run, not only at its end."""
+    """Raise DriverError if no file can be written at ``path``. Call this function before a run, not only at its end."""
     if path.is_dir():
         raise DriverError(f"{path} is a folder: choose the name of a file")
     if path.exists() and not path.is_file():
@@ -282,7 +282,7 @@ def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Raise DriverError if a folder is not writable. Call this before a run, not only at its end."""
+    """Raise DriverError if a folder is not writable. Call this function before a run, not only at its end."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

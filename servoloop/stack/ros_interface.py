@@ -11,14 +11,17 @@ POLL_S: Final = 0.02
 
 
 class RosInterface(Protocol):
-    """ROS interface of a stack. The loop thread calls ``post`` and waits; the main thread calls the other methods."""
+    """ROS interface of a stack.
+
+    The loop thread calls ``post`` and ``wait_until_published``. The main thread calls the other methods.
+    """
 
     def post(self, state: JointState) -> None:
         """Pass on a completed cycle without blocking."""
         ...
 
     def wake(self) -> None:
-        """Respond to clients whose requests are complete. Does not block."""
+        """Respond to clients whose requests are complete, without blocking."""
         ...
 
     def wait_until_published(self, longest_s: float) -> bool:

@@ -31,7 +31,7 @@ class Signals:
     """
 
     def __init__(self, left: str = "") -> None:
-        """``left`` describes the state of the hardware after an immediate end, for the message."""
+        """``left`` describes the state of the hardware after an immediate exit, for the message."""
         self.count = 0
         self._left = left
         self._former: dict[int, object] = {}
@@ -59,7 +59,8 @@ class Signals:
     def _watch(self, reader: int) -> None:
         """Count signals until the descriptor is closed.
 
-        The final second after a second signal continues even after the context ends, because a library may still hang.
+        After a second signal, the last second before the exit continues even if the context ends, because a library may
+        still hang.
         """
         while number := os.read(reader, 1):
             if number[0] == signal.SIGHUP:
@@ -81,4 +82,4 @@ class Signals:
 
 
 def _wake(number: int, frame: FrameType | None) -> None:
-    """Interrupt a sleep of the main thread. The thread counts the signal."""
+    """Interrupt a sleep of the main thread. The watching thread counts the signal."""

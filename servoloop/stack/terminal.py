@@ -100,10 +100,10 @@ def raw_keys(keep: bool = False) -> Iterator[None]:
 
 
 def restore_terminals() -> None:
-    """Restore all terminals changed by ``raw_keys``, in a program that ends without leaving its contexts."""
+    """Restore all terminals changed by ``raw_keys``, in a program that exits without leaving its contexts."""
     for descriptor, before in list(_before.items()):  # This is a copy, because the main thread may remove entries.
         with suppress(termios.error, OSError):
-            if os.tcgetpgrp(descriptor) == os.getpgrp():  # This call would stop a background program.
+            if os.tcgetpgrp(descriptor) == os.getpgrp():  # Changing the settings would stop a background program.
                 termios.tcsetattr(descriptor, termios.TCSANOW, before)
 
 
@@ -144,8 +144,8 @@ def print_styled(text: str, err: bool = False, **style: Any) -> None:
 def complete_output() -> Iterator[None]:
     """Flush stdout at the end of the context.
 
-    If stdout cannot be written, as on a full disk, end the program with a message. If the reader of stdout has ended,
-    as with a pipe to ``head``, end the program without a message.
+    If stdout cannot be written, as on a full disk, exit with a message. If the program that reads stdout has
+    exited, as with a pipe to ``head``, exit without a message.
     """
     try:
         try:
@@ -180,7 +180,7 @@ def _takes_output() -> bool:
 
 
 def _discard_output() -> None:
-    """Redirect stdout to the null device, so that Python's flush at the end of the program does not fail again."""
+    """Redirect stdout to the null device, so that Python's flush at exit does not fail again."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

@@ -61,7 +61,7 @@ class VirtualLines:
         return VirtualPort(self.lines[device], clock, baud=baud, name=f"virtual {device}".rstrip())
 
     def advance(self, now_s: float) -> None:
-        """Advance servos and world to a time, even if the servos were not read."""
+        """Advance the servos and the world to a time, even if the servos were not read."""
         for line in self.lines.values():
             line.advance(now_s)
 

@@ -36,8 +36,8 @@ class PlayPhase(StrEnum):
 class Play:
     """Playback of one motion, used in the thread of the user interface.
 
-    When the key is released, the joints slow down within their limits and hold. When the key is held again, the arm
-    moves slowly to the next point of the path and continues.
+    When the key is released, the joints slow down within their limits and hold their positions. When the key is held
+    again, the arm moves slowly to the next point of the path and continues.
     """
 
     def __init__(self, arm: Arm, motion: RecordedMotion, speed: float, permission: Permission) -> None:
@@ -91,7 +91,7 @@ class Play:
         return True
 
     def _pause(self) -> None:
-        """Stop the arm, so that the motion can continue from there later."""
+        """Stop the arm, so that the motion can continue later from the position at which the arm comes to rest."""
         if self._running is None:
             return
         state = self._arm.state
@@ -111,7 +111,7 @@ class _Leg:
         self.phase = PlayPhase.PLAYING
 
     def begin(self, arm: Arm, speed: float) -> ArmMotion:
-        """Start to move along the path, whose first point is near the arm, or start to move slowly to the pose."""
+        """Start to move along the path, or slowly to the pose. The first point of a path is near the arm."""
         if len(self._times_s) == 1:
             pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
             share = APPROACH if self.phase is PlayPhase.APPROACHING else APPROACH * speed
@@ -128,7 +128,7 @@ class _Leg:
         return [first, self]
 
     def rest(self, at: FloatArray, passed_s: float) -> "list[_Leg]":
-        """Return the parts of the motion that follow the point of the path nearest to a position (n,).
+        """Return the rest of the motion, from the path point nearest to a position (n,) on.
 
         ``passed_s`` is the time since the start of the path.
         """

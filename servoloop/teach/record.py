@@ -94,7 +94,10 @@ class TeachRecording:
             self.stop()
 
     def stop(self) -> None:
-        """End and save the recording, and make the arm hold its position. Raises TeachError if the arm does not."""
+        """End and save the recording, and make the arm hold its position.
+
+        Raises TeachError if the arm does not hold its position.
+        """
         if self.phase not in (RecordPhase.READYING, RecordPhase.BY_HAND):
             return
         self.phase = RecordPhase.HOLDING
@@ -147,4 +150,4 @@ class TeachRecording:
         if longest_s < GAP_S:
             return []
         names = ", ".join(self._unmeasured) or "the arm"
-        return [f"{names} not measured for {longest_s:.1f} s: the path is a straight line in this gap"]
+        return [f"no measurement of {names} for {longest_s:.1f} s: the path is a straight line in this gap"]

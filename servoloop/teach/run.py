@@ -62,7 +62,7 @@ def record(arm: Arm, limp: bool, poses: bool, person: TeachOperator, keep: Keep)
                 person.show(recording.phase, arm)
                 arm.sleep(POLL_S)
         finally:
-            recording.stop()  # This saves the motion even after an error.
+            recording.stop()  # The motion is saved even after an error.
     if recording.error is not None:
         raise recording.error
 

@@ -57,7 +57,7 @@ class MotionFile(BaseModel):
     joints: list[str] = Field(min_length=1)
     """Joints in the order of the positions and velocities of each point."""
     units: dict[str, Literal["rad", "m"]]
-    """Unit of the positions of each joint."""
+    """Position unit of each joint."""
     points: list[PointFile] = Field(min_length=1)
     """Points of a path, with times, or poses without times."""
 
@@ -66,7 +66,7 @@ class MotionFile(BaseModel):
     def _has_an_order(cls, content: Any) -> Any:
         if isinstance(content, Mapping) and isinstance(content.get("joints"), Mapping):
             raise ValueError(
-                "joints must be a list: another program may have changed the order of the mapping, so positions cannot "
+                "joints must be a list. Another program may have changed the order of the mapping, so positions cannot "
                 "be assigned to joints: record the motion again"
             )
         return content
@@ -104,7 +104,7 @@ class RecordedMotion:
     path: HandPath | None = None
     """Path through the positions; None for poses, with a stop at each pose."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of the positions of each joint, if the motion was read from a file."""
+    """Position unit of each joint, if the motion was read from a file."""
     file: YamlFile | None = None
     """File from which the motion was read, if any."""
 

@@ -173,7 +173,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
     leaders = {joint.name: joint for joint in leader.robot.joints}
     if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:
         raise TeleopError(
-            f"{leader.arm} lacks {', '.join(missing)} of {follower.arm}: a leader must have the joints of its follower"
+            f"{leader.arm} lacks {', '.join(missing)}: a leader must have all joints of its follower ({follower.arm})"
         )
     hands = follower.hand_joints
     made = []

@@ -18,7 +18,7 @@ AGAIN_S: Final = 1.0
 REACTIVATE: Final = "a"
 """Key that enables the torque of limp follower servos again."""
 HINT: Final = f"press {REACTIVATE} to enable their torque again at their current position"
-HANDS_FREE_HINT: Final = "press Ctrl-C and start again to enable their torque"
+HANDS_FREE_HINT: Final = "press Ctrl-C and start teleop again to enable their torque"
 
 
 class TeleopOperator(Keys, Protocol):
@@ -38,7 +38,7 @@ class Attendance:
     """Supervision of both arms in the thread of the user interface."""
 
     def __init__(self, both: Teleop, person: TeleopOperator, end: Callable[[], None]) -> None:
-        """``end`` ends the loop."""
+        """``end`` is a function that stops the loop."""
         self._both, self._person, self._end = both, person, end
         self._tried_s = 0.0
         self._leader: Request[None] | None = None
@@ -71,7 +71,7 @@ class Attendance:
         ]
 
     def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
-        """Yield the requests of a reactivation one by one. Servos whose torque is enabled keep it."""
+        """Yield the requests of a reactivation one by one. Torque that is enabled stays enabled."""
         loop = self._both.loop
         for one in components:
             yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)

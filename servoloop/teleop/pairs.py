@@ -21,7 +21,7 @@ def port_pairs(ports: Sequence[str], leader: Sequence[str], follower: Sequence[s
         follower: Buses of the follower.
 
     Returns:
-        One option for each side, with NAME=PATH for each of several buses.
+        One option for each side. If a side has several buses, its option contains NAME=PATH for each bus.
 
     Raises:
         TeleopError: The ports do not fit the buses.

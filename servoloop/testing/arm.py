@@ -165,7 +165,7 @@ class VirtualArm:
             if logged.handle is goal:
                 self.stack.controllers[logged.controller].cancel(goal)
                 return
-        raise ArmTestError("cancel: the goal is unknown: pass the handle returned by virtual_arm.send_goal")
+        raise ArmTestError("the goal to cancel is unknown: pass the handle returned by virtual_arm.send_goal")
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Run cycles for ``seconds`` seconds, or until ``until`` returns true."""
@@ -173,11 +173,17 @@ class VirtualArm:
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
-        """Plan faults before ``up``. The times of the faults count from ``up``, the start or the end of the program."""
+        """Plan faults. Call this method before ``up``.
+
+        The time of each fault counts from ``up``, from the start of the program or from its end.
+        """
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:
-        """Plan random faults from the arm's seed, as ``servoloop campaign`` does, but not during the activation."""
+        """Plan random faults drawn from the arm's seed, as ``servoloop campaign`` does.
+
+        No fault occurs during the activation.
+        """
         there = replace(self.stack.player.targets.inventory, start_s=None)
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 
@@ -194,7 +200,7 @@ class VirtualArm:
         """Shut the arm down as ``servoloop up`` does. Later calls have no effect on the arm.
 
         Returns:
-            Report of the violations, the invariants whose condition never occurred although required, and the faults.
+            Report of the violations, the required invariants whose condition never occurred, and the faults.
             The report is empty if there are no problems.
         """
         if self._up:
@@ -218,7 +224,7 @@ class VirtualArm:
             raise ArmTestError(f"there is no controller {name!r}: choose one of {', '.join(controllers)}")
         if not controller.takes_goals:
             needed = f"{', '.join(GOAL_ATTRIBUTES[:-1])} and {GOAL_ATTRIBUTES[-1]}"
-            raise ArmTestError(f"{name} does not accept goals: a controller with goals has {needed}")
+            raise ArmTestError(f"{name} does not accept goals: a controller that accepts goals has {needed}")
         return controller
 
     def _on_state(self, state: JointState) -> None:

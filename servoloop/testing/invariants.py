@@ -9,7 +9,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.testing.errors import ArmTestError
 
 IDLE = (
-    "the condition of this invariant never occurred: make it occur in the test, or remove the name from `examined`. {}"
+    "the condition of this invariant never occurred. Make the condition occur, or remove the name from `examined`. {}"
 )
 OWN = "Your own invariants must count their examinations in `self.examined`."
 
@@ -25,7 +25,7 @@ class ChosenInvariants:
         _require_known(without, ALL)
         _require_known(examined, (*ALL, *also))
         if both := [name for name in examined if name in without]:
-            raise ArmTestError(f"{both[0]!r} is in both `without` and `examined`: remove it from one of them")
+            raise ArmTestError(f"{both[0]!r} is in both `without` and `examined`: remove the name from one list")
         self._kinds = (*(kind for kind in ALL if kind.name not in without), *also)
         self._examined = examined
 
@@ -34,7 +34,7 @@ class ChosenInvariants:
         return Watch(stack, self._kinds)
 
     def idle(self, counts: Mapping[str, int]) -> Iterator[str]:
-        """Yield a message for each invariant in ``examined`` that examined nothing.
+        """Yield a message for each invariant in ``examined`` whose condition never occurred.
 
         ``counts`` are the numbers of examinations, keyed by invariant name.
         """

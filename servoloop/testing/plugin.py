@@ -69,7 +69,7 @@ def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["V
         arm.draw(*marker.args, **marker.kwargs)
     node.stash[ARM] = arm
     yield arm
-    arm.end()  # This ends the arm of a failed test; other tests have already ended their arm.
+    arm.end()  # A failed test has not shut down its arm yet. Other tests have.
 
 
 @pytest.hookimpl(wrapper=True)

@@ -17,9 +17,9 @@ from drivers.errors import DriverError
 from nodes.discovery import stay_on_this_machine
 
 DOMAINS = range(1, 98, 4)
-"""ROS domain IDs for tests. A run may also use the next two IDs.
+"""ROS domain IDs for tests. A run may also use the two IDs that follow.
 
-From 102 on, other programs may use the network ports of a domain.
+Other programs may use the network ports of domains with IDs from 102 on.
 """
 
 
@@ -27,7 +27,7 @@ From 102 on, other programs may use the network ports of a domain.
 def free_domain() -> Iterator[int]:
     """Yield a ROS domain ID that no other test run on this computer uses.
 
-    A lock on a file reserves the ID. The lock ends with the process, even if the process is killed.
+    A lock on a file reserves the ID. The lock is released when the process exits, even if the process is killed.
     """
     for domain in random.sample(DOMAINS, len(DOMAINS)):
         with Path(tempfile.gettempdir(), f"servoloop-tests-of-{os.getuid()}-ros-domain-{domain}").open("w") as file:
@@ -134,7 +134,7 @@ class RosStack(_Process):
     def __init__(self, files: Mapping[str, Any], folder: Path, rtf: float | str | None = None) -> None:
         super().__init__(files, folder)
         self.domain = -1
-        """ROS_DOMAIN_ID of the stack. It is also set in ``os.environ`` while the stack runs."""
+        """ROS_DOMAIN_ID of the stack. The ID is also set in ``os.environ`` while the stack runs."""
         self._rtf = () if rtf is None else ("--rtf", str(rtf))
 
     @contextmanager

@@ -13,7 +13,7 @@ SOUND_SHARE: Final = 0.45
 """Fraction of apples without any defect."""
 MOST_SPOTS: Final = 5
 SPOTS_RAD: Final = (0.1, 0.5)
-"""Range of the radii of spots, as angles seen from the center of the apple."""
+"""Range of spot radii, as angles seen from the apple's center."""
 DARK_SHARE: Final = 0.35
 """Fraction of spots that are dark. The other spots are brown."""
 
@@ -23,7 +23,7 @@ class Spot:
     """One defect of the skin: a round spot with an irregular edge."""
 
     direction: tuple[float, float, float]
-    """Unit vector from the center of the apple to the center of the spot."""
+    """Unit vector from the apple's center to the spot's center."""
     radius_rad: float
     dark: bool
     """Whether the spot is almost black. If not, the spot is brown."""

@@ -22,7 +22,7 @@ the imperfect roundness of an apple."""
 STAND_FRICTION: Final = (0.2, 0.005, 0.004)
 """Friction on the stand. Rolling friction determines how far from the middle of the stand an apple can come to rest."""
 ALL_FRICTION: Final = 6
-"""Contact dimension of MuJoCo that includes rolling friction."""
+"""MuJoCo's contact dimension (``condim``) that includes rolling friction."""
 BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
 """Color of the bins. Against a gray background, a camera can distinguish apples in any light."""
 
@@ -33,7 +33,7 @@ def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
     Raises ArmFileError if the scene declares no diameters, or if it has several arms.
     """
     if any(text.name == ARMS for text in spec.texts):
-        raise ArmFileError(f"{scene}: apples need a scene with one arm: use the arm robot_arm or so101")
+        raise ArmFileError(f"{scene}: apples need a scene with one arm, such as robot_arm or so101")
     found = [numeric.data for numeric in spec.numerics if numeric.name == DIAMETERS]
     if not found or len(found[0]) != 2 or not 0.0 < found[0][0] <= found[0][1]:
         raise ArmFileError(

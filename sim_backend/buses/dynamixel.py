@@ -1,20 +1,20 @@
 """Virtual Dynamixel servos on one wire. The servos convert timed instructions to timed replies.
 
-From the e-manual: the only broadcast with a reply is a ping, to which all servos reply in turn. The servos answer a
-sync read or a bulk read in the order in which the instruction lists them. A fast read is answered by one packet to
-which each servo adds its block; the checksums of the blocks confirm "integrity between Dynamixels".
+According to the e-manual, ping is the only broadcast with replies; all servos reply to it in turn. The servos answer a
+sync read or a bulk read in the order in which the instruction lists them. The reply to a fast read is a single packet
+to which each servo adds its block. The checksums of the blocks confirm "integrity between Dynamixels".
 
-From ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer): each servo waits until it has heard the
-reply of the servo listed before it. A silent servo therefore silences all servos that are listed after it. Assumed: a
-reply with a wrong checksum counts as heard.
+According to ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer), each servo waits until it has heard
+the reply of the servo listed before it. A silent servo therefore silences all servos that are listed after it. Assumed:
+a reply with a wrong checksum counts as heard.
 
 A servo also executes writes to its secondary ID, but sends no reply. Assumed: the servo ignores other instructions to
-that ID, and a new protocol type applies at once.
+that ID, and a new protocol type takes effect immediately.
 
 Assumed for a fast read:
 - A servo adds its block only after it has received the whole block before its own. After a silent servo, or after a
-  servo whose firmware does not support fast reads, the packet breaks off.
-- The first servo waits for its return delay, and the other servos add their blocks at once.
+  servo whose firmware does not support fast reads, the packet ends.
+- The first servo waits for its return delay, and the other servos add their blocks immediately.
 - No servo replies if the length of the packet does not fit into two bytes.
 """
 
@@ -69,9 +69,9 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     ) -> "VirtualDynamixelBus":
         """Create a bus with one servo for each coupling of ``plant``. ``models`` contains the model of each ID.
 
-        The servos are set up for an arm: 1 Mbit/s and no return delay. Without ``supply``, servos of the same rated
-        voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` contains the
-        versions, by ID, that differ from the usual version.
+        The servos are set up for an arm: 1 Mbit/s and no return delay. If ``supply`` is None, servos with the same
+        rated voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` contains the
+        firmware versions that differ from the usual version, keyed by ID.
         """
         ids = [coupling.servo_id for coupling in plant.couplings]
         servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]

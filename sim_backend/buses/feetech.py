@@ -2,12 +2,12 @@
 replies.
 
 STS servos behave as in docs/simulation.md:
-- They reply when the line is silent, to all packets that came in one piece.
+- They wait until the line is silent, and then reply to all packets that arrived in one piece.
 - In a sync read and a broadcast ping, each servo replies in its own time slot and does not listen to the others.
 - All servos reply to a broadcast read at the same time.
 
 According to the manuals of the other servos:
-- A broadcast has no reply.
+- A broadcast gets no reply.
 - The servos answer a bulk read in the order in which the instruction lists them. Each servo waits for the previous
   reply, so a silent servo hides the servos after it.
 
@@ -56,7 +56,7 @@ class VirtualBus(ServoLine[PacketServo]):
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
         self._waiting: dict[VirtualServo, bytes] = {}
-        """Replies of STS servos that are waiting until the line is silent."""
+        """Replies of STS servos, queued until the line is silent."""
 
     @classmethod
     def of(
@@ -73,8 +73,8 @@ class VirtualBus(ServoLine[PacketServo]):
         mapping from ID to model.
 
         All servos are set up for 1 Mbit/s and no return delay. STS servos have the firmware of ``variant`` and the
-        motors of ``spread``. Without ``supply``, servos of the same rated voltage share a supply, whose voltage
-        deviates by ``spread``.
+        motors of ``spread``. If ``supply`` is None, servos with the same rated voltage share a supply, whose
+        voltage deviates by ``spread``.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
         servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
@@ -175,15 +175,15 @@ def servo_of(
 
 
 def _timed_byte_s(byte_s: float) -> float:
-    """Return a byte's time as an STS servo's timer measures it, rounded up to whole microseconds."""
+    """Return the duration of a byte as measured by an STS servo's timer, rounded up to whole microseconds."""
     return ceil(byte_s * 1e6 - 1e-6) * 1e-6
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Turn]:
     """Yield the replies to a bulk read: a zero, then size, ID and address of each servo.
 
-    A servo that follows a silent servo does not reply. A servo that is asked for more bytes than a reply can hold is
-    silent (assumed).
+    A servo that follows a silent servo does not reply. A servo does not reply if the
+    requested bytes do not fit into one reply (assumed).
     """
     for at in range(1, len(parameters) - 2, 3):
         size, servo_id, address = parameters[at : at + 3]

@@ -1,4 +1,4 @@
-"""The virtual bus as a ``drivers.port.Port``, without an operating system between the two ends.
+"""Virtual bus that implements ``drivers.port.Port``, without an operating system between its two ends.
 
 On a simulated clock, a read advances the time to the arrival of the bytes. The real driver therefore runs in one
 thread, faster than real time, and every run produces the same bytes.

@@ -1,4 +1,4 @@
-"""A pseudo-terminal at a path of its own, such as ``/dev/ttyACM0`` for a real adapter. Linux only."""
+"""Pseudo-terminals at fixed paths, like ``/dev/ttyACM0`` for a real adapter. Linux only."""
 
 import contextlib
 import fcntl
@@ -24,13 +24,13 @@ _ANY_SPEED: Final = 0o010000
 class PtyLink:
     """Both ends of a pseudo-terminal and the symlink to the clients' end; a context manager.
 
-    An open handle on the clients' end keeps the line up while clients come and go.
+    An open handle on the clients' end keeps the line open while clients connect and disconnect.
     """
 
     def __init__(self, link: Path, baud: int = 1_000_000) -> None:
         """Create the pseudo-terminal at ``link``. ``baud`` is the baud rate until a client sets a different one.
 
-        Raises PortBusy if ``link`` exists and was not left behind by an emulator that has ended.
+        Raises PortBusy if ``link`` exists and was not left behind by an emulator that has exited.
         """
         self.link = link
         self._make_room()
@@ -49,8 +49,8 @@ class PtyLink:
             link.unlink()
         elif link.is_symlink():
             raise PortBusy(
-                f"{link} points to {os.readlink(link)}: another emulator seems to serve it; "
-                "end that emulator, or remove the link if none is running"
+                f"{link} points to {os.readlink(link)}, which another emulator seems to serve: "
+                "stop that emulator, or remove the link if no emulator is running"
             )
         elif link.exists():
             raise PortBusy(f"{link} exists and is not an emulator's link: choose another path")

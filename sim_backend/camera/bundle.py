@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 CELLS: Final = 96
-"""Number of cells of the grid along each of its sides."""
+"""Number of grid cells along each side of the grid."""
 NEAREST: Final = 1e-6
-"""Minimum component of a ray along the axis of its bundle. All rays must point to the same side of the point."""
+"""Minimum component of a ray along the axis of its bundle. All rays must point to the same side of their origin."""
 
 
 class Bundle:

@@ -59,7 +59,7 @@ class SceneCamera:
         mujoco.mj_kinematics(self._model, self._data)
         x, y, z = (float(value) for value in self._data.geom("stand").xpos)
         self.stand_m = (x, y, z + float(self._model.geom("stand").size[2]))
-        """Center of the top of the stand in the world, in m."""
+        """Center of the stand's top in the world, in m."""
         self._apple: Apple | None = None
         self._cast_at: FloatArray | None = None
         self._sights: list[Sight] = []

@@ -22,14 +22,14 @@ SHORTEST_S: Final = 1e-4
 """Limits of the exposure time, in seconds."""
 MOST_GAIN: Final = 16.0
 METERED: Final = 0.35
-"""Target mean brightness of automatic exposure, as a fraction of the brightness of a saturated pixel."""
+"""Mean brightness that automatic exposure aims at, as a fraction of a saturated pixel's brightness."""
 BRIGHT: Final = 0.9
 """Maximum brightness of the 98th percentile with automatic exposure."""
 METER_STEP: Final = 16
-"""Step between the pixels that automatic exposure reads. It reads every 16th pixel."""
+"""Step between the pixels that automatic exposure reads: every 16th pixel."""
 CURVE_STEPS: Final = 4096
 NOISE_VALUES: Final = 1 << 20
-"""Number of random values. It must be a power of 2 and larger than the number of values of an image."""
+"""Number of random values. The number must be a power of 2 and larger than the number of values in an image."""
 NOISE_SEED: Final = 7
 
 
@@ -60,7 +60,7 @@ class Film:
         self._curve = (255.0 * encoded + 0.5).astype(np.uint8)
 
     def picture(self, radiance: FloatArray, light: Light, seed: int) -> NDArray[np.uint8]:
-        """Return the image (height, width, 3) of radiances (n, 3), relative to a white surface in full light."""
+        """Convert radiances (n, 3), relative to a white surface in full light, to an image (height, width, 3)."""
         balance = rgb_of_temperature(light.temperature_k) / rgb_of_temperature(self._sensor.white_k)
         exposure, full_e = self._exposure(radiance[::METER_STEP], light, balance)
         offset = int(np.random.default_rng((seed, 3)).integers(NOISE_VALUES))
@@ -74,7 +74,7 @@ class Film:
         return picture.reshape(self._shape)
 
     def _exposure(self, metered: FloatArray, light: Light, balance: FloatArray) -> tuple[float, float]:
-        """Return the brightness of a white surface, and the electrons of a saturated pixel."""
+        """Return the brightness of a white surface, and the number of electrons in a saturated pixel."""
         white_e_s = ELECTRONS_LUX_S * light.illuminance_lux
         if self._sensor.exposure_s is not None:
             return white_e_s * self._sensor.exposure_s / FULL_WELL_E, FULL_WELL_E
@@ -94,7 +94,7 @@ def _expose(
     radiance: FloatArray, vignette: FloatArray, gains: FloatArray, noise: tuple[float, float], values: Any,
     offset: int, curve: Any, picture: Any,
 ) -> None:  # fmt: skip
-    """Store the values of all pixels. ``noise`` is the variance per brightness and the constant variance."""
+    """Store the values of all pixels. ``noise`` is the variance per unit of brightness and the constant variance."""
     shot, read = noise
     mask, last = len(values) - 1, len(curve) - 1
     for n in range(len(radiance)):

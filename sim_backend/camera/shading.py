@@ -19,7 +19,7 @@ GLOSS_POWER: Final = 60.0
 ABOVE: Final = 0.3
 """Fraction of the ambient light that comes from above."""
 GRAIN: Final = 0.02
-"""Variation of the brightness of the table."""
+"""Variation of the table's brightness."""
 
 
 def linear(rgb: FloatArray) -> FloatArray:

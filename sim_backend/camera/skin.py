@@ -23,7 +23,7 @@ GREENS: Final = np.array([[0.24, 0.40, 0.05], [0.46, 0.50, 0.09]])
 REDS: Final = np.array([[0.30, 0.022, 0.025], [0.50, 0.045, 0.035]])
 BROWNS: Final = np.array([[0.115, 0.062, 0.024], [0.19, 0.105, 0.042]])
 DARKS: Final = np.array([[0.018, 0.012, 0.009], [0.04, 0.027, 0.02]])
-"""Two ends of the range of each color."""
+"""Both ends of each color's range."""
 WAVES: Final = 12
 """Number of waves that form the pattern."""
 WAVE_RAD: Final = (1.5, 9.0)
@@ -35,7 +35,7 @@ SPOT_EDGE: Final = 0.012
 FRAYED: Final = 0.12
 """Amount by which the pattern shifts the edge of a spot, as a fraction of its radius."""
 MOTTLED: Final = 0.1
-"""Variation of the brightness of the skin."""
+"""Variation of the skin's brightness."""
 SAMPLES: Final = 4000
 """Number of points of the skin from which the level of the pattern is computed."""
 
@@ -44,9 +44,9 @@ class Skin(NamedTuple):
     """Arrays that describe one skin, with w waves and s spots."""
 
     green: FloatArray
-    """Shape (3,)."""
+    """Color of the green skin, shape (3,)."""
     red: FloatArray
-    """Shape (3,)."""
+    """Color of the red skin, shape (3,)."""
     side: FloatArray
     """Direction of the side that faced the sun and turns red first, shape (3,)."""
     waves: FloatArray

@@ -123,7 +123,7 @@ def _model(table: AppleTable) -> tuple[Any, list[int]]:
 
 
 def _height_m(radii_m: FloatArray, turn: tuple[float, float, float, float]) -> float:
-    """Return the height of the center of an ellipsoid that lies on the table."""
+    """Return the center height of an ellipsoid that lies on the table."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, np.array(turn))
     return float(np.linalg.norm(radii_m * axes.reshape(3, 3)[2]))

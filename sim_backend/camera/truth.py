@@ -23,7 +23,7 @@ class AppleTruth:
     """Position of the center in the world, in meters."""
     diameter_mm: float
     red_ratio: float
-    """Fraction that is red, which is neither green nor a defect."""
+    """Fraction that is red, that is, neither green nor a defect."""
     defect_score: float
     """Fraction that is brown or dark."""
     visible_share: float

@@ -20,7 +20,7 @@ from sim_backend.scene.rays import FloatArray, Hits, cast, visible
 LAMP_M: Final = 20.0
 """Distance of the lamp, in meters. The rays of the lamp are almost parallel."""
 TOUCH_M: Final = 1e-4
-"""Maximum distance between a hit and a point that still counts as a hit of this point, in meters."""
+"""Maximum distance between a ray's hit and a point at which the ray still counts as reaching the point, in meters."""
 SKY: Final = np.array([0.75, 0.78, 0.82])
 """Color of pixels that show no geom."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -29,7 +29,7 @@ SHARP: Final = ((0.0, 0.0),)
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Hits of the rays of one image."""
+    """Ray hits of one image."""
 
     radiance: FloatArray
     """Linear RGB relative to a white surface in full light, shape (n, 3)."""
@@ -76,7 +76,7 @@ class FixedView:
         self._passes = [_Pass(model, data, _Setting(camera, light, shift), self.skins) for shift in shifts]
 
     def sights(self, data: Any) -> Iterator[Sight]:
-        """Yield the hits of the rays of each pass, for a pose with updated kinematics."""
+        """Yield the ray hits of each pass, for a pose with updated kinematics."""
         return (one.sight(data) for one in self._passes)
 
     def alone(self, data: Any, geom: int) -> int:

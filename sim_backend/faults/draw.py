@@ -33,7 +33,7 @@ def draw(
     """
     for name in kinds or ():
         if name not in KINDS:
-            raise FaultError(f"there is no fault {name!r}: known faults: {', '.join(KINDS)}")
+            raise FaultError(f"there is no fault {name!r}; known faults: {', '.join(KINDS)}")
     chosen = [name for name in KINDS if kinds is None or name in kinds]
     bids = sorted((bid for name in chosen for bid in _bids(seed, name, there, seconds, how_many)), key=lambda b: b[:3])
     drawn = (bid[-1] for bid in bids[:how_many])

@@ -16,8 +16,8 @@ from sim_backend.faults.targets import FaultPlace, FaultTargets, Inventory, Sinc
 DRAWN_S: Final = (0.001, 20.0)
 """Range of durations of drawn faults, in seconds: from one packet to a whole run with a job."""
 USUAL_S: Final = (0.05, 2.0)
-"""Range of durations for half of the drawn faults, in seconds: from one cycle to more than every time-out of the
-stack."""
+"""Range of durations for half of the drawn faults, in seconds: from one cycle to longer than every time-out of
+the stack."""
 STAYS: Final = 0.1
 """Fraction of the drawn faults that do not end, among the faults that can end."""
 

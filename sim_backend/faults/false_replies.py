@@ -88,8 +88,8 @@ class FalsePosition(_FalseReplies):
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """Draw a fault. Half of the faults are leaps to and fro while the stack starts, because a false reading at the
-        start could become the first goal."""
+        """Draw a fault. In half of the faults, the position jumps back and forth while the stack starts, because a
+        false reading at the start could become the first goal."""
         fault = super().drawn(random, there, at_s, since)
         if there.start_s is None or "start" not in there.moments or random.random() >= AT_THE_START:
             return fault

@@ -18,7 +18,7 @@ class Holds:
     def hold(self, key: Hashable, apply: Callable[[Any], None], value: Any, usual: Any) -> Iterator[None]:
         """Apply ``value`` while the context is active.
 
-        When no fault holds ``key`` anymore, the value ``usual`` of the first fault is applied.
+        After the last fault on ``key`` has ended, the value ``usual`` of the first fault is applied.
         """
         values = self._held.setdefault(key, [[usual]])
         mine = [value]

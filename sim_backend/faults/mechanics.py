@@ -17,7 +17,7 @@ from sim_backend.faults.targets import FaultTargets, Inventory, Mechanics
 
 
 class Jammed(OfServo, Lasting):
-    """The gears of a servo jam. No force can turn the joint of this servo."""
+    """The gears of a servo jam. No force can move the servo's joint."""
 
     kind: Literal["jammed"] = "jammed"
 
@@ -36,9 +36,9 @@ class Jammed(OfServo, Lasting):
 
 
 class Overload(OfServo, Lasting):
-    """An external torque pulls at a servo's shaft.
+    """An external torque acts on a servo's shaft.
 
-    By default, this torque exceeds the torque of the servo, which triggers the servo's protection.
+    By default, this torque exceeds the servo's own torque, which triggers the servo's protection.
     """
 
     kind: Literal["overload"] = "overload"

@@ -12,7 +12,7 @@ from sim_backend.faults.targets import FaultTargets, Inventory, Since
 ENDS, BEGINS = 0, 1
 """Order of events that are due at the same time. A fault ends before the next fault begins."""
 ROUNDING_S: Final = 1e-6
-"""Tolerance for times, in seconds, because the time of the world is a sum of milliseconds."""
+"""Tolerance for times, in seconds. The world's time is a sum of milliseconds, which causes rounding errors."""
 
 
 class FaultPlayer:
@@ -59,7 +59,7 @@ class FaultPlayer:
         self._waiting += events
 
     def reach(self, moment: Since, time_s: float) -> None:
-        """Report that the stack starts, is up, or begins to end, at time ``time_s`` of the world."""
+        """Report that the stack starts, is up, or begins to exit, at time ``time_s`` of the world."""
         self._reached.add(moment)
         for event in self._waiting:
             if event.since == moment:
@@ -100,8 +100,8 @@ class FaultPlayer:
         return due + self._waiting
 
     def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
-        """End all active faults that match, newest first, and cancel the scheduled faults that match. Return the ended
-        and canceled faults."""
+        """End all active faults that match, most recent first, and cancel the scheduled faults that match. Return the
+        ended and canceled faults."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
         coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}
@@ -113,7 +113,7 @@ class FaultPlayer:
         return events
 
     def close(self) -> None:
-        """End all active faults, newest first, and cancel all scheduled faults."""
+        """End all active faults, most recent first, and cancel all scheduled faults."""
         self._due.clear()
         self._waiting.clear()
         for number in reversed(list(self._running)):

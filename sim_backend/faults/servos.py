@@ -120,7 +120,7 @@ class Overcurrent(OfServo, Lasting):
 
 
 class DeadEncoder(OfServo, Lasting):
-    """The encoder does not answer the firmware, which reports this in its status."""
+    """The encoder does not respond to the firmware, and the servo's status reports this failure."""
 
     kind: Literal["dead_encoder"] = "dead_encoder"
 
@@ -140,7 +140,7 @@ class DeadEncoder(OfServo, Lasting):
 
 
 class HardwareError(Momentary, OfServo):
-    """A Dynamixel X detects a failure of its motor encoder or its circuit, and reports it until it is restarted."""
+    """A Dynamixel X detects a failure of its motor encoder or its circuit, and reports it until the servo restarts."""
 
     kind: Literal["hardware_error"] = "hardware_error"
     error: Literal["motor_encoder", "electrical_shock"] = "electrical_shock"

@@ -1,4 +1,4 @@
-"""Faults of a servo's EEPROM: another program has changed the settings, or they were never set."""
+"""Faults of a servo's EEPROM: settings that another program has changed, or that were never set."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ from sim_backend.servos.sts.servo import VirtualServo
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
 """Values of ``operating_mode``, keyed by series. Other series have no such register."""
 WRONG_SETTING: Final = "wrong_setting"
-"""Kind of the faults in which a register of the EEPROM without a kind of its own has a wrong value."""
+"""Fault kind for wrong values of EEPROM registers that have no separate fault kind."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
 """Separate kind of fault for wrong values of a register, keyed by register name."""
 

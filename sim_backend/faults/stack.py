@@ -18,7 +18,7 @@ class _OfStack(Event):
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if not there.stack:
-            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack on simulated time")
+            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack in simulated time")
 
     def stack(self, targets: FaultTargets) -> StackTarget:
         assert targets.stack is not None, "``refuse`` has checked this"
@@ -42,7 +42,7 @@ class LoopStall(_OfStack):
 
 
 class _OfController(_OfStack, Lasting):
-    """The update of a controller goes wrong in each cycle."""
+    """A controller's update fails in each cycle."""
 
     HOW: ClassVar[ControllerFault]
     controller: str | None = None
@@ -54,11 +54,11 @@ class _OfController(_OfStack, Lasting):
             return
         if self.controller not in there.controllers:
             raise FaultError(
-                f"there is no controller {self.controller!r}: known controllers: {', '.join(there.controllers)}"
+                f"there is no controller {self.controller!r}; known controllers: {', '.join(there.controllers)}"
             )
         able = self._able(there)
         if self.controller not in able:
-            which = f"specify one of {', '.join(able)}" if able else "no controller here does"
+            which = f"specify one of {', '.join(able)}" if able else "no controller of this stack does"
             raise FaultError(f"{self.controller} commands no joints: {which}")
 
     @classmethod
@@ -145,7 +145,7 @@ class ClientCancels(_OfClient):
 
 
 class ClientDies(_OfClient):
-    """A client dies. The goal of the client continues, and no other goal follows."""
+    """A client dies. Its goal continues, and the client sends no other goal."""
 
     kind: Literal["client_dies"] = "client_dies"
     DOES = "dies"

@@ -12,16 +12,16 @@ from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 
 ControllerFault = Literal["raises", "nan", "jumps"]
-"""Kind of failure of a controller."""
+"""Kind of controller failure."""
 ClientFault = Literal["nonsense", "cancels", "dies"]
-"""Kind of wrong action of a client."""
+"""Kind of client misbehavior."""
 Since = Literal["start", "up", "end"]
 """Moment from which the time of a fault counts: before the hardware is configured, when the arm is active, or when the
 program begins to exit."""
 START_S: Final = 0.1
 """Time to configure and activate the included arms, in seconds: 0.04 s with STS servos, 0.1 s with Dynamixels."""
 HOLD_S: Final = 0.2
-"""Time an arm that holds its position at the end of the program takes to come to rest, in seconds."""
+"""Time an arm takes to come to rest if it holds its position when the program exits, in seconds."""
 
 
 class FaultyAdapter(Protocol):
@@ -48,7 +48,7 @@ class Mechanics(Protocol):
 
 
 class StackTarget(Protocol):
-    """The stack with its controllers and its clients, on simulated time."""
+    """The stack with its controllers and its clients, in simulated time."""
 
     @property
     def controllers(self) -> Mapping[str, bool]:
@@ -104,9 +104,9 @@ class Inventory:
         found = [name for name, servos in self.servos.items() if servo_id in servos and bus in (None, name)]
         if not found:
             known = "; ".join(f"{name + ' has ' if name else ''}{_ids(ids)}" for name, ids in self.servos.items())
-            raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}: known servos: {known}")
+            raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}; known servos: {known}")
         if len(found) > 1:
-            raise FaultError(f"several lines have a servo {servo_id}: choose one with bus: {', '.join(found)}")
+            raise FaultError(f"several lines have a servo {servo_id}: set bus to one of {', '.join(found)}")
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:
@@ -114,7 +114,7 @@ class Inventory:
         if not self.servos:
             raise FaultError("servos cannot be selected here, because all servos of a box have the same ID")
         if bus is not None and bus not in self.servos:
-            raise FaultError(f"there is no bus {bus!r}: known buses: {', '.join(map(repr, self.servos))}")
+            raise FaultError(f"there is no bus {bus!r}; known buses: {', '.join(map(repr, self.servos))}")
 
     def buses(self, bus: str | None) -> list[str]:
         """Return the names of the lines that ``bus`` refers to."""

@@ -1,7 +1,7 @@
 """Several lines of servos on one plant. The lines share one world and one time.
 
-Each line requests physics up to its own time. The first request advances the whole plant by one step: first the
-firmware of all lines, then the mechanics. When the other lines request this step, it is already done. The servos of a
+Each line advances the plant to the line's own time. The first line that needs a step advances the whole plant: first
+the firmware of all lines, then the mechanics. When the other lines need this step, it is already done. The servos of a
 line can therefore be slightly ahead of the line's own packet. The difference is at most the time of another line's
 packet on the wire, which is less than a millisecond.
 """
@@ -64,8 +64,8 @@ class CommonPlant:
 
 
 class _JoinedRig(Rig[AnyServo]):
-    """The servos of one line. This object counts the steps of the line. The first line that requests a step advances
-    all lines."""
+    """The servos of one line, with a count of the line's steps. The first line that requests a step advances all
+    lines."""
 
     def __init__(self, rig: Rig[AnyServo], common: CommonPlant) -> None:
         super().__init__(rig.servos, rig.plant, rig.supply)

@@ -50,7 +50,7 @@ class DelayedReply:
     due_s: float
     data: bytes
     held_s: float = 0.0
-    """Additional time that the adapter delays the bytes while the wire is free, in seconds."""
+    """Additional delay of the bytes in the adapter, during which the wire is free, in seconds."""
 
 
 class ServoLine(ABC, Generic[AnyServo]):
@@ -80,7 +80,7 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     @property
     def servos(self) -> tuple[AnyServo, ...]:
-        """All servos, in the order of the couplings of the plant."""
+        """All servos, in the order of the plant's couplings."""
         return self.rig.servos
 
     def servo(self, servo_id: int) -> AnyServo:
@@ -97,7 +97,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return servo not in self._unplugged
 
     def plug(self, servo: AnyServo) -> None:
-        """Plug the servo in, if it is not plugged in. The servo starts as after any power-off."""
+        """Plug the servo in, if it is not plugged in. The servo starts as after a power cycle."""
         if servo in self._unplugged:
             self._unplugged.remove(servo)
             servo.power_cycle()
@@ -162,7 +162,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _through_adapter(self, replies: list[DelayedReply]) -> list[DelayedReply]:
-        """Delay the replies in the same way as the adapter. A delayed reply also delays all replies after it."""
+        """Delay the replies as the adapter does. A delayed reply also delays all replies after it."""
         late = any(reply.held_s for reply in replies)
         if not replies or not (late or replies[0].due_s < self._handed_over_s):
             return replies

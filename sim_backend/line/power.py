@@ -18,7 +18,7 @@ BROWN_OUT_V: Final = 3.5
 def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
     """From now on, supply all servos of the line with this voltage over leads with this resistance.
 
-    None selects the value with which the line was built. A voltage of 0 simulates a disconnected plug.
+    None restores the original value of the line. A voltage of 0 simulates a disconnected plug.
     """
     line.rig.feed(voltage_v, resistance_ohm)
     for servo in line.servos:

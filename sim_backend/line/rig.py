@@ -104,8 +104,8 @@ class Rig(Generic[AnyServo]):
         return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
-        """Return a compiled function that advances all servos by one timestep; None if one of them is not an STS
-        servo."""
+        """Return a compiled function that advances all servos by one timestep; None if any servo is not an
+        STS servo."""
         firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
         if len(firmware) < len(self._firmware):
             return None

@@ -1,6 +1,6 @@
 """Gears between a motor and its shaft, with inertia and with friction that depends on load and speed.
 
-The friction law is the fourth of BAM (github.com/Rhoban/bam, M4). Coulomb friction, a fraction of the torque through
+The friction law is BAM's fourth law (github.com/Rhoban/bam, M4). Coulomb friction, a fraction of the torque through
 the gears, and viscous friction act on a shaft. Near rest, the first two parts are larger (Stribeck effect).
 """
 
@@ -42,7 +42,7 @@ class Gears:
     def friction_nm(self, load_nm: float, speed_rad_s: float) -> float:
         """Return the maximum friction torque, without the viscous part.
 
-        ``load_nm`` is the torque through the gears: the torque of the motor minus the load. If a shaft is
+        ``load_nm`` is the torque through the gears: the motor's torque minus the load. If a shaft is
         driven at one end and held at the other, both torques act on the teeth.
         """
         largest_nm: float = friction_nm(gear_table([self])[0], load_nm, speed_rad_s)

@@ -17,7 +17,7 @@ LEAST_FRICTION_NM: Final = 1e-9
 """Minimum friction. MuJoCo creates no constraint for a joint without friction, so the indices of the other constraints
 would shift."""
 FRICTION_ROW: Final = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
-"""Type of a constraint that is the friction of a degree of freedom. NumPy compares numbers faster than enum members."""
+"""Constraint type for the friction of a degree of freedom, as a number. NumPy compares numbers faster than enums."""
 
 
 class JointGears:

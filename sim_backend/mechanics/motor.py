@@ -1,7 +1,7 @@
 """Brushed motor with gears, as seen at the output shaft: torque, current and temperature in SI units.
 
-Gear friction and rotor inertia are part of the plant, because a physics engine simulates them better than a torque
-would. docs/simulation.md lists the source of each value.
+Gear friction and rotor inertia are part of the plant, because a physics engine simulates them better than an additional
+torque would. docs/simulation.md lists the source of each value.
 """
 
 from dataclasses import dataclass, replace

@@ -152,7 +152,7 @@ class WorldPlant(Plant):
     ) -> None:
         unknown = [c.joint for c in couplings if c.joint not in world.joints]
         if unknown:
-            raise ValueError(f"the world has no joint {', '.join(unknown)}; it has {world.joints}")
+            raise ValueError(f"the world has no joint {', '.join(unknown)}; its joints are {world.joints}")
         arrays, places = world.arrays, [world.joints.index(c.joint) for c in couplings]
         rows = [
             (arrays.position_at[i], arrays.velocity_at[i], arrays.effort_at[i], 1.0 / c.ratio, c.zero_rad)
@@ -175,8 +175,8 @@ class WorldPlant(Plant):
 class BenchPlant(Plant):
     """Servos on a test bench, each with its own load: inertia, a constant torque, and friction. There are no joints.
 
-    ``load_nm`` pulls at a shaft all the time, as gravity does; friction holds a shaft that is at rest. Servos with
-    identified gears use those gears; the other servos use the constructor's values.
+    ``load_nm`` acts on a shaft all the time, as gravity does. Friction holds a shaft that is at rest. Servos with
+    identified gears use those gears. The other servos use the constructor's values.
     """
 
     def __init__(

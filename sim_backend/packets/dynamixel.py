@@ -62,7 +62,7 @@ def fast_head(length: int) -> bytes:
 def fast_block(before: bytes, servo_id: int, error: int, data: bytes) -> bytes:
     """Return the block that a servo adds to a fast reply after ``before``.
 
-    The block is not stuffed; its CRC covers all bytes before it.
+    The block is not byte-stuffed, and its CRC covers all bytes before it.
     """
     block = bytes((error, servo_id)) + data
     return block + crc16(before + block).to_bytes(2, "little")

@@ -62,7 +62,7 @@ class WireFaults:
         self.echo = False
         """Whether the adapter receives the bytes that it sends."""
         self.on_reply: list[Callable[[int, bytes], bytes]] = []
-        """Functions that change a reply (servo ID, packet) on the wire. They are applied one after the other."""
+        """Functions that change a reply (servo ID, packet) on the wire, applied one after the other."""
         self.on_instruction: list[Callable[[int], bool]] = []
         """Functions that decide whether an instruction reaches the servo. All of them must agree."""
         self.on_arrival: list[Callable[[int], float]] = []

@@ -80,7 +80,7 @@ class InstructionParser(Parser):
 class StsParser(Parser):
     """Parser of an STS servo. Two FF bytes begin a packet at any place, even inside another packet.
 
-    It has no time-out. An incomplete packet is kept until its remaining bytes or two FF bytes arrive.
+    The parser has no time-out. An incomplete packet is kept until its remaining bytes or two FF bytes arrive.
     """
 
     LONGEST = 130

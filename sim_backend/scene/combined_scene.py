@@ -1,8 +1,7 @@
 """Scene of a robot with several arms, generated from the scenes of its arms.
 
-The names of an arm's parts, cube, stand and bins begin with its prefix. The arms stand on one table, on
-the body `base_link`.
-Unlike links of one arm, links of two arms collide.
+The names of an arm's parts, cube, stand and bins begin with its prefix. The arms stand on one table, on the body
+`base_link`. Unlike links of one arm, links of two arms collide.
 """
 
 import warnings
@@ -30,7 +29,7 @@ TABLE: Final = "table"
 CAMERA_FROM: Final = np.array([1.0, -0.3, 0.75])
 """Direction from the middle of the arms to the camera."""
 CAMERA_REACHES: Final = 1.5
-"""Distance of the camera, as a multiple of the size of the robot."""
+"""Distance of the camera, as a multiple of the robot's size."""
 FOVY_DEG: Final = 35.0
 OPTIONS: Final = ("timestep", "integrator", "cone", "impratio", "gravity")
 """Options of the physics, copied from the first scene."""
@@ -131,7 +130,7 @@ def _delete(spec: Any, element: Any) -> None:
 
 
 def _collide(geom: Any, number: int) -> None:
-    """Let a geom of an arm collide with the other arms. Each arm has its own bit, above the bit of the table."""
+    """Let a geom of an arm collide with the other arms. Each arm has its own collision bit, above the table's bit."""
     if geom.contype or geom.conaffinity:
         own = 1 << (number + 1)
         geom.conaffinity |= own
@@ -190,7 +189,7 @@ def keyframes(xml: str) -> dict[str, dict[str, float]]:
 
 
 def contacts_between(xml: str, pose: Mapping[str, float]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of parts of two arms that overlap in a pose, which has positions keyed by joint name.
+    """Yield pairs of overlapping parts of two arms in a pose, which has positions keyed by joint name.
 
     Joints without a position are at zero, or at the end of their range that is closest to zero.
     """

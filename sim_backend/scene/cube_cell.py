@@ -39,7 +39,7 @@ class BodyPose:
 
 
 def cell_prefixes(model: Any) -> list[str]:
-    """Return the prefix of each arm whose cell has the cube, and therefore needs the rest of the cell."""
+    """Return the prefix of each arm that has a cube. Such an arm needs a complete cell."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     return [prefix for prefix in arm_prefixes(model) if f"{prefix}{CUBE}" in joints]
 
@@ -73,7 +73,7 @@ class CubeCell:
             data: State of the scene.
             arrays: Positions and velocities of the scene.
             of_arm: Whether each geom is part of an arm, (ngeom,).
-            tray: Apples that take the place of the cube.
+            tray: Apples that replace the cube.
             prefix: Prefix of all names of the cell, in a scene with several arms.
         """
         self.tray = tray
@@ -116,7 +116,7 @@ class CubeCell:
     def poses(self) -> dict[str, BodyPose]:
         """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", keyed by their names in the scene.
 
-        The pose of a bin is the pose of the center of its floor.
+        The pose of a bin is the pose of its floor's center.
         """
         cube = self._data.qpos[self.qpos]
         return {self.name(CUBE): _pose(cube[:3], cube[3:]), **self._bin_poses}

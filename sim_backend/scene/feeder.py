@@ -1,9 +1,9 @@
-"""Put a new cube on each stand after its last cube is done, when its arm starts to move again.
+"""Put a new cube on a stand after the last cube is done, when the arm starts to move again.
 
 Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
 
 Between two jobs, the arm is at rest at the ready pose, with its open fingers around the stand. The old cube stays in
-place until the arm leaves for the next job, so that it can be seen and measured.
+place until the arm leaves for the next job, so that the cube can be seen and measured.
 """
 
 import math
@@ -32,13 +32,13 @@ cube in the hand."""
 REST_S: Final = 0.1
 """Minimum time at rest in the ready pose, in seconds.
 
-Before the next job of a node, the arm stays at rest only until the goal arrives.
+Between two jobs of a node, the arm is at rest only until the next goal arrives.
 """
 SWINGING_REST_S: Final = 0.5
 """Minimum time at rest for an arm that oscillates in place, in seconds. On the way to the ready pose, the arm never
 stays in one place for this time."""
 LONG_REST_S: Final = 10.0
-"""Minimum time at rest in other poses, in seconds. It is long, because the arm can pause in a pose during a job."""
+"""Minimum time at rest in other poses, in seconds. A long time is needed, because the arm can pause during a job."""
 SHOWN_S: Final = 1.5
 """Time the old apple stays in its bin before the next apple is placed, in seconds."""
 
@@ -52,11 +52,11 @@ class Feeder:
 
     @property
     def due(self) -> bool:
-        """Whether the next motion of an arm brings a new cube."""
+        """Whether a new cube is placed when an arm moves next."""
         return any(cell.due for cell in self._cells)
 
     def update(self, world: World, time_s: float) -> None:
-        """Feed cubes if it is time. `time_s` is the world's time."""
+        """Place the cubes that are due. `time_s` is the world's time."""
         if time_s < self._next_s or not world.cells:
             return
         self._next_s = time_s + LOOK_S
@@ -66,7 +66,7 @@ class Feeder:
 
 
 class CellFeeder:
-    """Places cubes in one cell. It records how long the arm has been at rest, and whether a cube is due."""
+    """Places cubes in one cell, and records how long the arm has been at rest and whether a cube is due."""
 
     def __init__(self, cell: CubeCell, joints: NDArray[np.int64]) -> None:
         """``joints`` are the indices of the arm's joints in the order of the world. The last joint is the hand."""

@@ -1,7 +1,7 @@
 """A person's hand on the simulated arm. The hand holds joints in place, moves them and releases them.
 
-It acts like a spring with a damper, with limited force and speed. When a joint reaches a stop, the hand only presses
-against it.
+The hand acts like a spring with a damper, with limited force and speed. When a joint reaches a stop, the hand only
+presses against the stop.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,7 +29,7 @@ class Pushable(Protocol):
 
 @dataclass(slots=True)
 class GrippingJoint:
-    """One joint in the hand. ``reach`` is the joint displacement per radian of its servo."""
+    """A joint that the hand holds. ``reach`` is the joint displacement per radian of its servo."""
 
     target: float
     reference: float
@@ -53,7 +53,7 @@ class SceneHand:
             self._grips[joint] = GrippingJoint(here, here, self._reach[joint])
 
     def move(self, joint: str, position: float) -> None:
-        """Move a joint to a position at the hand's speed, and then hold it there."""
+        """Move a joint to a position at the hand's speed, and then hold the joint."""
         if joint not in self._grips:
             self.hold(joint)
         self._grips[joint].target = position
@@ -111,7 +111,7 @@ def handle_hand_command(hand: SceneHand, lay_table: Callable[[], None], command:
     """
     joints, what = command.get("joints", []), command.get("do")
     if unknown := [name for name in joints if name not in hand.joints]:
-        raise ValueError(f"the arm has no joint {', '.join(unknown)}: it has {', '.join(hand.joints)}")
+        raise ValueError(f"the arm has no joint {', '.join(unknown)}: its joints are {', '.join(hand.joints)}")
     if what == "hold":
         hand.hold(*joints)
     elif what == "release":

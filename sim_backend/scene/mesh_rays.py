@@ -30,15 +30,15 @@ class MeshParts(NamedTuple):
     vertices: NDArray[np.float32]
     """Vertices, shape (v, 3), in the geom's frame."""
     faces: NDArray[np.int32]
-    """Indices of the vertices of each face, shape (f, 3)."""
+    """Vertex indices of each face, shape (f, 3)."""
     normals: NDArray[np.float32]
     """Normals, shape (m, 3)."""
     face_normals: NDArray[np.int32]
-    """Indices of the normals of each face, shape (f, 3)."""
+    """Normal indices of each face, shape (f, 3)."""
     boxes: FloatArray
     """Center and half size of each box, shape (b, 6)."""
     children: NDArray[np.int32]
-    """Indices of the children of each box, shape (b, 2); -1 for no child."""
+    """Child indices of each box, shape (b, 2); -1 for no child."""
     face_of: NDArray[np.int32]
     """Index of the face in each leaf, shape (b,); -1 in other boxes."""
 

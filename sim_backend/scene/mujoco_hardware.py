@@ -1,7 +1,7 @@
 """The arm in MuJoCo as a hardware component without servos and without a bus.
 
-Each joint follows the line between two commands by a stiff spring with damping. The spring is as strong as the servo in
-the robot file. The weight of the arm is compensated, as the stack does for servos. To see the effects of servos and
+A stiff, damped spring pulls each joint along the line between two commands. The spring is as strong as the servo in the
+robot file. The arm's weight is compensated, as the stack compensates it for servos. To see the effects of servos and
 their bus on a command, use the virtual bus.
 """
 
@@ -42,7 +42,8 @@ def drive(
     strongest: FloatArray,
     damping: FloatArray,
 ) -> None:
-    """Pull the joints by springs toward their set-points, which are a ``share`` of the way from ``begin`` to ``end``.
+    """Pull the joints by springs toward their set-points, which are at the fraction ``share`` between ``begin`` and
+    ``end``.
 
     ``weight`` contains the efforts that compensate gravity and motion, for each degree of freedom. These efforts are
     added to the efforts of the springs.

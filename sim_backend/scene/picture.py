@@ -1,7 +1,8 @@
 """Images of the arm by ray casting. No OpenGL is needed, so images can be drawn on every machine.
 
 One ray per pixel is cast from the camera, and one from the lamp for shadows, with Lambert shading. A smooth image is
-the mean of four images, whose rays are shifted by a quarter of a pixel and whose lamps have slightly different places.
+the mean of four images, whose rays are shifted by a quarter of a pixel and whose lamps have slightly different
+positions.
 Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
@@ -30,7 +31,7 @@ TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
 """Distance at which the floor begins to fade into the sky, and distance at which it has disappeared, in meters."""
 TOUCH_M: Final = 1e-4
-"""Maximum distance between a hit and a point that still counts as a hit of this point, in meters."""
+"""Maximum distance between a ray's hit and a point at which the ray still counts as reaching the point, in meters."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
@@ -172,7 +173,7 @@ class FilmRecorder:
         self._best = world.configuration()
 
     def update(self, time_s: float) -> None:
-        """Record a frame if one is due. Call this at least once per period; most calls return at once."""
+        """Record a frame if one is due. Call this method at least once per period; most calls return at once."""
         if time_s < self._next_s:
             return
         self._next_s = time_s + self._period_s

@@ -43,7 +43,7 @@ def no_hits(count: int) -> Hits:
 
 
 def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any, so_far: Hits | None = None) -> Hits:
-    """Return the first hit of each ray on one of ``geoms``, or the hit in ``so_far`` if that one is nearer.
+    """Return the first hit of each ray on one of ``geoms``, or the hit in ``so_far`` if that hit is nearer.
 
     Raises ValueError if a geom's shape cannot be drawn.
     """
@@ -79,7 +79,8 @@ def _cast_one(
 ) -> None:  # fmt: skip
     """Store the rays whose first hit is on one geom.
 
-    ``origin`` is the start of the rays in the geom's frame, and ``away`` is the vector from there to the geom's center.
+    ``origin`` is the start of the rays in the geom's frame, and ``away`` is the vector from this start to the geom's
+    center.
     Rays with a component of less than ``beside`` along ``away`` miss the bounding sphere of the geom.
     """
     x, y, z = away

@@ -128,17 +128,17 @@ def _joints(model: Any, described: Any) -> Iterator[str]:
             yield f"the scene has no joint {name}, which the URDF has"
         elif np.abs(model.joint(name).range - described.joint(name).range).max() > APART_RAD:
             here_range, urdf_range = _span(model.joint(name).range), _span(described.joint(name).range)
-            yield f"{name} has the range {here_range} here and {urdf_range} in the URDF"
+            yield f"{name} has the range {here_range} in the scene and {urdf_range} in the URDF"
     here, wanted_couplings = _couplings(model), _couplings(described)
     for (follower, leader), wanted in wanted_couplings.items():
         got = here.get((follower, leader))
         if got is None:
-            yield f"{follower} does not follow {leader} here: an <equality> of the two joints is missing"
+            yield f"{follower} does not follow {leader} in the scene: an <equality> of the two joints is missing"
         elif not np.allclose(got, wanted, atol=APART_M):
             offset, multiplier = got
             yield (
-                f"{follower} follows {leader} with multiplier {multiplier:g} and offset {offset:g} here, but with "
-                f"{wanted[1]:g} and {wanted[0]:g} in the URDF"
+                f"{follower} follows {leader} with multiplier {multiplier:g} and offset {offset:g} in the scene, but "
+                f"with {wanted[1]:g} and {wanted[0]:g} in the URDF"
             )
 
 
@@ -165,13 +165,13 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
         if name == root or not wanted.jntnum[0] or wanted.mass[0] <= NOTHING:
             continue  # MuJoCo may have merged a fixed body into the body to which it is fixed.
         if abs(here.mass[0] - wanted.mass[0]) > APART_SHARE * wanted.mass[0]:
-            yield f"{name} weighs {here.mass[0]:g} kg here and {wanted.mass[0]:g} kg in the URDF"
+            yield f"{name} weighs {here.mass[0]:g} kg in the scene and {wanted.mass[0]:g} kg in the URDF"
         if np.abs(here.ipos - wanted.ipos).max() > APART_M:
             here_at, urdf_at = _vector(here.ipos), _vector(wanted.ipos)
-            yield f"{name} has its center of mass at {here_at} here and at {urdf_at} in the URDF"
+            yield f"{name} has its center of mass at {here_at} in the scene and at {urdf_at} in the URDF"
         if not np.allclose(sorted(here.inertia), sorted(wanted.inertia), rtol=APART_SHARE):
             here_inertia, urdf_inertia = _vector(here.inertia), _vector(wanted.inertia)
-            yield f"{name} has the principal inertias {here_inertia} here and {urdf_inertia} in the URDF"
+            yield f"{name} has the principal inertias {here_inertia} in the scene and {urdf_inertia} in the URDF"
 
 
 def _places(model: Any, described: Any) -> Iterator[str]:

@@ -13,7 +13,7 @@ from hal.robot_description.xml_places import place
 from sim_backend.scene.scene_parts import scene_parts
 
 LARGEST: Final = 1e10
-"""MuJoCo's own limit for positions, velocities and forces. Beyond it, MuJoCo resets the simulation."""
+"""MuJoCo's own limit for positions, velocities and forces. Beyond this limit, MuJoCo resets the simulation."""
 MOST_COPIES: Final = 10_000
 """Maximum ``count`` of a <replicate>, <composite> or <flexcomp>."""
 
@@ -38,15 +38,15 @@ def scene_spec(path: Path) -> Any:
 
 def _refused(path: Path, error: ValueError) -> ArmFileError:
     text = " ".join(str(error).replace(" number=", " ").split())
-    return ArmFileError(f"{path}: MuJoCo cannot read it: {text}")
+    return ArmFileError(f"{path}: MuJoCo cannot read the scene: {text}")
 
 
 def _check(path: Path) -> None:
     """Check the size, encoding and numbers of a scene and of all files to which it refers. Raises ArmFileError."""
     if not path.exists():
         raise ArmFileError(
-            f"{path} is missing, and without a scene the arm has no virtual servos: `servoloop arms new NAME "
-            "robot.urdf` writes a scene for any URDF; a real arm, with --port, needs none"
+            f"{path} is missing, and without a scene the arm has no virtual servos. `servoloop arms new NAME "
+            "robot.urdf` writes a scene for any URDF. A real arm, selected with --port, needs no scene"
         )
     elements = (element for root in scene_parts(path) for element in root.iter())
     if mistakes := [mistake for element in elements for mistake in _mistakes(element)]:
@@ -59,7 +59,7 @@ def _mistakes(element: Element) -> Iterator[str]:
         if not all(abs(number) <= LARGEST for number in numbers):  # also false for NaN
             yield f'{place(element)}: {element.tag} {key} must consist of numbers up to {LARGEST:g}, not "{text[:50]}"'
         if key == "count" and math.prod(numbers) > MOST_COPIES:
-            yield f"{place(element)}: {element.tag} makes more than {MOST_COPIES} copies: lower its count"
+            yield f"{place(element)}: {element.tag} makes more than {MOST_COPIES} copies: reduce its count"
 
 
 def _numbers(text: str) -> Iterator[float]:

@@ -26,7 +26,8 @@ def scene_parts(path: Path) -> list[Element]:
         Root elements of all scenes. The first is the root of the scene itself.
 
     Raises:
-        ArmFileError: A file is too large, or a scene is not well-formed XML. The message has file, line and remedy.
+        ArmFileError: A file is too large, or a scene is not well-formed XML. The message contains the file, the line
+            and a remedy.
     """
     return _Parts().read(path, path.parent)
 
@@ -66,7 +67,7 @@ def _parsed(path: Path) -> Element:
     try:
         return parse_xml(text, str(path))
     except ExpatError as error:
-        raise ArmFileError(f"{path}: MuJoCo cannot read it: it is not well-formed XML: {error}") from error
+        raise ArmFileError(f"{path}: MuJoCo cannot read the scene, which is not well-formed XML: {error}") from error
 
 
 def _check_sizes(roots: Sequence[Element], homes: Sequence[Path]) -> None:

@@ -55,7 +55,7 @@ def take(
     """Draw an image of ``size`` that shows all solids.
 
     Args:
-        solids: The solids. They stand on a floor below the lowest solid.
+        solids: The solids, which are on a floor below the lowest solid.
         toward: The direction (3,) from the solids to the camera.
         size: Width and height of the image, in pixels.
         filled: Maximum fraction of the width and of the height that the solids fill.

@@ -1,8 +1,9 @@
 """Simulated world in MuJoCo: one or more arms, each with a cube, its stand and three bins if the scene has them.
 
-The world takes joint efforts and returns joint positions and velocities. It does not model servos, which convert goals
-to efforts, and it has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
-always in the order of `World.joints`, which is that of the scene's actuators; the hand's joint is the last of its arm.
+The world takes joint efforts and returns joint positions and velocities. The world does not model servos, which convert
+goals to efforts, and has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
+always in the order of `World.joints`, which is the order of the scene's actuators. The last joint of an arm is the
+hand's joint.
 
 For each driven joint, a scene needs an actuator with the name of the joint. The scene may have the keyframes `ready`
 and `rest`, and all parts that `sim_backend.scene.cube_cell` lists.
@@ -39,7 +40,7 @@ JAMMED_KG_M2: Final = 1e8
 
 
 class World:
-    """World of one or more arms. It is deterministic: the same efforts give the same positions, bit for bit."""
+    """World of one or more arms. The world is deterministic: the same efforts give the same positions, bit for bit."""
 
     def __init__(
         self,

@@ -76,10 +76,10 @@ def snapshot(
 ) -> dict[str, Any]:
     """Return one publication: world time, poses, bins of the cubes, joint positions (rad, m), and time lost to stalls.
 
-    A world with apples also publishes seed and diameter of the apple, whose pose and bin replace those of the cube.
-    ``trace`` contains the motion of the joints since the last publication: pairs of the emulator's clock (s; the same
-    for every process on one machine) and the positions in the order of ``joints``. ``contacts`` contains the contacts
-    of the arm since the last publication, except for those with the cube.
+    A world with apples also publishes the apple's seed and diameter. The apple's pose and bin replace the cube's.
+    ``trace`` contains the motion of the joints since the last publication: pairs of a time on the emulator's clock (s)
+    and the positions in the order of ``joints``. This clock is the same for all processes on one machine. ``contacts``
+    contains the contacts of the arm since the last publication, except for those with the cube.
     """
     apple = world.apple
     return {
@@ -175,7 +175,7 @@ def listening(path: Path) -> socket.socket:
 
 
 def _remove_remains(path: Path) -> None:
-    """Remove the socket of an emulator that has ended. Files of any other kind are left unchanged."""
+    """Remove the socket of an emulator that has exited. Files of any other kind are left unchanged."""
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_socket():
@@ -187,7 +187,7 @@ def _remove_remains(path: Path) -> None:
         except ConnectionRefusedError:
             path.unlink()
             return
-    raise PortBusy(f"{path} is served by another emulator: end it, or choose another path")
+    raise PortBusy(f"{path} is served by another emulator: stop that emulator, or choose another path")
 
 
 class WorldFeedClient:

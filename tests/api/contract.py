@@ -38,7 +38,7 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "number as text": ({"elbow_flex": "0.1"}, {}, "elbow_flex: '0.1' is not a number"),
     "truth value": ({"elbow_flex": True}, {}, "elbow_flex: True is not a number"),
     "truth values": (np.zeros(6, dtype=bool), {}, "is not a number: use a position in rad or m"),
-    "set": ({0.0, 0.1, 0.2, 0.3, 0.4, 0.5}, {}, "is not a target: use positions by joint name or an array"),
+    "set": ({0.0, 0.1, 0.2, 0.3, 0.4, 0.5}, {}, "is not a target: use positions keyed by joint name, or an array"),
     "time as text": ({"elbow_flex": 0.1}, {"duration": "1"}, "duration must be a number, not '1'"),
     "speed as text": ({"elbow_flex": 0.1}, {"speed": "fast"}, "speed must be a number, not 'fast'"),
     "no number as timeout": ({"elbow_flex": 0.1}, {"timeout": math.nan}, "timeout must be a time in seconds, not nan"),

@@ -60,7 +60,7 @@ def test_a_blocked_joint_ends_the_motion_with_its_name(loaded: LoadedArm) -> Non
     motion = loaded.move_to({PAN: 1.5}, duration=1.5, wait=False)
     loaded.sleep(0.3)
     loaded.push(PAN, -8.0)
-    with pytest.raises(MotionFailedError, match=f"(?s)before its target: .*{PAN}.*holds its position") as caught:
+    with pytest.raises(MotionFailedError, match=f"(?s)reached its target: .*{PAN}.*holds its position") as caught:
         motion.wait(10.0)
     assert caught.value.joint == PAN and str(motion.failure) == str(caught.value)
 

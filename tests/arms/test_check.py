@@ -77,7 +77,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     "an inertia of zero": (("arm.urdf", 'ixx="2.87438e-05"', 'ixx="0"'), "lower_arm_link: its inertia in the URDF"),
     "a placeholder for the velocity": (
         ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="1.91" velocity="10"'),
-        "shoulder_pan: the velocity limit in the URDF is 10, but its servo, sts3215_c001, only reaches 5.45",
+        "shoulder_pan: the velocity limit in the URDF is 10, but its servo, sts3215_c001, reaches only 5.45",
     ),
     "a placeholder for the effort": (
         ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="10" velocity="4"'),
@@ -85,10 +85,13 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "no effort": (("arm.urdf", ' effort="1.91"', ""), "shoulder_pan: its <limit> in the URDF has no effort"),
     "no ros2_control": (("arm.urdf", "<ros2_control", "<nothing"), "arm.urdf"),
-    "a scene that MuJoCo cannot read": (("scene.xml", "<worldbody>", "<world>"), "scene.xml: MuJoCo cannot read it"),
+    "a scene that MuJoCo cannot read": (
+        ("scene.xml", "<worldbody>", "<world>"),
+        "scene.xml: MuJoCo cannot read the scene",
+    ),
     "a joint of another name in the scene": (
         ("scene.xml", '<joint name="elbow_flex"', '<joint name="elbow"'),
-        "scene.xml: MuJoCo cannot read it",
+        "scene.xml: MuJoCo cannot read the scene",
     ),
     "a link elsewhere in the scene": (
         ("scene.xml", 'name="lower_arm_link" pos="-0.11257', 'name="lower_arm_link" pos="-0.1225'),
@@ -100,11 +103,11 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "a range that differs": (
         ("scene.xml", 'name="wrist_flex" range="-1.65806', 'name="wrist_flex" range="-1.5'),
-        "wrist_flex has the range -1.5 to 1.65806 here and -1.65806 to 1.65806 in the URDF",
+        "wrist_flex has the range -1.5 to 1.65806 in the scene and -1.65806 to 1.65806 in the URDF",
     ),
     "a mass that differs": (
         ("scene.xml", 'mass="0.104"', 'mass="0.2"'),
-        "lower_arm_link weighs 0.2 kg here and 0.104 kg in the URDF",
+        "lower_arm_link weighs 0.2 kg in the scene and 0.104 kg in the URDF",
     ),
     "a center of mass that differs": (
         ("scene.xml", 'pos="-0.0980701 ', 'pos="0.0980701 '),
@@ -176,11 +179,12 @@ MIMIC: dict[str, tuple[Edit, str]] = {
     ),
     "the wrong sign in the scene": (
         ("scene.xml", 'joint2="hand_right_joint" solref', 'joint2="hand_right_joint" polycoef="0 -1 0 0 0" solref'),
-        "hand_left_joint follows hand_right_joint with multiplier -1 and offset 0 here, but with 1 and 0 in the URDF",
+        "hand_left_joint follows hand_right_joint with multiplier -1 and offset 0 in the scene, but with 1 and 0 in "
+        "the URDF",
     ),
     "no coupling in the scene": (
         ("scene.xml", '<joint joint1="hand_left_joint" joint2="hand_right_joint" solref="0.004 1"/>', ""),
-        "hand_left_joint does not follow hand_right_joint here",
+        "hand_left_joint does not follow hand_right_joint in the scene",
     ),
 }
 
@@ -241,7 +245,7 @@ BROKEN = {
     "arm.yaml": ("description: SO", "descriptoin: SO", "arm.yaml:1: descriptoin"),
     "arm.urdf": ("<ros2_control", "<nothing", "arm.urdf"),
     "robot.yaml": ("model: sts3215_c001", "model: sts9", "unknown model sts9"),
-    "scene.xml": ("<worldbody>", "<world>", "scene.xml: MuJoCo cannot read it"),
+    "scene.xml": ("<worldbody>", "<world>", "scene.xml: MuJoCo cannot read the scene"),
     "controllers.yaml": ("update_rate: 20", "update_rate: 0", "controllers.yaml:4: controller_manager.update_rate"),
     "pick_place.yaml": ("[A, B, C]", "[A, B, C, D]", "grade D has no pose under bins"),
 }
@@ -271,7 +275,7 @@ def test_meshes_that_cannot_be_drawn_are_found(tmp_path: Path) -> None:
     )
     (folder / "meshes" / "part.stl").write_text("solid part")
     problems = check_arm(folder)
-    assert f"{places}: the URDF has no link tail: correct its name" in problems
+    assert f"{places}: the URDF has no link tail: correct the name of the link" in problems
     assert any("none.stl cannot be read" in problem for problem in problems)
     assert any("part.stl is not a binary STL file" in problem for problem in problems)
     assert len(problems) == 3

@@ -107,7 +107,7 @@ def test_each_arm_has_a_node_with_its_controllers() -> None:
         (["left=so101"], "specify at least two arms"),
         (["left=so101", "right=so102"], "there is no arm so102: choose one of"),
         (["left=so101", "right=bimanual_so101"], "bimanual_so101 already has several arms"),
-        (["left=so101", "right=so101", "--base", "up=0,0,0,0"], "there is no arm up: choose one of left, right"),
+        (["left=so101", "right=so101", "--base", "up=0,0,0,0"], "there is no arm up; choose one of left, right"),
         (["left=so101", "right=so101", "--base", "left=0,0,0"], "write PREFIX=X,Y,Z,YAW in m and rad"),
         (["left=so101", "right=so101", "--base", "left=0,0,nan,0"], "write PREFIX=X,Y,Z,YAW in m and rad"),
         (

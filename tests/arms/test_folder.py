@@ -70,7 +70,7 @@ def test_arm_may_copy_values_of_another_arm(tmp_path: Path) -> None:
     assert high.robot != low.robot and high.file.calibration == low.file.calibration != type(low.file.calibration)()
     assert (high.file.source, high.file.license) == (low.file.source, low.file.license)
     (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {high.folder}\n")
-    with pytest.raises(ArmFileError, match=r"so101_12v itself copies \.\./so101: specify \.\./so101 here instead"):
+    with pytest.raises(ArmFileError, match=r"so101_12v, which itself copies \.\./so101: specify \.\./so101 instead"):
         find_arm(str(tmp_path))
 
 
@@ -82,7 +82,7 @@ def test_a_private_arm_needs_neither_source_nor_license(tmp_path: Path) -> None:
 def test_error_for_unknown_arm_lists_the_known_arms() -> None:
     with pytest.raises(
         ArmFileError,
-        match=r"no arm so102: choose one of bimanual_so101, koch, .*, so101_leader, or give the path of a folder",
+        match=r"no arm so102: choose one of bimanual_so101, koch, .*, so101_leader, or specify a folder",
     ):
         find_arm("so102")
 

@@ -92,7 +92,7 @@ def test_freedrive_of_a_killed_client_ends_and_the_arm_holds(rig: SocketRig) -> 
     registry = rig.stack.loop.manager.registry
     process = child("client.request('freedrive', on=True)")
     assert registry.loaded[FREEDRIVE].active and not registry.loaded["arm_controller"].active
-    with rig.client() as other, pytest.raises(CommandError, match=r"child \(process \d+\) has it"):
+    with rig.client() as other, pytest.raises(CommandError, match=r"child \(process \d+\) has control"):
         other.request("freedrive", on=False)
     process.send_signal(signal.SIGKILL)
     process.wait(20.0)
@@ -199,7 +199,7 @@ def test_the_end_of_the_stack_is_reported(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(CommandError, match="has ended") as caught:
         client.request("state")
     assert caught.value.kind == "ended"
-    with pytest.raises(CommandError, match="has no command socket: it has ended"):
+    with pytest.raises(CommandError, match="has no command socket: the stack has ended"):
         CommandClient(client.stack)
 
 

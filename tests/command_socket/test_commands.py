@@ -100,7 +100,7 @@ def test_a_canceled_goal_brakes_and_holds(client: CommandClient, rig: SocketRig)
     time.sleep(0.2)
     np.testing.assert_allclose(rig.positions(), held, atol=0.01)
     assert held[5] < READY[5] + 0.9
-    with refused("unknown", f"this client has no goal {number} under way; its goals are: none"):
+    with refused("unknown", f"this client has no running goal {number}; its goals are: none"):
         client.request("cancel", goal=number)
 
 
@@ -163,7 +163,7 @@ def test_a_recording_is_begun_and_ended(client: CommandClient, rig: SocketRig, t
     client.request("record", path=str(path))
     with refused("failed", "already exists"):
         client.request("record", path=str(path))
-    with refused("failed", f"no client has begun a recording in /nope.mcap; recordings of clients: {path}"):
+    with refused("failed", f"no client has started a recording in /nope.mcap; recordings of clients: {path}"):
         client.request("record_end", path="/nope.mcap")
     time.sleep(0.2)
     client.request("record_end", path=str(path))
@@ -188,7 +188,7 @@ def test_only_one_client_owns_the_motion(client: CommandClient, rig: SocketRig) 
     with rig.client("other") as other:
         with refused("owned", r"test \(process \d+\) has control of the arm"):
             other.request("take")
-        with refused("not_owner", r"test \(process \d+\) has it"):
+        with refused("not_owner", r"test \(process \d+\) has control"):
             goal(other)
         other.request("take", force=True)
         kinds = {event["event"]: event for event in client.events(2.0)}

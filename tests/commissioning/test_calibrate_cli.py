@@ -135,7 +135,7 @@ def test_an_unwritable_folder_is_reported_before_the_port_is_opened(
 
 
 def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path: Path) -> None:
-    with pytest.raises(PortError, match="no emulator takes commands at"):
+    with pytest.raises(PortError, match="no emulator accepts commands at"):
         ask(control_path(tmp_path / "bus"), {"do": "look"})
     told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), "move", "elbow_flex", "-0.5"])
-    assert "no emulator takes commands at" in str(told.exception), "a negative number is no option"
+    assert "no emulator accepts commands at" in str(told.exception), "a negative number is no option"

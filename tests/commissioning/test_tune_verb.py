@@ -134,7 +134,7 @@ def test_a_failed_plot_does_not_hide_the_figures(
         ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist: choose one of shoulder_pan"),
         (
             "tune shoulder_lift P=24 --arm so101 --port ./bus --yes",
-            "gains can only be given after --write: --write P=24",
+            "gains need the option --write, as in --write P=24",
         ),
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "use only one of them"),
         ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 254, not 999"),

@@ -115,7 +115,7 @@ def test_the_commands_take_an_address_and_ask_before_a_write(
         write = ("register", "write", *where, "--address", "84", "--size", "2", "900")
         assert run(monkeypatch, *write, answer="n\n") == 1
         said = " ".join(capsys.readouterr().err.split())
-        assert "cannot check what this register does, or whether the torque of the servo is enabled: continue?" in said
+        assert "cannot check what this register does, or whether the torque of the servo is enabled. Continue?" in said
         assert bus.servo(1).memory.get(x.position_p_gain) == 640
         assert run(monkeypatch, *write, "--yes") == 0
         assert capsys.readouterr().out == "servo 1: address 84 is 900, previously 640\n"

@@ -250,7 +250,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
         ("a: [1, 2", "is not YAML"),
         ("- a\n- b", "controllers.yaml:1: "),
         ("", "controllers.yaml:1: "),
-        ("controller_manager:\n  ros__parameters: 7", "controllers.yaml:2: controller_manager.ros__parameters: "),
+        ("controller_manager:\n  ros__parameters: 7", "controllers.yaml:2: controller_manager.ros__parameters is not"),
     ],
     ids=["no manager", "bad YAML", "a list", "empty", "parameters are a number"],
 )

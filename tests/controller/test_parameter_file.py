@@ -93,17 +93,17 @@ def test_values_have_the_same_types_as_in_rcl(tmp_path: Path, text: str, value: 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints: this value is outside ros__"),
+        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints is outside ros__"),
         ("arm:\n  ros__parameters: {a: [0, -0.35]}", ":2: arm.a mixes float and int in one list"),
         ("arm:\n  ros__parameters:\n    a:", ":3: arm.a has no value"),
-        ("arm:\n  ros__parameters: 7", ":2: arm.ros__parameters: this is not a mapping"),
+        ("arm:\n  ros__parameters: 7", ":2: arm.ros__parameters is not a mapping"),
         ("ros__parameters: {a: 1}", ":1: '' is not a valid node name"),
         ("arm: {ros__parameters: {a: &x 1, b: *x}}", ":1: an alias"),
         ("arm: {ros__parameters: {a: [[1]]}}", ":1: arm.a has a list or a mapping within a list"),
         ("arm: {ros__parameters: {'': 1}}", ":1: arm. has an empty name"),
         ("a b: {ros__parameters: {c: 1}}", ":1: 'a b' is not a valid node name"),
         ("? [a]\n: 1", "a list or a mapping cannot be a key"),
-        ("", ":1: this is not a mapping"),
+        ("", ":1: the file is not a mapping"),
     ],
 )
 def test_values_that_rcl_rejects_are_rejected_with_their_line(tmp_path: Path, text: str, says: str) -> None:

@@ -114,16 +114,16 @@ def test_a_lock_left_open_is_closed() -> None:
         (sts.model_number, 1, "model_number is not a writable EEPROM setting"),
         (sts.goal_position, 1, "goal_position is not a writable EEPROM setting"),
         (sts.servo_id, 254, "id must be 0 to 253"),
-        (sts.baud_rate, 1, "baud_rate cannot be verified, because the servo would no longer answer on this bus"),
+        (sts.baud_rate, 1, "baud_rate cannot be written, because the servo would no longer answer on this bus"),
         (
             dxl.status_return_level,
             0,
-            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+            "status_return_level 0 cannot be written, because the servo would no longer answer reads",
         ),
         (
             xl320.status_return_level,
             0,
-            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+            "status_return_level 0 cannot be written, because the servo would no longer answer reads",
         ),
     ],
 )
@@ -168,7 +168,7 @@ def test_a_value_that_the_servo_does_not_keep_is_reported() -> None:
     line = Line()
     memory = line.first.memory
     line.port.before_write = lambda number: memory.put(sts.position_p, 32)
-    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) stays 32, not 16: the servo") as caught:
+    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) is still 32, not 16") as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
     assert line.held(sts.lock) == 1

@@ -105,7 +105,7 @@ def test_a_value_that_the_servo_does_not_keep_is_reported_with_earlier_changes(
     monkeypatch.setattr(bench.port, "write", forgetting)
     place = rf"servo 1: {register.name} \(register {register.address}\)"
     with pytest.raises(
-        EepromError, match=f"{place} stays {old}, not {value}: the servo did not accept the value"
+        EepromError, match=f"{place} is still {old}, not {value}: the servo did not accept the value"
     ) as caught:
         update(bench.bus, 1, None, case.new)
     assert (caught.value.servo_id, caught.value.register) == (1, register)

@@ -151,7 +151,7 @@ def test_one_impossible_fault_prevents_the_whole_list() -> None:
     said = str(refused.value)
     assert len(said.splitlines()) == 5
     for why in (
-        "no servo 4: known servos: 1, 2, 3",
+        "no servo 4; known servos: 1, 2, 3",
         "there is no simulated arm here",
         "no stack",
         "no adapter",
@@ -167,7 +167,7 @@ def test_a_fault_of_an_unknown_controller_is_refused() -> None:
     there = rig.player.targets.inventory
     assert there.servos == inventory_of(rig.files).servos
     assert list(there.servos[""]) == list(range(1, 8))
-    with pytest.raises(FaultError, match="no controller 'nobody': known controllers"):
+    with pytest.raises(FaultError, match="no controller 'nobody'; known controllers"):
         rig.play(parse("controller_nan controller=nobody"))
 
 

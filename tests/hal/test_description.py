@@ -157,7 +157,7 @@ def limited(old: str, new: str) -> str:
         (limited("-1.5", "-90deg"), "joint 'elbow': lower must be a number, not '-90deg' (arm.urdf, line 6)"),
         (
             urdf(re.sub("<limit.*", "", ELBOW) + FINGER),
-            "joint 'elbow' is revolute but has no <limit> (arm.urdf, line 3): add one with lower, upper and velocity",
+            "joint 'elbow' is revolute but has no <limit> (arm.urdf, line 3): add a <limit> with lower, upper and",
         ),
         (
             urdf(re.sub('"revolute"', '"continuous"', ELBOW).replace("<limit", "<other") + FINGER),
@@ -236,7 +236,7 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
         ("<sdf/>", "the URDF's root is <sdf>, not <robot>"),
         (
             urdf(control=""),
-            "the URDF has no <ros2_control> block: add one with <hardware><plugin>servoloop/ServoHardware</plugin>",
+            "the URDF has no <ros2_control> block: add a block with <hardware><plugin>servoloop/ServoHardware</plugin>",
         ),
         (urdf(ELBOW.replace(' name="elbow"', "")), "a joint of the URDF has no name"),
         (urdf(ELBOW.replace(' type="revolute"', "")), "joint 'elbow' of the URDF has no type"),

@@ -218,7 +218,7 @@ def test_a_goal_current_below_the_current_limit_is_kept_and_reported(caplog: pyt
 def test_a_servo_without_goal_current_is_refused() -> None:
     arm = LimitedByCurrent(5, 0, 0)
     arm.servo.memory.put(x.goal_current, 0)
-    with pytest.raises(DriverError, match=r"wrist: servo 1: would have no torque: its goal_current is 0 in current-b"):
+    with pytest.raises(DriverError, match=r"wrist: servo 1: would have no torque, because its goal_current is 0 in"):
         arm.activate()
 
 

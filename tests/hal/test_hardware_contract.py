@@ -188,7 +188,7 @@ def test_a_call_in_the_wrong_state_is_refused_and_changes_nothing(arm: Arm, way:
     for step in way:
         CALLS[step](arm.hardware)
     state = arm.hardware.state
-    with pytest.raises(LifecycleError, match=f"cannot {call} while {state.name.lower()}: it must be"):
+    with pytest.raises(LifecycleError, match=f"cannot {call} while {state.name.lower()}: the component must be"):
         CALLS[call](arm.hardware)
     assert arm.hardware.state is state
 

@@ -85,7 +85,7 @@ def test_a_refusal_contains_both_ranges_and_suggested_limits() -> None:
     assert caught.value.servo_id == 4
     assert caught.value.text == (
         "has position limits 100 to 3900 counts, but its joint moves from 0 to 4068: "
-        "widen them in the servo, or narrow the limits in the URDF to -2.988194 to 2.840932"
+        "widen these limits in the servo, or narrow the limits in the URDF to -2.988194 to 2.840932"
     )
 
 

@@ -34,7 +34,7 @@ def test_the_gripper_of_an_so_arm_has_lerobots_protections(arm: str) -> None:
             0.5,
             {},
             "overload_torque 80 % is not below the torque limit of 50 %, so the overload protection of the servo can "
-            "never act: add settings: {overload_torque: 25}",
+            "never act. Add settings: {overload_torque: 25}",
         ),
         ("sts3215", 0.8, {}, "overload_torque 80 % is not below the torque limit of 80 %"),
         (
@@ -76,8 +76,8 @@ def test_the_gripper_of_an_so_arm_has_lerobots_protections(arm: str) -> None:
             {"pwm_limit": 443},
             "torque_limit 0.6 is above 0.501, the limit set by pwm_limit 443",
         ),
-        ("xl430-w250", 0.6, {"shutdown": 32}, "shutdown 32 does not stop the servo at overheating: add 4 to it"),
-        ("xl430-w250", 0.6, {"shutdown": 4}, "shutdown 4 does not stop the servo at overload: add 32 to it"),
+        ("xl430-w250", 0.6, {"shutdown": 32}, "shutdown 32 does not stop the servo at overheating: add 4 to shutdown"),
+        ("xl430-w250", 0.6, {"shutdown": 4}, "shutdown 4 does not stop the servo at overload: add 32 to shutdown"),
     ],
 )
 def test_incompatible_values_are_reported_with_the_remedy(

@@ -304,7 +304,7 @@ def test_joints_combine_the_urdf_and_the_robot_file(tmp_path: Path) -> None:
         ((changed(ELBOW, kind="fixed"), FINGER), "elbow is fixed in the URDF"),
         (
             (changed(ELBOW, upper=3.3), FINGER),
-            "elbow: the limits correspond to counts -151 to 2977, but the servo only has 0 to 4095",
+            "elbow: the limits correspond to counts -151 to 2977, but the servo has only 0 to 4095",
         ),
         ((ELBOW, changed(FINGER, upper=0.2)), "finger: the limits correspond to counts 1024 to 5369"),
         ((changed(ELBOW, lower=0.2), FINGER), "park.pose: 0.1 is outside the limits 0.2 to 1.5 of elbow"),
@@ -324,11 +324,11 @@ def test_contradictions_between_urdf_and_robot_file_are_reported(
     [
         (
             ("position", "velocity"),
-            "the URDF has the command interface elbow/velocity, but servos only take positions: use a",
+            "the URDF has the command interface elbow/velocity, but servos take only positions: use a",
         ),
         (
             ("effort",),
-            "the URDF has the command interface elbow/effort, but servos only take positions: use a",
+            "the URDF has the command interface elbow/effort, but servos take only positions: use a",
         ),
         ((), "elbow has no command interface and is not a mimic joint: add a position command interface"),
     ],
@@ -465,7 +465,7 @@ def test_zero_counts_is_the_middle_of_the_range_by_default(
 
 def test_limits_beyond_the_range_of_the_encoder_are_refused(tmp_path: Path) -> None:
     text = GOOD.replace("sts3215", "scs0009").replace("zero_counts: 2000", "zero_counts: 1000")
-    with pytest.raises(RobotFileError, match="the servo only has 0 to 1023"):
+    with pytest.raises(RobotFileError, match="the servo has only 0 to 1023"):
         joined(tmp_path, ELBOW, FINGER, text=text)
 
 

@@ -197,7 +197,7 @@ def turn_elbow_out(bench: Bench) -> None:
         (corrupt_elbow, "elbow: servo 2 answered with a wrong checksum"),
         (
             turn_elbow_out,
-            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
+            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move the joint by hand, or",
         ),
     ],
 )
@@ -338,7 +338,7 @@ def test_a_servo_reset_while_torque_is_enabled_gets_no_torque(servo_id: int) -> 
 
     bench.port.before_write = dip
     before = bench.measured(servo_id)
-    with pytest.raises(ActivationError, match=rf"\(servo {servo_id}\) holds goal 0, not {before}: check the cable"):
+    with pytest.raises(ActivationError, match=rf"\(servo {servo_id}\) holds goal 0, not {before}. Check the cable"):
         bench.hardware.activate()
     assert bench.torque() == []
     assert bench.measured(servo_id) == before
@@ -371,7 +371,7 @@ def test_a_goal_that_did_not_arrive_is_noticed() -> None:
             bench.servos.faults.restore(2)
 
     bench.port.before_write = lose
-    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) holds goal 0, not 2000: check the cable"):
+    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) holds goal 0, not 2000. Check the cable"):
         bench.hardware.activate()
     assert bench.torque() == []
 
@@ -414,15 +414,15 @@ def write(hardware: ServoHardware) -> None:
 @pytest.mark.parametrize(
     ("before", "call", "expected"),
     [
-        ((), activate, "cannot activate while unconfigured: it must be inactive"),
-        ((), deactivate, "cannot deactivate while unconfigured: it must be active"),
-        ((), read, "cannot read while unconfigured: it must be inactive or active"),
-        ((), write, "cannot write while unconfigured: it must be active"),
-        ((configure,), configure, "cannot configure while inactive: it must be unconfigured"),
-        ((configure,), deactivate, "cannot deactivate while inactive: it must be active"),
-        ((configure,), write, "cannot write while inactive: it must be active"),
-        ((configure, activate), configure, "cannot configure while active: it must be unconfigured"),
-        ((configure, activate), activate, "cannot activate while active: it must be inactive"),
+        ((), activate, "cannot activate while unconfigured: the component must be inactive"),
+        ((), deactivate, "cannot deactivate while unconfigured: the component must be active"),
+        ((), read, "cannot read while unconfigured: the component must be inactive or active"),
+        ((), write, "cannot write while unconfigured: the component must be active"),
+        ((configure,), configure, "cannot configure while inactive: the component must be unconfigured"),
+        ((configure,), deactivate, "cannot deactivate while inactive: the component must be active"),
+        ((configure,), write, "cannot write while inactive: the component must be active"),
+        ((configure, activate), configure, "cannot configure while active: the component must be unconfigured"),
+        ((configure, activate), activate, "cannot activate while active: the component must be inactive"),
         ((configure, activate, deactivate), write, "cannot write while inactive"),
         ((configure, activate, deactivate), deactivate, "cannot deactivate while inactive"),
     ],

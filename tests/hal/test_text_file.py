@@ -63,7 +63,7 @@ def test_a_urdf_in_a_chinese_encoding(tmp_path: Path) -> None:
         (DECLARED.format("klingon", "a").encode(), "arm.urdf, line 1: the encoding klingon is unknown: save"),
         (DECLARED.format("rot13", "a").encode(), "line 1: rot-13 is not a text encoding: save"),
         (DECLARED.format("undefined", "a").encode(), "save the file as UTF-8"),
-        (DECLARED.format("UTF-16", "a").encode(), "the file declares UTF-16 but has another encoding: save"),
+        (DECLARED.format("UTF-16", "a").encode(), "the file declares UTF-16 but has a different encoding: save"),
         (DECLARED.format("ascii", "ä").encode(), "is not text in ASCII (line 2, byte 0xc3)"),
         (codecs.BOM_UTF16_LE + b"<\x00r", "arm.urdf"),
         (b"\x00\xff" * 9, "arm.urdf"),

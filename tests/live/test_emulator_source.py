@@ -53,7 +53,7 @@ def test_source_reconnects_to_a_restarted_emulator(link: Path, world: World) -> 
         feed.tick(0.0, world, 0.0)
         assert source.robot.state.snapshot.joints
     before = source.robot
-    assert not source.up_to_date and source.status == f"{link}: the emulator has ended"
+    assert not source.up_to_date and source.status == f"{link}: the emulator has stopped"
     with WorldFeed(feed_path(link)) as feed:
         assert source.robot is before, "it looks again a second later"
         clock.sleep_until(clock.now() + AGAIN_S)
@@ -65,6 +65,6 @@ def test_source_reconnects_to_a_restarted_emulator(link: Path, world: World) -> 
 
 def test_error_without_emulator_explains_how_to_start_one(link: Path) -> None:
     with pytest.raises(
-        LiveError, match=rf"there is no virtual arm at {link}: start one with `servoloop emulate {link}`"
+        LiveError, match=rf"no virtual arm is running at {link}: start the arm with `servoloop emulate {link}`"
     ):
         EmulatorSource(link, DESCRIPTION, SimulatedClock())

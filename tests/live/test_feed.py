@@ -152,7 +152,7 @@ def test_stacks_are_found_by_arm_and_dead_sockets_are_removed() -> None:
     assert find_stack() == found[0]
     other.feed.close((), failed=False)
     assert not list(live_folder().iterdir())
-    with pytest.raises(LiveError, match="has just ended"):
+    with pytest.raises(LiveError, match="has just stopped"):
         open_live(found[0])
 
 
@@ -161,9 +161,7 @@ def test_arms_with_equal_names_are_distinguished_by_folder(tmp_path: Path) -> No
     for folder in folders:
         folder.mkdir(parents=True)
     rigs = [LiveRig("so101", pid, folder) for pid, folder in enumerate(folders, 1)]
-    with pytest.raises(
-        LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* folder or process number"
-    ):
+    with pytest.raises(LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* folder or process ID"):
         find_stack("so101")
     for pid, folder in enumerate(folders, 1):
         found = find_stack(str(folder))

@@ -23,7 +23,8 @@ def test_source_reconnects_to_a_restarted_stack(monkeypatch: pytest.MonkeyPatch)
         before = source.robot
         rig.feed.close((), failed=False)
         eventually(lambda: not source.connected)
-        assert "has ended" in source.status and not source.up_to_date and source.robot is before, "the last state stays"
+        assert "has stopped" in source.status and not source.up_to_date
+        assert source.robot is before, "the last state stays"
         assert not socket_path("robot_arm", 1).exists()
         again = LiveRig(pid=2)
         eventually(lambda: again.play(0.05) and source.connected)

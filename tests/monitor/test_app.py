@@ -172,9 +172,9 @@ def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path)
             return squeezed(line_of(words(app), "recording:"))
 
         length = f"{playback.length_s:.1f} s"
-        assert status(0.5) == f"recording: run.mcap, 0.5 of {length}, 1 times the speed"
+        assert status(0.5) == f"recording: run.mcap, 0.5 of {length}, 1 times the original speed"
         await pilot.press("plus")
-        assert status(0.5) == f"recording: run.mcap, 1.5 of {length}, 2 times the speed"
+        assert status(0.5) == f"recording: run.mcap, 1.5 of {length}, 2 times the original speed"
         await pilot.press("space")
         assert status(9.0) == f"recording: run.mcap, 1.5 of {length}, paused"
         await pilot.press("right")
@@ -182,7 +182,7 @@ def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path)
         assert app._watched is not None
         assert app._watched.state.snapshot.stamp_s == pytest.approx(rig.samples[0].state.stamp_s + 2.5, abs=0.051)
         await pilot.press("left", "left", "left", "left", "space", "minus", "minus")
-        assert status(1.0) == f"recording: run.mcap, 0.5 of {length}, 0.5 times the speed"
+        assert status(1.0) == f"recording: run.mcap, 0.5 of {length}, 0.5 times the original speed"
         await pilot.press(*["minus"] * 9)
         assert playback.speed == SPEEDS[0]
 
@@ -206,7 +206,7 @@ def test_the_end_of_a_stack_is_reported_and_a_restarted_stack_is_shown_again(
 
             assert says("robot_arm: live") and says("joint6")
             first.feed.close((), failed=False)
-            eventually(lambda: says("robot_arm: the stack has ended. Waiting for it to come back"))
+            eventually(lambda: says("robot_arm: the stack has stopped. Waiting for it to restart"))
             assert says("joint6"), "the last state stays"
             assert app._status.has_class("unwell")
             again = LiveRig(pid=2)

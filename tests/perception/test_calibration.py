@@ -82,7 +82,7 @@ def test_a_single_row_of_corners_is_no_view(rows: int) -> None:
     if rows == 2:
         assert len(DETECTOR.view(picture).pixels) == 16
         return
-    with pytest.raises(CalibrationRefused, match="8 corners of the board, but almost all on one line"):
+    with pytest.raises(CalibrationRefused, match="8 corners of the board, but almost all of them are on one line"):
         DETECTOR.view(picture)
 
 

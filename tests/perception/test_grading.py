@@ -142,7 +142,7 @@ def test_things_that_are_no_apples_are_ignored(grader: Grader) -> None:
     ("picture", "message"),
     [
         (np.zeros((480, 640, 3), np.uint8), "almost black .* remove the lens cap"),
-        (np.full((480, 640, 3), 255, np.uint8), "100 % of the picture is overexposed"),
+        (np.full((480, 640, 3), 255, np.uint8), "100 % of the image is overexposed"),
         (np.full((720, 1280, 3), 90, np.uint8), "calibration is for .480, 640, 3. uint8"),
     ],
 )

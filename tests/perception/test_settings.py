@@ -46,7 +46,7 @@ def test_a_range_includes_its_lower_end(tmp_path: Path, values: tuple[float, flo
         ("[0.03, 1.0]", "[0.03, .nan]", "grades.yaml:4: .* must be a finite number"),
         ("grade: B, ", "", "grades.yaml:3: grades.1.grade: is missing"),
         ("red_ratio: [0.0", "redness: [0.0", "grades.yaml:3: grades.1.redness: is not a known key"),
-        ("[0.1, -0.1, 0.3, 0.1]", "[0.3, -0.1, 0.1, 0.1]", "write the least x and y, then the largest"),
+        ("[0.1, -0.1, 0.3, 0.1]", "[0.3, -0.1, 0.1, 0.1]", "write the smallest x and y, then the largest"),
     ],
 )
 def test_each_mistake_has_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:

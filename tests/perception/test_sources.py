@@ -112,7 +112,7 @@ def test_a_frozen_picture_is_not_passed_on() -> None:
     camera.read(1.0)
     capture.frozen = True
     end_s = time.monotonic() + FROZEN_S + 1.0
-    with pytest.raises(CameraSilent, match="the same picture for 2 s: unplug it"):
+    with pytest.raises(CameraSilent, match="the same image for 2 s: unplug the camera"):
         while time.monotonic() < end_s:
             camera.read(1.0)
     capture.frozen = False
@@ -179,7 +179,7 @@ def test_a_folder_of_pictures_plays_in_order_and_ends(tmp_path: Path) -> None:
     first, second = source.read(1.0), source.read(1.0)
     assert (first.rgb[0, 0, 0], second.rgb[0, 0, 0]) == (10, 20) and second.number == 2
     assert second.stamp_s - first.stamp_s == pytest.approx(0.1, abs=0.05)
-    with pytest.raises(SourceEnded, match="has no more pictures after picture 2"):
+    with pytest.raises(SourceEnded, match="has no more images after image 2"):
         source.read(1.0)
 
 
@@ -201,8 +201,8 @@ def test_a_video_plays_at_its_rate(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("nothing", None, "there is no file or folder"),
-        ("a.png", b"\x89PNG broken", "is not a picture, or is damaged"),
-        ("a.png", b"", "is not a picture, or is damaged"),
+        ("a.png", b"\x89PNG broken", "is not an image, or is damaged"),
+        ("a.png", b"", "is not an image, or is damaged"),
         ("a.mp4", b"no video", "is not a video that OpenCV can read"),
     ],
 )

@@ -140,7 +140,7 @@ def test_cancel_makes_no_further_call(during: int, arrives: bool) -> None:
     ("change", "words"),
     [
         ({"pick": (0.0,) * 6}, r"pick.pose has 6 numbers: give x, y, z and the quaternion x, y, z, w"),
-        ({"pick": (0.0,) * 7}, r"pick.pose: the quaternion has length 0: normalize it"),
+        ({"pick": (0.0,) * 7}, r"pick.pose: the quaternion has length 0 and must be"),
         ({"bins": {"A": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)}}, r"bins.A.pose: the quaternion has length 2"),
         ({"pick": (float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}, r"pick.pose contains a number that is not finite"),
         ({"bins": {"a": PICK}}, "write 'A'"),

@@ -110,7 +110,7 @@ def test_a_scene_of_moveit_in_the_old_format() -> None:
         ("* tetrahedron", "* my table", "x.scene, line 20: two objects are named my table: rename one"),
         ("* tetrahedron", "*", "x.scene, line 20: the object has no name: add a name"),
         ("* tetrahedron", "+ tetrahedron", r"x.scene, line 20: an object begins with \*"),
-        ("\n.\n", "\n", "x.scene, line 37: the file ends where .* is expected: complete it"),
+        ("\n.\n", "\n", "x.scene, line 37: the file ends where .* is expected: complete the file"),
     ],
 )
 def test_mistakes_of_a_scene_of_moveit_have_their_lines(old: str, new: str, words: str) -> None:

@@ -112,7 +112,7 @@ def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
 def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folder: Path) -> None:
     with camera(folder, source="pictures"):
         heard.until(lambda: all(heard.messages.values()), "a message of each topic")
-        report = heard.reported("2 apples in the picture")
+        report = heard.reported("2 apples in the image")
     array = heard.messages["/sorting/perception/apple_quality"][0]
     assert sorted(apple.grade for apple in array.apples) == ["A", "B"]
     poses = heard.messages["/sorting/perception/apple_poses"][0]
@@ -135,10 +135,10 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
     ("parameters", "message"),
     [
         ({"source": "/dev/video99"}, "nothing is graded: there is no camera /dev/video99"),
-        ({}, "no camera is named"),
+        ({}, "no camera is specified"),
         ({"source": "0", "rate_hz": "30"}, "there is no camera /dev/video0"),
-        ({"source": "pictures", "rate_hz": "fast"}, "parameter 'rate_hz' is 'fast': give a number"),
-        ({"source": "true"}, "parameter 'source' is True: give a text"),
+        ({"source": "pictures", "rate_hz": "fast"}, "parameter 'rate_hz' is 'fast': set it to a number"),
+        ({"source": "true"}, "parameter 'source' is True: set it to a text"),
         ({"source": "pictures", "camera_file": "nothing.yaml"}, "cannot read nothing.yaml"),
         ({"source": "pictures", "grades_file": "grades.yaml"}, "grades A (line 2) and B overlap"),
         ({"source": "pictures", "detector": "onnx", "model_file": "grades.yaml"}, "parameter 'classes_file' is empty"),
@@ -146,7 +146,7 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
             {"source": "pictures", "detector": "onnx", "model_file": "grades.yaml", "classes_file": "classes.yaml"},
             "grades.yaml is not an ONNX model that can run",
         ),
-        ({"source": "black"}, "the picture is almost black"),
+        ({"source": "black"}, "the image is almost black"),
     ],
 )
 def test_bad_input_is_reported_and_nothing_is_graded(

@@ -27,4 +27,4 @@ def test_every_cube_is_in_its_bin_without_other_contacts(arm: str, ros_domain: i
 def test_arm_without_poses_is_refused(ros_domain: int, tmp_path: Path) -> None:
     ran = servoloop("demo", "--poses", "--arm", "koch", "--out", str(tmp_path))
     assert ran.returncode == 1
-    assert "koch/pick_place_poses.yaml is missing: create it from config/pick_place_poses.yaml" in ran.stderr
+    assert "koch/pick_place_poses.yaml: create this file from config/pick_place_poses.yaml" in ran.stderr

@@ -92,7 +92,7 @@ def test_urdf_without_hardware_is_refused(ros_domain: int, tmp_path: Path) -> No
     urdf = write_urdf(tmp_path)
     urdf.write_text(re.sub("<ros2_control.*</ros2_control>", "", urdf.read_text(), flags=re.DOTALL))
     (line,) = refusal(tmp_path, "--urdf", str(urdf)).splitlines()
-    assert line.startswith(f"servoloop: {urdf}: the URDF has no <ros2_control> block: add one")
+    assert line.startswith(f"servoloop: {urdf}: the URDF has no <ros2_control> block: add a block")
 
 
 @pytest.mark.row("cm-no-hang")

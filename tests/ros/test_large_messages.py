@@ -17,7 +17,7 @@ from tests.ros.stack_process import JOINTS, PATIENCE_S, READY, StackProcess
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 LIMIT = "max_message_size"
-REASON = "it is larger than 2 MB: send smaller messages, or raise max_message_size of /controller_manager"
+REASON = "it is larger than 2 MB. Send smaller messages, or raise max_message_size of /controller_manager"
 
 
 def trajectory(points: int) -> JointTrajectory:

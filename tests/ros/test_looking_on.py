@@ -52,7 +52,7 @@ def test_running_stack_is_monitored_and_recorded_until_its_end(
         ask(control_path(link), {"do": "fault", "text": "silent id=3"})
         terminal.wait_for("servo 3 does not answer")
         assert stack.end() == 0
-        terminal.wait_for("the stack has ended. Waiting for it to come back")
+        terminal.wait_for("the stack has stopped. Waiting for it to restart")
         terminal.process.send_signal(signal.SIGTERM)
         assert terminal.process.wait(30.0) == 0 and terminal.restored
         said, _ = recorder.communicate(timeout=30.0)

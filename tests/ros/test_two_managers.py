@@ -17,7 +17,7 @@ from tests.ros.stack_process import StackProcess, running, until
 pytestmark = pytest.mark.slow
 
 MOCK = ("--hardware", "mock")
-REMEDY = "end the other stack, or choose another --namespace or another ROS_DOMAIN_ID"
+REMEDY = "stop the other stack, or choose another --namespace or another ROS_DOMAIN_ID"
 
 
 @contextmanager

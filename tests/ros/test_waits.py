@@ -51,9 +51,8 @@ def test_pick_ends_when_its_node_is_killed(cell: Cell, pick: StackProcess, numbe
     begin_s = time.monotonic()
     assert pick.process.wait(60.0) == 1
     assert time.monotonic() - begin_s < 5.0
-    assert (
-        "failed: /sorting/arm/pick_place disappeared: the node has ended; check its log. The arm finishes" in pick.words
-    )
+    text = "failed: /sorting/arm/pick_place disappeared: the node has exited. Check its log. The arm finishes"
+    assert text in pick.words
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

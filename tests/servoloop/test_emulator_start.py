@@ -21,7 +21,7 @@ def test_an_emulator_that_never_serves_is_ended_with_the_remedy(monkeypatch: pyt
     monkeypatch.setattr(emulator_process, "START_S", 0.1)
     monkeypatch.setattr(subprocess, "Popen", lambda command, **options: sleeping)
     with (
-        pytest.raises(DriverError, match=r"not ready within 0\.1 s: end other programs .*, and start again"),
+        pytest.raises(DriverError, match=r"not ready within 0\.1 s: stop other programs .*, then start"),
         virtual_servos(read_arm_files(find_arm("so101"))),
     ):
         pass

@@ -212,7 +212,7 @@ def test_the_limits_are_checked_for_every_kind_of_hardware(
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        ("{inactive: [foot]}", "names foot, but the URDF has arm, hand"),
+        ("{inactive: [foot]}", "lists foot, but the URDF has arm, hand"),
         ("{asleep: [arm]}", "must contain the lists unconfigured and inactive, not asleep"),
         ("{inactive: arm}", "must contain the lists unconfigured and inactive, not inactive"),
     ],

@@ -42,4 +42,4 @@ def test_a_scene_that_is_not_mjcf_is_reported(
     arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     (arm / "scene.xml").write_text("<mujoco><world/></mujoco>")
-    assert f"{arm / 'scene.xml'}: MuJoCo cannot read it" in complaint(capsys, monkeypatch, *words(command, arm))
+    assert f"{arm / 'scene.xml'}: MuJoCo cannot read the scene" in complaint(capsys, monkeypatch, *words(command, arm))

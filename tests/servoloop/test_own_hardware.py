@@ -113,4 +113,4 @@ def test_user_hardware_is_refused_in_simulated_time(
 ) -> None:
     urdf, controllers = map(str, files)
     words = complaint(capsys, monkeypatch, "up", "--rtf", "2", "--urdf", urdf, "--controllers", controllers)
-    assert "factory/Belt may not support simulated time: omit --rtf and --step, or choose a --hardware" in words
+    assert "factory/Belt may not support simulated time: omit --rtf and --step, or set --hardware" in words

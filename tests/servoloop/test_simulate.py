@@ -135,4 +135,4 @@ def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.Mo
 def test_a_grade_that_the_arm_does_not_have_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, job: str
 ) -> None:
-    assert "--job must be grades from A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)
+    assert "--job must list grades from A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)

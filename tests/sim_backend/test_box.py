@@ -78,5 +78,5 @@ def test_servos_are_connected_and_disconnected_by_command() -> None:
     assert line.answers() == "silent"
     plugged(line.box, joints, hand, {"do": "hold", "joints": []})
     assert seen[-1] == {"do": "hold", "joints": []}
-    with pytest.raises(ValueError, match="no servo of z: it has a, b, c"):
+    with pytest.raises(ValueError, match="no servo for z: its joints are a, b, c"):
         plugged(line.box, joints, hand, {"do": "connect", "joints": ["z"]})

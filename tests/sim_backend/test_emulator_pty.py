@@ -129,7 +129,7 @@ def test_a_client_that_hangs_up_does_not_end_the_emulator(client: Client) -> Non
 
 
 def test_a_second_emulator_is_refused_with_a_reason(link: Path) -> None:
-    with pytest.raises(PortBusy, match="end that emulator"):
+    with pytest.raises(PortBusy, match="stop that emulator"):
         serve(VirtualBus.of(BenchPlant(IDS)), link, stop=lambda: True)
 
 

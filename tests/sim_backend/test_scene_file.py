@@ -33,7 +33,7 @@ def edited(folder: Path, old: str, new: str) -> Path:
         ("<worldbody>", '<worldbody><replicate count="2000000"><geom size="1"/></replicate>', "more than 10000 copies"),
         ("<worldbody>", "<worldbody", "is not well-formed XML: not well-formed (invalid token): line "),
         ("<worldbody>", "<worldbody><!-- " + "x" * 2_000_000 + " -->", "scene.xml is larger than 2 MB: shorten it"),
-        ("<worldbody>", '<worldbody><geom size="x"/>', "scene.xml: MuJoCo cannot read it: "),
+        ("<worldbody>", '<worldbody><geom size="x"/>', "scene.xml: MuJoCo cannot read the scene: "),
     ],
 )
 def test_an_invalid_scene_is_refused_by_every_reader(tmp_path: Path, old: str, new: str, says: str) -> None:
@@ -125,13 +125,13 @@ def test_a_pipe_that_a_scene_includes_is_refused(tmp_path: Path) -> None:
 
 def test_impossible_file_names_are_reported_by_mujoco(tmp_path: Path) -> None:
     path = scene_with(tmp_path, f'<include file="{"x" * 1000}"/>')
-    with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
+    with pytest.raises(ArmFileError, match="MuJoCo cannot read the scene"):
         scene_model(path)
 
 
 def test_scenes_that_include_each_other_end(tmp_path: Path) -> None:
     path = scene_with(tmp_path, '<include file="scene.xml"/>')
-    with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
+    with pytest.raises(ArmFileError, match="MuJoCo cannot read the scene"):
         scene_model(path)
 
 

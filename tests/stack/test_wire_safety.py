@@ -262,9 +262,11 @@ def test_corrupt_replies_during_start_leave_the_arm_holding_or_off(servo_id: int
     assert monitor.broken == []
 
 
-@pytest.mark.parametrize(("late_s", "found"), [(0.01, False), (0.05, True)])
-def test_torque_enabled_long_after_the_measurement_is_detected(late_s: float, found: bool) -> None:
-    """A servo horn may slip at any moment, which no stack can detect."""
+@pytest.mark.parametrize(("late_s", "missed", "found"), [(0.01, False, False), (0.01, True, True), (0.05, False, True)])
+def test_torque_enabled_long_after_the_measurement_or_without_the_goal_is_detected(
+    late_s: float, missed: bool, found: bool
+) -> None:
+    """A servo horn may slip at any moment, which no stack can detect. A servo may have missed its goal."""
     rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     servo = rig.bus.servo(1)
@@ -274,6 +276,8 @@ def test_torque_enabled_long_after_the_measurement_is_detected(late_s: float, fo
         monitor.see(bytes(v1.packet(1, WRITE, content)))
 
     told(sts.goal_position, round(servo.firmware.position))
+    if not missed:
+        servo.memory.put(sts.goal_position, round(servo.firmware.position))
     rig.bus.rig.plant.slip(0, 0.1)
     rig.bus.advance(rig.clock.now() + late_s)
     told(sts.torque_enable, 1)

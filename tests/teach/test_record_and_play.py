@@ -131,7 +131,7 @@ def test_silent_servo_is_named_and_the_path_continues() -> None:
     lesson.recording.stop()
     taught, warnings = lesson.kept[0]
     (warning,) = warnings
-    assert re.fullmatch(r"elbow_flex not measured for 0\.\d s: the path is a straight line in this gap", warning)
+    assert re.fullmatch(r"no measurement of elbow_flex for 0\.\d s: the path is a straight line in this gap", warning)
     assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
 
 

@@ -106,7 +106,7 @@ def test_another_version_is_refused(motions: MotionStore) -> None:
 @pytest.mark.parametrize("head", ["version: 1\n", "", "version: 2\n"])
 def test_joints_in_a_mapping_are_refused(motions: MotionStore, head: str) -> None:
     motions.path("wave").write_text(f"{head}joints: {{wrist: rad, arm: rad}}\npoints: [{{positions: [0.0, 1.0]}}]\n")
-    with pytest.raises(TeachError, match=r"wave.yaml.*another program may have changed the order.*record the motion"):
+    with pytest.raises(TeachError, match=r"wave.yaml.*Another program may have changed the order.*record the motion"):
         motions.get("wave")
 
 

@@ -158,7 +158,7 @@ def test_only_controllers_with_goals_accept_goals_and_cancel_their_own(virtual_a
         arm.send_goal({"joint1": 0.0}, controller="drift")
     with pytest.raises(ArmTestError, match="drift refuses the goal: it goes up only"):
         arm.send_goal({"hand_right_joint": -0.1}, controller="drift")
-    with pytest.raises(ArmTestError, match=r"the goal is unknown: pass the handle"):
+    with pytest.raises(ArmTestError, match=r"the goal to cancel is unknown: pass the handle"):
         arm.cancel(GoalHandle(TrajectoryGoal((), ())))
 
 
@@ -166,10 +166,10 @@ def test_invariant_that_examined_nothing_is_reported_with_its_condition() -> Non
     arm = VirtualArm({}, also=(Never,), examined=("cancels are followed", "safe commands", "never"))
     arm.up()
     assert arm.end().splitlines()[-2:] == [
-        "cancels are followed: the condition of this invariant never occurred: make it occur in the test, or remove "
+        "cancels are followed: the condition of this invariant never occurred. Make the condition occur, or remove "
         "the name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, with the "
         "joints at rest, unless it has already ended.",
-        "never: the condition of this invariant never occurred: make it occur in the test, or remove the name from "
+        "never: the condition of this invariant never occurred. Make the condition occur, or remove the name from "
         "`examined`. Your own invariants must count their examinations in `self.examined`.",
     ]
 
@@ -194,7 +194,7 @@ def test_errors_explain_the_correction(virtual_arm: VirtualArm) -> None:
         VirtualArm({}, without=("safe wires",))
     with pytest.raises(ArmTestError, match="there is no invariant 'never': choose from safe wire"):
         VirtualArm({}, examined=("never",))
-    with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: remove it from one"):
+    with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: remove the name from one"):
         VirtualArm({}, without=("safe wire",), examined=("safe wire",))
 
 

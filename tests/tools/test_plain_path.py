@@ -88,5 +88,5 @@ def test_a_python_that_replaces_an_unusable_python_is_named(tmp_path: Path) -> N
     command = ["sh", str(checkout / "tools" / "setup.sh")]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 0, done.stderr
-    assert f"{programs / 'python3.13'} is used, because others cannot be used:" in done.stdout
+    assert f"{programs / 'python3.13'} is used, because other versions cannot be used:" in done.stdout
     assert "python3: is version 3.10" in done.stdout and "set-up runs" in done.stdout

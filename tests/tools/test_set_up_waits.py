@@ -79,8 +79,8 @@ def test_the_wait_for_another_set_up_is_limited(other: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-B", "-c", program, str(other)], cwd=TOOLS, capture_output=True, text=True, timeout=60
     )
-    assert done.stdout == "Another make setup is running in this checkout; waiting until it ends.\n"
-    assert done.stderr.endswith("SetUpError: the other make setup has not ended within 0 minutes: end it first.\n")
+    assert done.stdout == "Another make setup is running in this checkout; waiting until it finishes.\n"
+    assert done.stderr.endswith("SetUpError: the other make setup did not finish within 0 minutes: stop it first.\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -24,5 +24,5 @@ def test_robots_come_up_or_are_refused_with_the_message(tmp_path: Path) -> None:
     tool = [sys.executable, str(ROOT / "tools" / "try_robots.py"), str(tmp_path)]
     done = subprocess.run(tool, capture_output=True, text=True, timeout=100)
     bad, good = done.stdout.splitlines()
-    assert good == "good: comes up" and bad.startswith("bad: ") and "joint3" in bad
+    assert good == "good: starts" and bad.startswith("bad: ") and "joint3" in bad
     assert done.returncode == 0 and "1 of 2 started" in done.stderr

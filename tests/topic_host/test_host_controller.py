@@ -90,7 +90,7 @@ def test_silence_on_the_way_stops_the_arm(caplog: pytest.LogCaptureFixture) -> N
     assert rig.controller.phase is HostPhase.HOLDING and not moving(rig, 5)
     assert rig.path[-1, PLACE] < far[JOINT] - 0.3
     assert "no command for 0.2 s while shoulder_pan was" in caplog.text
-    assert caplog.text.count("brakes and holds until the next command") == 1
+    assert caplog.text.count("brakes and holds its position until the next command") == 1
     rig.check_motion()
 
 

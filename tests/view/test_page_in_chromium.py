@@ -40,7 +40,7 @@ def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path,
         check_motion(shown)
         check_fault(shown, link)
         stack.end()
-        shown.wait_for_text("the stack has ended. Waiting for it to come back")
+        shown.wait_for_text("the stack has stopped. Waiting for it to restart")
         with emulating(tmp_path / "again"), running(tmp_path / "again", "--port", str(tmp_path / "again" / "bus")):
             shown.wait_for_text("robot_arm: live")
             until(lambda: "does not answer" not in shown.page.inner_text("body"))

@@ -56,7 +56,7 @@ def test_the_report_has_errors_and_delays(tmp_path: Path) -> None:
     words = io.StringIO()
     whole = report(apple(1, "A", "A", 0.1), apple(2, "A", "A", 0.3), SortedApple(3, TRUTH, "A", None, None))
     print_sorting(whole, Console(file=words, width=120))
-    assert "apples in the right bins: 2 of 3; picture to goal: 200 ms (median); missed cycles: 0" in words.getvalue()
+    assert "apples in the right bins: 2 of 3; image to goal: 200 ms (median); missed cycles: 0" in words.getvalue()
     assert "+0.6" in words.getvalue() and "-0.05" in words.getvalue()
     write_sorting(whole, tmp_path / "result.json")
     content = json.loads((tmp_path / "result.json").read_text())

@@ -68,7 +68,7 @@ def _alarms(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
 def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """Return the command that clears an alarm.
 
-    A Feetech servo clears most alarms when their cause is gone, but clears an overload only when its torque is
+    A Feetech servo clears most alarms when their cause has disappeared, but clears an overload only when its torque is
     disabled. A Dynamixel needs a reboot.
     """
     if series_of(servo.joint.model).make == "dynamixel":

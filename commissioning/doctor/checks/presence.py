@@ -121,7 +121,7 @@ def _mute(servo: ServoSnapshot) -> tuple[str, str | None]:
     if series.make == "feetech":
         return (
             "The servo answers pings but not reads of its state. Switch its supply off and on. If this does not help, "
-            f"check that it is an {model.name} as in the robot file, and replace it if it is"
+            f"check that it is an {model.name} as in the robot file. If it is, replace the servo"
         ), None
     named = f"The servo answers pings but not reads, as with a {level.name} (register {level.address}) of 0"
     also = "" if level.persistent else ", or switch its supply off and on, because this register is in RAM"

@@ -18,7 +18,7 @@ from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wa
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
 SLOW_COUNTS_S2: Final = 20
-"""Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: a fifth of the acceleration of the goals."""
+"""Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: a fifth of the goals' acceleration."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
 """Maximum return delay without a finding, in units of 2 us. The factory value of a Dynamixel, 250, costs half a
 millisecond per servo and cycle.
@@ -76,7 +76,7 @@ def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     try:
         check_reach(servo.joint, (low, high))
     except ServoRefused as error:
-        symptom = "the joint stops before the end of its range, or ignores goals there"
+        symptom = "the joint stops before the end of its range, or ignores goals near the end"
         yield finding("limits_too_narrow", place, symptom, f"The servo {error.text}")
 
 

@@ -10,7 +10,7 @@ from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
-"""Fraction of the rated voltage. A supply sags if its voltage drops by more than this and by more than ``SAG_V``."""
+"""Minimum voltage drop of a sagging supply, as a fraction of the rated voltage. The drop must also exceed ``SAG_V``."""
 DROP_V: Final = 0.8
 """Maximum difference between two servos of one bus at rest. A larger difference shows a cable or plug with high
 resistance.

@@ -24,8 +24,8 @@ class ServoloopRobotConfig(RobotConfig):
     """Whether the values of joints are in degrees instead of -100 to 100. The value of the gripper is from 0 (closed)
     to 100 (open)."""
     max_relative_target: float | dict[str, float] | None = None
-    """Maximum difference between an action and the measured position, for all joints or by joint."""
+    """Maximum difference between an action and the measured position, for all joints or keyed by joint name."""
     max_age_s: float = 1.0
     """Time without actions after which the arm holds its position, in seconds."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    """Cameras, as for every robot of LeRobot."""
+    """Cameras, as for every LeRobot robot."""

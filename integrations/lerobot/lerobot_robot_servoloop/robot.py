@@ -1,4 +1,4 @@
-"""Robot of LeRobot whose arm a running servoloop stack moves."""
+"""LeRobot robot whose arm a running servoloop stack moves."""
 
 from functools import cached_property
 from typing import Any
@@ -18,8 +18,7 @@ Features = dict[str, Any]
 class ServoloopRobot(Robot):
     """Arm of a running ``servoloop up``, with LeRobot's cameras.
 
-    The features are named as in LeRobot's SO-101, such as ``shoulder_pan.pos``. The calibration of the arm is done by
-    servoloop.
+    The features are named as in LeRobot's SO-101, such as ``shoulder_pan.pos``. servoloop calibrates the arm.
     """
 
     config_class = ServoloopRobotConfig
@@ -85,11 +84,11 @@ class ServoloopRobot(Robot):
         """Do nothing, because ``servoloop calibrate`` calibrates the arm."""
 
     def configure(self) -> None:
-        """Do nothing, because the robot file of servoloop contains the settings of the servos."""
+        """Do nothing, because servoloop's robot file contains the settings of the servos."""
 
     @check_if_not_connected
     def get_observation(self) -> dict[str, Any]:
-        """Return the measured positions and the newest images.
+        """Return the measured positions and the latest images.
 
         Raises:
             DeviceNotConnectedError: The connection is lost.
@@ -110,7 +109,7 @@ class ServoloopRobot(Robot):
 
         Raises:
             DeviceNotConnectedError: The connection is lost.
-            StackError: A joint or a value is invalid, or another client has taken the motion.
+            StackError: A joint or a value is invalid, or another client has taken control of the motion.
         """
         values = {key.removesuffix(".pos"): float(value) for key, value in action.items() if key.endswith(".pos")}
         if self.config.max_relative_target is not None:

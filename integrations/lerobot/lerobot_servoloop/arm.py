@@ -12,7 +12,7 @@ from lerobot_servoloop.units import joint_scales
 LOG = logging.getLogger(__name__)
 
 SO_JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-"""Names of the joints of the SO-100 and the SO-101."""
+"""Joint names of the SO-100 and the SO-101."""
 MAX_MEASUREMENT_AGE_S: Final = 1.0
 """Maximum age of a measurement, in seconds."""
 TORQUE_S: Final = 90.0
@@ -76,7 +76,7 @@ class ConnectedArm:
         self._stack.request("stream", max_age_s=max_age_s)
 
     def release_torque(self) -> None:
-        """Move to the park pose of the arm, if it has one, and release the torque of all servos."""
+        """Move to the arm's park pose, if the arm has one, and release the torque of all servos."""
         self._stack.request("take")
         self._stack.request("torque", TORQUE_S, on=False)
         self._stack.request("release")
@@ -86,7 +86,7 @@ class ConnectedArm:
         logged."""
         state = self._stack.request("state")
         if state["age_s"] > MAX_MEASUREMENT_AGE_S:
-            text = f"the newest measurement of {self.label} is {state['age_s']:.1f} s old: check the log of its stack"
+            text = f"the latest measurement of {self.label} is {state['age_s']:.1f} s old: check the log of its stack"
             raise StackError("timeout", text)
         for joint, fault in state["faults"].items():
             if self._faults.get(joint) != fault:
@@ -98,8 +98,8 @@ class ConnectedArm:
         return {joint: scale.value(positions[joint]) for joint, scale in self._scales.items()}
 
     def send(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Send targets by joint, in LeRobot's units, and return the values that were sent, clipped to the limits of the
-        joints."""
+        """Send targets in LeRobot's units, keyed by joint name. Return the sent values, which are clipped to the limits
+        of the joints."""
         targets = {joint: self._target(joint, value) for joint, value in values.items()}
         try:
             self._stack.send_targets(targets)

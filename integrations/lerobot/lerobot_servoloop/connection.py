@@ -10,7 +10,7 @@ from time import monotonic
 from typing import Any, Final
 
 VERSION: Final = 1
-"""Version of the protocol of the command socket."""
+"""Version of the command socket's protocol."""
 TIMEOUT_S: Final = 5.0
 """Default time to wait for a reply, in seconds."""
 SUFFIX: Final = ".command"
@@ -37,7 +37,7 @@ class StackConnection:
             name: Name of this program, for messages to other clients.
 
         Raises:
-            StackError: The stack has ended (kind ``ended``), or does not accept this client.
+            StackError: The stack has stopped (kind ``ended``), or does not accept this client.
         """
         self.pid = path.stem.rpartition("-")[2]
         """Process ID of the stack."""
@@ -47,7 +47,7 @@ class StackConnection:
         self.namespace = f"/{owner.replace('.', '/')}" if separator else ""
         """ROS namespace of the stack, such as ``/left``; empty for the root namespace."""
         self.lost = ""
-        """Reason why this client has lost the motion; empty if it has not lost the motion."""
+        """Reason why this client has lost control of the motion; empty if it has not."""
         self._number = 0
         self._socket = socket.socket(socket.AF_UNIX)
         self._lines = self._socket.makefile("rb")
@@ -63,7 +63,7 @@ class StackConnection:
             raise StackError("ended", f"the socket {path} cannot be opened: {error.strerror or error}") from error
         self.arm = str(hello["arm"])
         self.folder: str | None = hello["folder"]
-        """Folder of the arm, if it has one."""
+        """Folder of the arm, if the arm has one."""
 
     @property
     def label(self) -> str:
@@ -80,7 +80,7 @@ class StackConnection:
             **fields: Other fields of the message.
 
         Raises:
-            StackError: The stack refuses the message, does not reply, or has ended.
+            StackError: The stack refuses the message, does not reply, or has stopped.
         """
         self._number += 1
         message = {"v": VERSION, "id": self._number, "op": op, **fields}

@@ -1,4 +1,4 @@
-"""Report errors of a stack as errors of LeRobot."""
+"""Report errors of a stack as LeRobot's errors."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

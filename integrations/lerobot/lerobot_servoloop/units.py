@@ -1,4 +1,4 @@
-"""Convert between positions of servoloop, in rad or m, and values of LeRobot."""
+"""Convert between servoloop's positions, in rad or m, and LeRobot's values."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Teleoperator of LeRobot that reads a leader arm from a running servoloop stack."""
+"""LeRobot teleoperator that reads a leader arm from a running servoloop stack."""
 
 from functools import cached_property
 from typing import Any
@@ -46,7 +46,7 @@ class ServoloopTeleoperator(Teleoperator):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Connect to the stack and release the torque of the leader, unless the options say otherwise.
+        """Connect to the stack and release the leader's torque, unless the options specify otherwise.
 
         Args:
             calibrate: Ignored, because servoloop stores the calibration of the arm.
@@ -69,7 +69,7 @@ class ServoloopTeleoperator(Teleoperator):
         """Do nothing, because ``servoloop calibrate`` calibrates the arm."""
 
     def configure(self) -> None:
-        """Do nothing, because the robot file of servoloop contains the settings of the servos."""
+        """Do nothing, because servoloop's robot file contains the settings of the servos."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class ServoloopTeleoperator(Teleoperator):
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Raise NotImplementedError, because the leader does not accept feedback."""
-        raise NotImplementedError("a leader of servoloop does not accept feedback")
+        raise NotImplementedError("a servoloop leader does not accept feedback")
 
     @check_if_not_connected
     def disconnect(self) -> None:

@@ -25,7 +25,7 @@ RESPONSE_S: Final = 5.0
 EXECUTION_MARGIN_S: Final = 15.0
 """Maximum time for an execution, in addition to twice the duration of the trajectory, in seconds."""
 GONE_S: Final = 2.0
-"""Time for which the server must be missing before a wait for its result is given up, in seconds."""
+"""Minimum time the server must be missing before the client stops waiting for its result, in seconds."""
 POLL_S: Final = 0.05
 EXECUTE_ACTION: Final = "execute_trajectory"
 
@@ -117,7 +117,7 @@ class MoveGroupClient:
         while not is_ready():
             if time.monotonic() > end_s:
                 raise RuntimeError(
-                    f"no node provides {name}: start `servoloop up --plan`, or `servoloop plan-server` beside a stack"
+                    f"no node provides {name}: start `servoloop up --plan`, or `servoloop plan-server` next to a stack"
                 )
             time.sleep(POLL_S)
 
@@ -125,7 +125,7 @@ class MoveGroupClient:
         """Execute a trajectory, wait for its end, and return its result. An exception cancels the execution.
 
         Raises:
-            RuntimeError: No node executes trajectories, or there is no result in time.
+            RuntimeError: No node executes trajectories, or no result arrives in time.
         """
         action = self.node.resolve_service_name(EXECUTE_ACTION)
         self._wait_for(self._executions.server_is_ready, action)
@@ -154,7 +154,7 @@ class MoveGroupClient:
             now_s = time.monotonic()
             seen_s = now_s if self._executions.server_is_ready() else seen_s
             if now_s > end_s:
-                raise RuntimeError(f"the execution has not ended within {timeout_s:.0f} s; it is canceled")
+                raise RuntimeError(f"the execution did not finish within {timeout_s:.0f} s and is canceled")
             if now_s - seen_s > GONE_S:
                 raise RuntimeError("move_group disappeared during the execution: check its log")
 

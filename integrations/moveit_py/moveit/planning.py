@@ -31,8 +31,8 @@ class MoveItPy:
         """Connect to move_group.
 
         Args:
-            node_name: Name of the node of this client.
-            launch_params_filepath: Ignored, because the parameters of the planner belong to move_group.
+            node_name: Name of this client's node.
+            launch_params_filepath: Ignored, because the planner's parameters belong to move_group.
             config_dict: Parameters, of which only the ``plan_request_params`` are used.
             provide_planning_service: Ignored, because move_group provides the planning scene.
 
@@ -68,7 +68,7 @@ class MoveItPy:
             controllers: Names of controllers. If empty, move_group selects them.
 
         Raises:
-            RuntimeError: No node executes trajectories, or there is no result in time.
+            RuntimeError: No node executes trajectories, or no result arrives in time.
         """
         if not len(robot_trajectory):
             code = MoveItErrorCodes(val=MoveItErrorCodes.INVALID_MOTION_PLAN, message="the trajectory has no points")
@@ -80,7 +80,7 @@ class MoveItPy:
         return ExecutionStatus(code)
 
     def shutdown(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._client.shutdown()
 
 
@@ -121,8 +121,8 @@ class PlanningComponent:
         return list(self._group.states)
 
     def get_named_target_state_values(self, name: str) -> dict[str, float]:
-        """Return the positions of a named state by joint, in rad or m. The mapping is empty if the state does not
-        exist."""
+        """Return the positions of a named state (rad or m), keyed by joint name. The result is empty if the state does
+        not exist."""
         return dict(self._group.states.get(name, {}))
 
     def set_start_state_to_current_state(self) -> None:
@@ -130,7 +130,7 @@ class PlanningComponent:
         self._start = None
 
     def set_start_state(self, configuration_name: str | None = None, robot_state: RobotState | None = None) -> bool:
-        """Start the next plan at a named state or at a state. Returns whether the state exists."""
+        """Start the next plan at a named state or at a given state. Return whether the state exists."""
         _require_one("start state", configuration_name=configuration_name, robot_state=robot_state)
         if robot_state is None:
             robot_state = self.get_start_state()
@@ -156,8 +156,8 @@ class PlanningComponent:
         """Set the goal of the next plan, and return whether the goal exists.
 
         Args:
-            configuration_name: Name of a state of the group.
-            robot_state: State whose positions of the group are the goal.
+            configuration_name: Name of one of the group's states.
+            robot_state: State in which the group's positions are the goal.
             pose_stamped_msg: Pose of the link ``pose_link``.
             pose_link: Link that moves to the pose.
             motion_plan_constraints: Alternative goals.
@@ -187,7 +187,7 @@ class PlanningComponent:
         return True
 
     def set_path_constraints(self, path_constraints: Constraints) -> bool:
-        """Set the constraints that hold during the whole motion."""
+        """Set the constraints that apply during the whole motion."""
         self._path_constraints = path_constraints
         return True
 

@@ -42,13 +42,15 @@ def send_goal(
         client = ActionClient(found.node, cls, name)
         print("Waiting for an action server to become available...", flush=True)
         if not found.spin_until(client.server_is_ready, SERVER_S):
-            raise Ros2Error(f"no program offers the action {name}: start it, or check the name with ros2 action list")
+            raise Ros2Error(
+                f"no program offers the action {name}: start the program, or check the name with ros2 action list"
+            )
         message = cls.Goal()
         fill(message, fields, found.node.get_clock().now().to_msg())
         print(f"Sending goal:\n{indent(as_yaml(message), INDENT)}", flush=True)
         handle = found.result(client.send_goal_async(message, _print_feedback if feedback else None), name)
         if not handle.accepted:
-            raise Ros2Error("the goal was rejected: the log of the program with the action has the reason")
+            raise Ros2Error("the goal was rejected: the log of the action's program contains the reason")
         print(f"Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n", flush=True)
         try:
             answer = found.result(handle.get_result_async(), name, None)

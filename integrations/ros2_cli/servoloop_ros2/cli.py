@@ -34,5 +34,5 @@ def main() -> None:
     except (Ros2Error, DriverError, RosError) as error:
         print(f"ros2: {error}", file=sys.stderr)
         raise SystemExit(1) from None
-    except BrokenPipeError:  # The reader of the output, such as head, has ended.
+    except BrokenPipeError:  # The reader of the output, such as head, has exited.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -20,7 +20,7 @@ SWITCH_S: Final = 5
 
 
 def _ask(found: RosSession, manager: str, name: str, request: Any = None) -> Any:
-    """Call a service of the manager. ``name`` is the name of its type, without a request its default request."""
+    """Call a service of the manager. ``name`` is the service type. If ``request`` is None, send the default request."""
     kind = getattr(srv, name)
     snake = "".join(f"_{one.lower()}" if one.isupper() else one for one in name).lstrip("_")
     return found.call(kind, f"/{manager.lstrip('/')}/{snake}", request or kind.Request())
@@ -114,8 +114,8 @@ def set_controller_state(
 
 @app.command("switch_controllers")
 def switch_controllers(
-    activate: Annotated[list[str] | None, typer.Option(help="Controller to activate; repeat for several.")] = None,
-    deactivate: Annotated[list[str] | None, typer.Option(help="Controller to deactivate; repeat for several.")] = None,
+    activate: Annotated[list[str] | None, typer.Option(help="Controller to activate. Can be repeated.")] = None,
+    deactivate: Annotated[list[str] | None, typer.Option(help="Controller to deactivate. Can be repeated.")] = None,
     manager: Manager = MANAGER,
 ) -> None:
     """Activate and deactivate controllers in one step."""

@@ -21,4 +21,4 @@ def list_nodes() -> None:
 
 @app.callback()
 def _group() -> None:
-    """Keep ``list`` a command of its own, because typer merges a single command with its group."""
+    """Keep ``list`` as a separate command, because typer merges a single command with its group."""

@@ -1,4 +1,4 @@
-"""A node for the time of one command, and waits with an end."""
+"""Provide a node for the duration of one command, and wait with timeouts."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -14,12 +14,12 @@ from nodes.ros_process import spin_until_done
 from servoloop_ros2.errors import Ros2Error
 
 DISCOVERY_S: Final = 1.2
-"""Time in which the other programs are found before a list is printed, in seconds."""
+"""Time to discover other programs before a list is printed, in seconds."""
 SERVER_S: Final = 10.0
 """Maximum time to wait for a server and for its answer, in seconds."""
 TURN_S: Final = 0.05
 HIDDEN: Final = "/_"
-"""Part of the names of an action's topics and services, which are not listed."""
+"""Part of the names of actions' topics and services. Such names are not listed."""
 
 
 class RosSession:
@@ -44,14 +44,16 @@ class RosSession:
     def result(self, future: Future, what: str, timeout_s: float | None = SERVER_S) -> Any:
         """Wait for the result of a future. Raises Ros2Error after the timeout."""
         if not spin_until_done(self._executor, future, timeout_s):
-            raise Ros2Error(f"{what} has not answered within {timeout_s:g} s: check whether its program still runs")
+            raise Ros2Error(f"{what} did not respond within {timeout_s:g} s: check whether its program still runs")
         return future.result()
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service and return its response. Raises Ros2Error if no program serves it."""
         client = self.node.create_client(kind, name)
         if not self.spin_until(client.service_is_ready, SERVER_S):
-            raise Ros2Error(f"no program offers the service {name}: start it, or check the name with ros2 service list")
+            raise Ros2Error(
+                f"no program offers the service {name}: start the program, or check the name with ros2 service list"
+            )
         return self.result(client.call_async(request), name)
 
     def names(self, listed: Callable[[], list[tuple[str, list[str]]]]) -> Mapping[str, list[str]]:
@@ -62,13 +64,13 @@ class RosSession:
 
 @contextmanager
 def session() -> Iterator[RosSession]:
-    """Provide a session until the end of the block."""
+    """Provide a session within the block."""
     with client_node("ros2_command") as (node, executor):
         yield RosSession(node, executor)
 
 
 def print_names(names: Mapping[str, list[str]], show_types: bool) -> None:
-    """Print names that are not hidden, and their types on request."""
+    """Print names that are not hidden, with their types if ``show_types`` is True."""
     for name, types in names.items():
         if HIDDEN not in name:
             print(f"{name} [{', '.join(types)}]" if show_types else name)

@@ -16,7 +16,7 @@ DEPTH: Final = 10
 STATISTICS_S: Final = 1.0
 """Interval at which ``ros2 topic hz`` prints, in seconds."""
 LINGER_S: Final = 0.1
-"""Time after the last message, in which it is delivered, in seconds."""
+"""Time for the delivery of the last message before the command exits, in seconds."""
 Topic = Annotated[str, typer.Argument(help="Name of the topic.")]
 Once = Annotated[bool, typer.Option("--once", "-1", help="Stop after one message.")]
 
@@ -49,7 +49,7 @@ def echo(
 
 @app.command()
 def hz(topic: Topic) -> None:
-    """Print the rate of a topic once a second."""
+    """Print the rate of a topic once per second."""
     with session() as found:
         messages = _subscribed(found, topic, None)
         while True:
@@ -66,7 +66,7 @@ def pub(
     kind: Annotated[str, typer.Argument(metavar="TYPE", help="Type of the messages.")],
     values: Annotated[str, typer.Argument(help="Fields of the message as YAML.")] = "{}",
     once: Once = False,
-    times: Annotated[int, typer.Option("--times", "-t", min=0, help="Number of messages; 0 for no end.")] = 0,
+    times: Annotated[int, typer.Option("--times", "-t", min=0, help="Number of messages; 0 for no limit.")] = 0,
     rate: Annotated[float, typer.Option("--rate", "-r", min=0.001, help="Rate, in Hz.")] = 1.0,
 ) -> None:
     """Publish messages on a topic. With ``--once`` and ``--times``, the command waits for a subscriber."""
@@ -75,7 +75,9 @@ def pub(
     with session() as found:
         publisher = found.node.create_publisher(cls, topic, DEPTH)
         if count and not found.spin_until(lambda: publisher.get_subscription_count() > 0, SERVER_S):
-            raise Ros2Error(f"no program subscribes to {topic}: start it, or check the name with ros2 topic list")
+            raise Ros2Error(
+                f"no program subscribes to {topic}: start the program, or check the name with ros2 topic list"
+            )
         print("publisher: beginning loop")
         number = 0
         while not count or number < count:
@@ -92,7 +94,7 @@ def _subscribed(found: RosSession, topic: str, kind: str | None) -> list[Any]:
     if not found.spin_until(
         lambda: kind is not None or topic in dict(found.node.get_topic_names_and_types()), SERVER_S
     ):
-        raise Ros2Error(f"no program publishes {topic}: start it, or check the name with ros2 topic list")
+        raise Ros2Error(f"no program publishes {topic}: start the program, or check the name with ros2 topic list")
     cls = find_type(kind or dict(found.node.get_topic_names_and_types())[topic][0], "msg")
     messages: list[Any] = []
     found.node.create_subscription(cls, topic, messages.append, _profile(found, topic))

@@ -1,4 +1,4 @@
-"""Convert YAML to ROS messages and back, as the arguments and the output of ``ros2`` have them."""
+"""Convert between ROS messages and YAML, as ``ros2`` uses it in arguments and output."""
 
 import array
 import re
@@ -13,16 +13,16 @@ from builtin_interfaces.msg import Time
 from servoloop_ros2.errors import Ros2Error
 
 NOW: Final = ("now", "auto")
-"""Values of a time or a header that stand for the time at which the message is sent."""
+"""Values of a time or a header that mean the time at which the message is sent."""
 ELEMENT: Final = re.compile(r"(?:sequence<)?([\w/]+)(?:<\d+>)?(?:\[\d+\]|, \d+>|>)?")
-"""Pattern of the type of a field. Its group is the type of an element of a list, or the type itself."""
+"""Pattern of a field's type. The pattern's group is the element type of a list, or the type itself."""
 CONVERSIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "float": float,
     "double": float,
     "string": str,
     "octet": lambda value: bytes([value]) if isinstance(value, int) else value.encode(),
 }
-"""Conversions of plain values, by type."""
+"""Conversions of plain values, keyed by type."""
 
 
 def find_type(name: str, kind: str) -> Any:
@@ -53,12 +53,12 @@ def read_values(text: str) -> Mapping[str, Any]:
     if values is None:
         return {}
     if not isinstance(values, Mapping):
-        raise Ros2Error(f"the values must be fields of the message, such as '{{data: 1}}', and not {text!r}")
+        raise Ros2Error(f"the values must be fields of the message, such as '{{data: 1}}', not {text!r}")
     return values
 
 
 def fill(message: Any, values: Mapping[str, Any], now: Time) -> None:
-    """Set fields of a message. ``now`` replaces the times ``now`` and ``auto``. Raises Ros2Error."""
+    """Set fields of a message. ``now`` is the time for the values ``now`` and ``auto``. Raises Ros2Error."""
     types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name not in types:
@@ -70,7 +70,7 @@ def fill(message: Any, values: Mapping[str, Any], now: Time) -> None:
 
 
 def _converted(present: Any, kind: str, value: Any, now: Time) -> Any:
-    """Return a value of YAML as the type of a field, whose present value helps to create it."""
+    """Convert a YAML value to a field's type. ``present`` is the field's current value."""
     if _is_message(present):
         return _nested(present, value, now)
     element = ELEMENT.fullmatch(kind)

@@ -24,14 +24,14 @@ from planning.scene import Pose
 FREE_RAD: Final = math.pi
 """Minimum tolerance at which an orientation counts as free, in rad."""
 ANYWHERE_M: Final = 900.0
-"""Radius of the region of positions if a constraint has no position, in m."""
+"""Radius of the position region if a constraint has no position, in m."""
 SMALLEST_M: Final = 1e-4
-"""Radius or length that replaces 0 in a region of positions, in m."""
+"""Radius or length that replaces 0 in a position region, in m."""
 SMALLEST_RAD: Final = 1e-3
 """Tolerance that replaces 0 in an orientation, in rad."""
 
 Region = tuple[Pose, PositionSphere | PositionBox]
-"""Center of a region of positions in the planning frame, and the region."""
+"""Center of a position region in the planning frame, and the region."""
 
 
 class ConstraintReader:
@@ -124,7 +124,7 @@ class ConstraintReader:
     def _regions(
         self, message: Constraints
     ) -> Iterator[tuple[Region, PositionConstraint | None, OrientationConstraint | None]]:
-        """Yield each combination of a region of positions and an orientation."""
+        """Yield each combination of a position region and an orientation."""
         positions, orientations = message.position_constraints, message.orientation_constraints
         if len(positions) > 1 or len(orientations) > 1:
             raise _invalid("a goal has several poses: send the pose of one link, or several goals")

@@ -82,7 +82,7 @@ def _tool(region: LinkRegion, frames: Frames, tip: str | None) -> np.ndarray:
 
 
 def _singles(message: Constraints) -> Iterator[Constraints]:
-    """Yield each constraint of a message as a message."""
+    """Yield each constraint of a message as a separate message."""
     for field in ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints"):
         for one in getattr(message, field):
             yield Constraints(**{field: [one]})

@@ -58,7 +58,7 @@ def has_shapes(item: CollisionObject) -> bool:
 
 
 def centered(item: CollisionObject) -> CollisionObject:
-    """Return an object whose only shape takes over the pose of the object, as in MoveIt if the object has no pose."""
+    """If an object without a pose has one shape, move the shape's pose to the object, as MoveIt does."""
     poses = (item.primitive_poses, item.mesh_poses, item.plane_poses)
     if not is_identity(item.pose) or sum(map(len, poses)) != 1:
         return item

@@ -47,7 +47,7 @@ def checked_points(message: JointTrajectory) -> None:
     """Check the points of a client's trajectory.
 
     Raises:
-        RequestError: There is no point, a point has not one finite position for each joint, or times do not increase.
+        RequestError: There is no point, a point lacks a finite position for a joint, or the times do not increase.
     """
     if not message.points or not message.joint_names:
         raise _invalid("the trajectory has no points: plan first")
@@ -62,7 +62,7 @@ def checked_points(message: JointTrajectory) -> None:
                 raise _invalid(f"point {number} has invalid {what}: send a finite value for each joint, or none")
         for joint, position in zip(message.joint_names, point.positions, strict=True):
             if not math.isfinite(position):
-                raise _invalid(f"point {number}: the position of {joint} is {position}: send finite numbers")
+                raise _invalid(f"point {number}: the position of {joint} is {position}. Send finite numbers")
         now_s = seconds_of(point.time_from_start)
         if now_s <= before_s:
             raise _invalid(

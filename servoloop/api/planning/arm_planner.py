@@ -17,7 +17,7 @@ MOVED: Final = 0.01
 
 
 class ArmPlanner:
-    """Planner of motions of a running arm around the obstacles of its scene."""
+    """Motion planner of a running arm. It avoids the obstacles in the arm's scene."""
 
     def __init__(self, arm: str, limits: Mapping[str, JointLimits], state: Callable[[], ArmState]) -> None:
         """Read the files of an arm.

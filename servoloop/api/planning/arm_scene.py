@@ -27,12 +27,12 @@ def plan_errors() -> Iterator[None]:
 class ArmScene:
     """Obstacles around an arm. Lengths are in m, and poses are in the frame of the arm's base.
 
-    At first, the obstacles are the objects of the arm's scene file. All methods raise PlanFailedError for an object
-    without size, or with a pose that is not finite.
+    Initially, the obstacles are the objects in the arm's scene file. All methods raise PlanFailedError for an object
+    that has no size or whose pose is not finite.
     """
 
     def __init__(self, planner: MotionPlanner, position: Callable[[], Mapping[str, float]]) -> None:
-        """Change the scene of a planner.
+        """Provide access to the scene of a planner.
 
         Args:
             planner: Planner of the arm.
@@ -63,7 +63,7 @@ class ArmScene:
     ) -> None:
         """Add a box, or replace the object of this name.
 
-        ``size_m`` (3,) are the lengths of the box along x, y and z.
+        ``size_m`` (3,) contains the lengths of the box along x, y and z.
         """
         x, y, z = (float(length) for length in size_m)
         self._add(name, Box(x, y, z), position_m, quaternion_xyzw)
@@ -100,7 +100,7 @@ class ArmScene:
         self._add(name, mesh, position_m, quaternion_xyzw)
 
     def load(self, file: str | Path) -> tuple[str, ...]:
-        """Add the objects of a YAML file or of MoveIt's ``.scene`` file, and return their names."""
+        """Add the objects in a YAML file or a MoveIt ``.scene`` file, and return their names."""
         with plan_errors():
             items, scene = read_scene_file(Path(file)), self._planner.scene
             for item in items:
@@ -139,7 +139,7 @@ class ArmScene:
         robot, scene = self._planner.robot, self._planner.scene
         with plan_errors():
             if name not in scene.attached:
-                scene.detach(name, Pose())  # raises
+                scene.detach(name, Pose())  # raises an error
             pose = robot.frame_pose(name, robot.state(self._position()), scene)
             self._planner.scene = scene.detach(name, pose)
 

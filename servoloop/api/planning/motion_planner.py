@@ -1,4 +1,4 @@
-"""Plan motions of an arm around the objects of its scene and those of the program."""
+"""Plan motions of an arm around the objects in its scene and around objects that the program adds."""
 
 import math
 import threading
@@ -34,10 +34,10 @@ Positions = Mapping[str, float]
 
 
 class MotionPlanner:
-    """Planner of motions of one arm. The same seed, scene and request give the same motion.
+    """Motion planner of one arm. The same seed, scene and request give the same motion.
 
-    Obstacles are the objects of the arm's scene file, such as its table, and all objects of ``scene``. The planner
-    only computes: ``Arm.follow`` carries out its trajectories.
+    Obstacles are the objects in the arm's scene file, such as its table, and all objects in ``scene``. The planner only
+    computes trajectories; ``Arm.follow`` executes them.
     """
 
     def __init__(self, arm: str, tool: str | None = None, seed: int = 1) -> None:
@@ -63,16 +63,16 @@ class MotionPlanner:
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
         self.scene: Scene = self.robot.scene
-        """Objects, and pairs that may touch each other.
+        """Objects, and pairs of objects or links that may touch each other.
 
-        To change them, assign a changed copy, for example from ``scene.with_object``.
+        To change the scene, assign a changed copy, for example from ``scene.with_object``.
         """
         self.joints = self._group.joints
-        """Names of the planned joints. If the robot has several arms, the joints of its first arm."""
+        """Names of the planned joints. If the robot has several arms, these are the joints of the first arm."""
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes an object."""
+        """Names of the objects in the arm's scene file. ``scene.without(name)`` removes an object."""
 
     @property
     def plannable(self) -> tuple[str, ...]:
@@ -90,14 +90,14 @@ class MotionPlanner:
         return self._group.group.tip or self.links[-1]
 
     def pose(self, positions: Positions, tool: str | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the frame of the base."""
+        """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the base frame."""
         state = self._state("the positions", positions)
         chain = self._group_of(tool).chain(tool or self._tool, state)
         pose = chain.pose(np.array([state[joint] for joint in chain.names]))
         return pose.position_m, pose.quaternion_xyzw
 
     def clearance(self, positions: Positions) -> Clearance:
-        """Return the smallest distance of the arm to itself and to all objects, and the pair with this distance."""
+        """Return the smallest distance from the arm to itself and to all objects, and the pair with this distance."""
         return self._group.clearance(self._state("the positions", positions), self.scene)
 
     def plan(
@@ -111,9 +111,9 @@ class MotionPlanner:
         """Plan a collision-free motion within the limits of velocity, acceleration and jerk.
 
         Args:
-            start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
-                for the collision checks.
-            goal: Positions of planned joints, or a region of tool poses in the frame of the base. Planned joints
+            start: Start positions of all planned joints. Start positions of other joints, such as the hand's, are used
+                only for the collision checks.
+            goal: Positions of planned joints, or a region of tool poses in the base frame. Planned joints
                 without a position keep their start position. If a robot has several arms, the goal may be for one arm
                 or for all arms.
             speed: Fraction of the limits, above 0 and at most 1.
@@ -154,11 +154,11 @@ class MotionPlanner:
         return self._group_of(goal.link)
 
     def _group_of(self, tool: str | None) -> GroupPlanner:
-        """Return the group whose tip is a tool; for other links and sites, the group of the first arm."""
+        """Return the group whose tip is the tool. For other links and sites, return the group of the first arm."""
         return next((group for group in self._groups if group.group.tip == tool), self._group)
 
     def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
-        """Describe what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
+        """Return what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
 
         Args:
             trajectory: Points of the planned joints.

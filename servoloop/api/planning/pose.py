@@ -1,4 +1,4 @@
-"""A pose of the tool of an arm, as the goal of a motion or as a measurement."""
+"""Pose of an arm's tool, as the goal of a motion or as a measurement."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ArmPose:
-    """Pose of a tool in the frame of the arm's base, with the tolerances of a goal."""
+    """Pose of a tool in the frame of the arm's base, with tolerances for its use as a goal."""
 
     position_m: Sequence[float]
     """Position (3,), in m."""

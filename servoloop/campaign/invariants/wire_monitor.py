@@ -149,8 +149,9 @@ class WireMonitor:
     def _torque(self, joint: Joint, value: int, position: int, goal: int | None) -> None:
         """Examine a write to the torque register. A servo that was driven since its last goal may have sagged.
 
-        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent. It is
-        None if the servo's torque is enabled, or if the servo has no power or restarts and thus receives nothing.
+        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent.
+        ``goal`` is None if the servo's torque is enabled, or if the servo has no power or restarts, so that it receives
+        nothing.
         """
         if value != 1:
             self._driven.discard(joint.servo_id)

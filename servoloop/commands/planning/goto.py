@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planning.groups import Group
 
 ARM: Final = "arm"
-"""Group to move to a pose if more than one group has a tool."""
+"""Name of the group that moves to the pose if more than one group has a tool."""
 PLANNING_TIME_S: Final = 5.0
 
 
@@ -66,7 +66,7 @@ def goto(
 def _tool_group(groups: "Sequence[Group]") -> "Group":
     with_tool = [group for group in groups if group.tip is not None]
     if not with_tool:
-        raise DriverError("no group of move_group has a tool: add a <chain> to a group of its SRDF")
+        raise DriverError("no group of move_group has a tool: add a <chain> to a group in its SRDF")
     return next((group for group in with_tool if group.name == ARM), with_tool[0])
 
 

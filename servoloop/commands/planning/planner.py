@@ -41,7 +41,7 @@ def move_group(name: str, network: bool, namespace: str) -> "Iterator[MoveGroupC
     Raises:
         DriverError: An extra is missing.
         RosError: ROS 2 is missing.
-        Interrupted: The user ended the command.
+        Interrupted: The user interrupted the command.
     """
     require_extras(f"servoloop {name}", "planning")
     require_ros()

@@ -80,7 +80,7 @@ def remove(
 
 @app.command("load")
 def load(
-    file: Annotated[Path, typer.Argument(help="A .scene file of MoveIt, or a YAML file.")],
+    file: Annotated[Path, typer.Argument(help="MoveIt .scene file or YAML file.")],
     network: NetworkOption = False,
     namespace: NamespaceOption = "",
 ) -> None:
@@ -106,7 +106,7 @@ def _add(items: "Sequence[SceneObject]", options: PoseOptions) -> None:
 
 
 def shape_of(kind: str, size: Sequence[str]) -> "Shape":
-    """Return the shape of a kind with its size as text. Raises DriverError, or PlanningError for a mesh."""
+    """Return a shape from its kind and its size as text. Raises DriverError, or PlanningError for a mesh."""
     from planning.mesh_file import read_mesh
     from planning.scene import Box, Cone, Cylinder, Sphere
 

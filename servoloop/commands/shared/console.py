@@ -65,7 +65,7 @@ def confirm(question: str, yes: bool) -> None:
         typer.confirm(question, abort=True, err=True)
     except typer.Abort as error:
         if isinstance(error.__context__, EOFError):
-            message = "the question was not answered, and nothing was done; run this command at a terminal"
+            message = "the question was not answered, and nothing was done; run this command in a terminal"
             raise DriverError(message) from None
         raise
 
@@ -125,7 +125,7 @@ class Keyboard:
                 return True
 
     def pressed(self) -> bool:
-        """Return whether any key was pressed since the last question, or the terminal is gone.
+        """Return whether any key was pressed since the last question, or the terminal was closed.
 
         Until the next question, the terminal delivers each key immediately and does not echo it.
         """
@@ -145,11 +145,11 @@ class Keyboard:
         self.whole_lines()
         if sys.stdin.isatty():
             self._typed = b""
-            with suppress(termios.error):  # the terminal is gone
+            with suppress(termios.error):  # the terminal was closed
                 termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
     def _read(self) -> bytes:
-        """Read the available input. The result is empty at the end of the input or if the terminal is gone."""
+        """Read the available input. The result is empty at the end of the input or if the terminal was closed."""
         try:
             return os.read(sys.stdin.fileno(), CHUNK)
         except OSError:

@@ -39,7 +39,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is disabled.
+    """Let SIGTERM and SIGHUP interrupt the block like Ctrl-C, so that EEPROMs are locked and torque is disabled.
 
     Raises Interrupted after a signal. The message of the error describes what could not be restored.
     """
@@ -69,7 +69,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """Open the port and find a servo for the duration of the block, which signals can interrupt."""
+    """Open the port and find a servo for the duration of the block. Signals can interrupt the block."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
@@ -107,7 +107,7 @@ def bus_of(robot: "RobotFile", name: str | None) -> str:
     if name in names:
         return name
     if len(names) == 1:
-        raise CommissioningError(f"the robot file has only one bus and none named {name}; omit --bus")
+        raise CommissioningError(f"the robot file has only one bus, which is not named {name}; omit --bus")
     raise CommissioningError(f"the robot file has several buses; choose one with --bus {' or '.join(names)}")
 
 

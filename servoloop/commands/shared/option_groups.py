@@ -1,4 +1,4 @@
-"""Let a command take a dataclass whose fields are options, so that related options are defined only once."""
+"""Define related options once, as the fields of a dataclass that several commands take as a parameter."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
@@ -10,8 +10,8 @@ from typing import Any, get_type_hints
 def grouped_options(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command whose dataclass parameters are replaced by one parameter for each of their fields.
 
-    Typer reads the fields as options or arguments, in place of the dataclass. A field is annotated and has a
-    default like any other parameter of a command.
+    Typer reads the fields as options or arguments, in place of the dataclass. Fields have annotations and defaults
+    like other parameters of a command.
 
     Args:
         command: Function with at least one parameter whose type is a dataclass.
@@ -43,7 +43,7 @@ def grouped_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _parameters(command: Callable[..., None], groups: dict[str, Any]) -> Iterator[Parameter]:
-    """Yield the parameters of a command, in which a parameter for each field replaces each dataclass."""
+    """Yield a command's parameters. Each dataclass parameter is replaced by one parameter per field."""
     for parameter in signature(command).parameters.values():
         if parameter.name in groups:
             yield from _fields_of(groups[parameter.name])

@@ -81,13 +81,13 @@ def require_keys(hands_free: bool) -> None:
     """Raise DriverError if a dead-man key is needed but stdin is not a terminal."""
     if not hands_free and not sys.stdin.isatty():
         raise DriverError(
-            "no key can be held because stdin is not a terminal; run this in a terminal or use --hands-free"
+            "no key can be held because stdin is not a terminal; run this command in a terminal or use --hands-free"
         )
 
 
 @contextmanager
 def permission_of(hands_free: bool, commands: Collection[str] = ()) -> "Iterator[Keys]":
-    """Yield the permission to move: a held key of this terminal, or always if ``hands_free`` is set.
+    """Yield the permission to move, which is granted while a key is held, or always if ``hands_free`` is set.
 
     The keys in ``commands`` do not count as the dead-man key.
     """

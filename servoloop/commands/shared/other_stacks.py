@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 @contextmanager
 def search_for_others(name: str, message: str, namespace: str, ros: bool = True) -> Iterator["Search | None"]:
-    """Begin to search for another node with the name of a node of the stack.
+    """Begin to search for another node that has the same name as a node of this stack.
 
-    Begin the search before the hardware is opened, because it takes time. The result is None without ROS.
+    Begin the search before the hardware is opened, because the search takes time. Without ROS, the result is None.
 
     Args:
         name: Name of the node.
-        message: Error message if there is such a node. The braces stand for its full name.
+        message: Error message if such a node is found. Its braces are replaced by the full name of the node.
         namespace: Namespace of the node; empty for the root namespace.
         ros: Whether the stack uses ROS.
 

@@ -47,7 +47,7 @@ class PositionLoop:
 
 
 class VelocityLoop:
-    """PI controller of the velocity. It reaches its goal velocity with a limited acceleration. Velocities are in
+    """PI controller of the velocity, which reaches its goal velocity with a limited acceleration. Velocities are in
     counts/s."""
 
     __slots__ = ("_integral", "acceleration", "goal", "i", "p", "trajectory")

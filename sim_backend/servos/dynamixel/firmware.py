@@ -13,8 +13,8 @@ From the e-manual:
 - goal_position equals the present position after power-on.
 
 Position values continue beyond one turn. After power-on, the position is within one turn. In position mode, the
-position is also within one turn after the torque is enabled or the mode is set, and a homing offset beyond 1024 counts
-is ignored.
+position is also within one turn after the torque is enabled or the mode is set. In this mode, a homing offset beyond
+1024 counts is ignored.
 """
 
 from collections.abc import Callable
@@ -70,7 +70,7 @@ class XFirmware(Protocol2Firmware):
         self._wanted: Callable[[float, float], float] = self._position_duty
         """Loop that returns the drive requested by the current operating mode."""
         self._turned = 0.0
-        """Whole turns that the servo does not count anymore, in counts."""
+        """Whole turns that the servo no longer counts, in counts."""
         self._direction = 1.0
         """Direction of the motor; -1 in reverse mode. All other values use the servo's direction of positions."""
         self._watchdog = Watchdog()

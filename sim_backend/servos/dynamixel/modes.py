@@ -3,8 +3,8 @@
 From the e-manual: a change of the mode resets gains, feedforward and profile, sets ``goal_pwm`` to the PWM limit and
 ``goal_current`` to the current limit. Assumed:
 - The gains are reset to the factory values in every mode.
-- In modes in which a goal drives the motor and is not a limit (PWM, current and velocity mode), that goal is 0 until a
-  client writes it.
+- In PWM, current and velocity mode, the goal drives the motor and is not a limit. This goal is 0 until a client writes
+  it.
 - The goal position is reset to the present position.
 """
 

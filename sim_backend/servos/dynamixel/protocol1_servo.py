@@ -8,8 +8,8 @@ From the e-manual:
 - A value outside the range of its register causes a range error. (Assumed: no part of the instruction is then written.)
 - The gains of an MX are P / 8, I * 1000 / 2048 and D * 4 / 1000.
 
-BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
-same values here. Assumed:
+BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. The virtual MX-28
+uses the same values. Assumed:
 - I and D of an MX use the same unit of drive as P, with seconds and counts.
 - The position loop of an AX is as stiff as that of an SCS servo, regardless of its compliance registers.
 - Overload means nearly full drive for two seconds. An overload removes the drive until the torque switch is written.
@@ -234,7 +234,7 @@ class MxFirmware(GenericFirmware):
 
 
 class VirtualAxServo(GenericServo):
-    """An AX on a virtual bus. It has no group read."""
+    """An AX on a virtual bus. An AX has no group read."""
 
     MEMORY: ClassVar[type[Dynamixel1Memory]] = AxMemory
     FIRMWARE: ClassVar[type[GenericFirmware]] = AxFirmware
@@ -277,7 +277,7 @@ class VirtualAxServo(GenericServo):
 
 
 class VirtualMxServo(VirtualAxServo):
-    """An MX with protocol 1.0 firmware on a virtual bus. It answers bulk reads."""
+    """An MX with protocol 1.0 firmware on a virtual bus. The servo answers bulk reads."""
 
     MEMORY = MxMemory
     FIRMWARE = MxFirmware

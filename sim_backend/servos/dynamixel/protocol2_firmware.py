@@ -3,8 +3,8 @@
 Assumed:
 - Overload means full drive for two seconds at less than half of the speed without load.
 - All errors last until a reboot.
-- The reported speed has a filter of 15 ms in addition to the filter of the control loop. It is therefore 0
-  for a shaft that is held between two counts.
+- The reported speed has a filter of 15 ms in addition to the filter of the control loop. The reported speed of a shaft
+  that is held between two counts is therefore 0.
 """
 
 from abc import abstractmethod

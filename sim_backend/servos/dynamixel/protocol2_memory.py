@@ -89,7 +89,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _run_refusal(self, address: int, data: bytes) -> int:
-        """Return the error of a write to these adjacent registers, or 0 if it is allowed."""
+        """Return the error of writing to these adjacent registers, or 0 if the write is allowed."""
         at = 0
         while at < len(data):
             register = self._registers.get(address + at)
@@ -100,7 +100,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _refusal(self, register: Register, data: bytes) -> int:
-        """Return the error of a write of the first bytes of ``data`` to a register, or 0 if it is allowed."""
+        """Return the error of writing the first bytes of ``data`` to a register, or 0 if the write is allowed."""
         locked = register.persistent and self.get(self._torque)
         if register.access is Access.READ or locked:
             return ACCESS

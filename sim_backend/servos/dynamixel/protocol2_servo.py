@@ -80,7 +80,7 @@ class Protocol2Servo(WiredServo):
         return self._level > 0
 
     def heard(self) -> None:
-        """Record that an instruction was sent on the bus, to this servo or another."""
+        """Record that an instruction was sent on the bus, to this servo or to another servo."""
 
     def answer(self, instruction: Instruction) -> bytes | None:
         servo_id, level = self.servo_id, self._level

@@ -1,7 +1,7 @@
 """Motion profile of the X series: a step, a limited velocity, or a time. The profile also determines the moving status.
 
 From the e-manual: without a profile velocity, the profile is a step. A time-based profile takes ``profile_velocity``
-milliseconds. It accelerates for ``profile_acceleration`` milliseconds, but at most for half of that time. Assumed:
+milliseconds. Its acceleration takes ``profile_acceleration`` milliseconds, but at most half of the total time. Assumed:
 - A time-based profile starts at rest. If a new goal arrives during a motion, the time applies to the remaining
   distance.
 - A servo is in position within 10 counts, and reports a following error beyond 100 counts.

@@ -86,7 +86,8 @@ class Memory:
 
     @property
     def answers(self) -> int:
-        """Status level. At 0, the servo answers only pings; at 1, also reads; at 2, every instruction."""
+        """Status level. At 0, the servo answers only pings. At 1, it also answers reads. At 2, it answers every
+        instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def own(self, register: Register) -> Register | None:

@@ -73,11 +73,11 @@ class WiredServo(ABC):
         self.model = model
         self.gears = gears
         self.on_read: list[Callable[[int, int, bytes], bytes]] = []
-        """Functions that falsify the data of a reply. Each function takes the address, the size and the true bytes, and
-        returns the bytes to send."""
+        """Functions that replace the data of a reply with false data. Each function takes the address, the size and the
+        true bytes, and returns the bytes to send."""
         self.on_status: list[Callable[[int], int]] = []
-        """Functions that falsify the error byte of a reply. Each function takes the true status and returns the status
-        to send."""
+        """Functions that replace the error byte of a reply with a false one. Each function takes the true status and
+        returns the status to send."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 

@@ -21,7 +21,7 @@ _ABSENT: Final = {
 }
 """Values that the firmware uses if the table has no such register. All other values are 0."""
 _TIME_UNITS: Final = 4
-"""Length of one unit of the protection time of an SCS servo (40 ms), in units of an STS servo (10 ms)."""
+"""Unit of an SCS servo's protection time (40 ms), in units of an STS servo's protection time (10 ms)."""
 
 FACTORY: Final[dict[Register, int]] = {
     scs.firmware_major: 3,

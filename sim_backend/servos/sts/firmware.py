@@ -25,7 +25,7 @@ _NO_OFFSET: Final = 1 << 16
 """A value that a register cannot contain. This value makes the kernel load the homing offset again, even if the offset
 has not changed."""
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
-"""Motor constants that are proportional to the number of turns of the winding."""
+"""Motor constants that are proportional to the winding's number of turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class StsFirmware:
 
     @property
     def encoder_fails(self) -> bool:
-        """Whether the encoder does not answer the firmware. This injected fault remains after a power-off."""
+        """Whether the encoder does not respond to the firmware. This injected fault remains after a power-off."""
         return bool(self._number("encoder_fails"))
 
     @encoder_fails.setter

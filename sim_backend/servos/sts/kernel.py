@@ -165,7 +165,7 @@ def counts_turns(s: Record) -> bool:
 
 @compiled
 def sense(s: Record) -> None:
-    """Read the encoder, if it answers, and measure the speed over the current window."""
+    """Read the encoder, if it responds, and measure the speed over the current window."""
     if s.encoder_fails:
         s.status |= ENCODER
     else:
@@ -333,7 +333,7 @@ def braking_distance(speed: int, ramp: int) -> int:
 
 @compiled
 def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
-    """Move the set-point for one millisecond at this speed. It stops at the goal."""
+    """Move the set-point for one millisecond at this speed. The set-point stops at the goal."""
     if speed >= distance:
         s.setpoint_e4, s.speed_e4 = s.goal * FINE, 0
     else:
@@ -498,7 +498,7 @@ def watch_supply(s: Record) -> None:
 
 @compiled
 def watch_current(s: Record) -> None:
-    """Detect a current that is too high for too long. Switch the torque off if the unloading condition selects this."""
+    """Detect a current that is too high for too long. Switch the torque off if the unloading condition enables this."""
     limit, longest_ms = word(s, PROTECTION_CURRENT), 10 * byte(s, OVERCURRENT_TIME)
     watched = limit > 0 and longest_ms > 0
     over = watched and word(s, PRESENT_CURRENT) >= limit

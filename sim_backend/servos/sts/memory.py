@@ -84,7 +84,7 @@ class StsMemory:
 
     @property
     def answers(self) -> int:
-        """Status level. At 1, the servo answers pings and reads; at 2, every instruction."""
+        """Status level. At 1, the servo answers pings and reads. At 2, it answers every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def get(self, register: Register) -> int:

@@ -31,7 +31,7 @@ _PARAMETERS: Final = (
     # Physical state, which is not lost at power-off.
     ("temperature_c", "f8"),
     ("lagged_rad", "f8"),  # shaft angle after the filter of the encoder
-    ("encoder_fails", "i8"),  # whether the encoder does not answer the firmware
+    ("encoder_fails", "i8"),  # whether the encoder does not respond to the firmware
     ("encoder_sticks", "i8"),  # whether the encoder repeats its last value
     ("deaf_s", "f8"),  # remaining time of a reboot
     ("supply", "i8"),  # index of the supply that feeds the servo

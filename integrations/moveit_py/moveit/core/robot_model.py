@@ -36,7 +36,7 @@ class JointModelGroup:
 
     @property
     def link_model_names(self) -> list[str]:
-        """Names of the links that the joints carry directly."""
+        """Names of the links that the joints move directly."""
         return [joint.child for joint in self._joints]
 
     @property
@@ -46,7 +46,7 @@ class JointModelGroup:
 
     @property
     def states(self) -> dict[str, dict[str, float]]:
-        """Named states: positions (rad or m) by joint."""
+        """Named states, with positions (rad or m) keyed by joint name."""
         return {name: dict(positions) for name, positions in self._group.states.items()}
 
     @property
@@ -107,7 +107,7 @@ class RobotModel:
 
     @property
     def joints(self) -> dict[str, UrdfJoint]:
-        """Joints that have their own positions, by name."""
+        """Joints that have their own positions, keyed by name."""
         joints = self._description.joints.values()
         return {joint.name: joint for joint in joints if joint.kind != "fixed" and joint.mimic is None}
 

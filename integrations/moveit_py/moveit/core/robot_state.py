@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 
 
 def _default(joint: UrdfJoint) -> float:
-    """Return 0, or the middle of the range if 0 is outside."""
+    """Return 0, or the middle of the range if 0 is outside the range."""
     return 0.0 if joint.lower <= 0.0 <= joint.upper else (joint.lower + joint.upper) / 2.0
 
 
@@ -61,7 +61,7 @@ class RobotState:
 
     @property
     def joint_positions(self) -> dict[str, float]:
-        """Positions by joint, in rad or m. An assigned mapping may contain only some of the joints."""
+        """Positions in rad or m, keyed by joint name. An assigned mapping may contain only some of the joints."""
         return dict(self._positions)
 
     @joint_positions.setter
@@ -75,7 +75,7 @@ class RobotState:
         """Do nothing, because move_group computes transforms when they are needed."""
 
     def set_to_default_values(self, joint_model_group_name: str | None = None, name: str | None = None) -> bool:
-        """Set all joints to their defaults, or a group to a named state. Returns whether the state exists."""
+        """Set all joints to their defaults, or a group to a named state. Return whether the state exists."""
         if joint_model_group_name is None:
             self.joint_positions = {joint: _default(self._model.joints[joint]) for joint in self._positions}
             return True
@@ -112,7 +112,7 @@ class RobotState:
         """Return the pose of a link in the frame of the model. Raises RuntimeError if the link does not exist."""
         response = self._client().forward(self.message(), [link_name], self._model.model_frame)
         if response.error_code.val != MoveItErrorCodes.SUCCESS:
-            raise RuntimeError(response.error_code.message or f"move_group knows no pose of {link_name}")
+            raise RuntimeError(response.error_code.message or f"move_group cannot compute a pose of {link_name}")
         return response.pose_stamped[0].pose
 
     def get_global_link_transform(self, link_name: str) -> Vector:
@@ -128,7 +128,7 @@ class RobotState:
     def set_from_ik(
         self, joint_model_group_name: str, geometry_pose: Pose, tip_name: str, timeout: float = 0.0
     ) -> bool:
-        """Set the joints of a group so that a link is at a pose in the frame of the model. Returns whether there is a
+        """Set the joints of a group so that a link is at a pose in the frame of the model. Return whether there is a
         solution."""
         request = PositionIKRequest(
             group_name=joint_model_group_name, ik_link_name=tip_name, robot_state=self.message()
