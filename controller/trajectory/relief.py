@@ -34,10 +34,9 @@ FOLLOWS_SHARE: Final = 0.5
 GROWS: Final = 1.25
 """Minimum factor by which the distance between a seemingly free joint and its command grows if a neighbor has pushed
 the joint. The factor refers to the distance before the command moved back."""
-GROWS_AGAIN: Final = 1.6
-"""Minimum growth factor relative to the distance at which the command stopped.
-
-At that time, a free joint lags behind its command, so the distance also grows a little without a neighbor.
+GROWS_AGAIN: Final = 1.4
+"""The same factor, but for the smallest distance while the command moved back. A free joint lags behind its command at
+this time, so its distance also grows a little without a neighbor.
 """
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
@@ -67,6 +66,8 @@ class Relief:
         self._free_error = np.full(len(joints), np.inf)
         """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that were not
         found to be free."""
+        self._least_error = np.full(len(joints), np.inf)
+        """Smallest distance of each joint from its command (n,) since the commands started to move back."""
         self._begun: Cycle | None = None
         """The cycle in which commands started to move back, or None while no command moves back."""
 
@@ -125,6 +126,7 @@ class Relief:
             return
         self._sampler.follow(back, now.reference, on_goal=False)
         self._begun, self._stood_s = now, 0.0
+        self._least_error = np.abs(now.error)
 
     def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
         """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
@@ -136,12 +138,13 @@ class Relief:
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)
         loose = LOOSE * self._sampler.still
+        self._least_error = np.minimum(self._least_error, np.abs(now.error))
         returns = known & (back != 0.0)
         advances = returns & (forth > loose)
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
         if (advances | follows).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
-            free_error = np.minimum(GROWS * np.abs(begun.error), GROWS_AGAIN * np.abs(now.error))
+            free_error = np.minimum(GROWS * np.abs(begun.error), GROWS_AGAIN * self._least_error)
             self._free_error[follows] = free_error[follows]
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
