@@ -10,6 +10,7 @@ register, and the next motion has the full torque limit again.
 """
 
 import logging
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -58,7 +59,7 @@ class _Press:
     resting_s: float = 0.0
     """Time since the command came to rest, in seconds."""
     pressed: list[int] = field(default_factory=list)
-    """Positions in the latest cycles in which the servo pressed without moving."""
+    """Positions in the latest cycles in which the servo pressed without moving, for at most ``STALL_S``."""
     held_s: float = 0.0
     """Time since the drive was first reduced, in seconds."""
     ahead: float | None = None
@@ -151,9 +152,11 @@ class StallWatch:
             press.pressed.clear()
             return False
         press.pressed.append(here)
+        longest = math.ceil(STALL_S / period_s - 1e-9) + 1
+        del press.pressed[:-longest]
         while max(press.pressed) - min(press.pressed) > STILL_TURNS * joint.model.counts_per_turn:
             del press.pressed[0]
-        return (len(press.pressed) - 1) * period_s >= STALL_S - 1e-9
+        return len(press.pressed) == longest
 
     def _name(self, joint: Joint, pressing: bool) -> None:
         """Report the stall of a joint that has full torque and whose drive is not reduced."""

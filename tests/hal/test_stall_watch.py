@@ -68,6 +68,12 @@ def test_a_jaw_that_creeps_after_its_motion_has_pressed_since_the_end_of_the_mot
     assert [goal is not None for goal in goals].index(True) == len(arrives) + round(STALL_S / PERIOD_S)
 
 
+def test_the_positions_of_a_long_press_are_not_kept() -> None:
+    arm = Jaw(joint=ARM, blocked=2400)
+    arm.run(SHUT, 60.0)
+    assert arm.watch.stalls and len(arm.watch._presses["jaw"].pressed) == round(STALL_S / PERIOD_S) + 1
+
+
 def test_a_gripped_object_causes_no_lasting_warning_but_a_jammed_joint_does() -> None:
     grip, jam = Jaw(blocked=2400), Jaw(blocked=OPEN)
     for jaw in (grip, jam):
