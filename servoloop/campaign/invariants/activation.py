@@ -36,10 +36,13 @@ LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 
 
 def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str:
-    """Return a sentence if the torque limit in a servo's memory differs from the robot file, or an empty string."""
+    """Return a sentence if the torque limit in a servo's memory differs from the robot file, or an empty string.
+
+    A series without a torque limit raises ValueError.
+    """
     series = series_of(joint.model)
     if series.torque_limit is None:
-        return ""
+        raise ValueError(f"{joint.model.name} has no torque limit")
     held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
     if 0 < held <= most and (held >= 0.9 * most or held >= 0.9 * memory.get(series.max_torque)):
         return ""

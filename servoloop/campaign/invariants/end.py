@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
@@ -25,7 +26,7 @@ class EndsAsChosen(Invariant):
 
     A servo that should hold may still release its torque for protection and report an error. No joint of a held arm
     presses against an obstacle, and each has the torque limit of the robot file. Faults that are active while the
-    program ends excuse the joints that they affect, except for gears that have jammed before.
+    program ends excuse the joints that they affect, except for gears that jammed before the end.
     """
 
     name = "ends as chosen"
@@ -55,11 +56,7 @@ class EndsAsChosen(Invariant):
             without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
             self._report("released instead of held", (driven & without_error) - on)
             for joint in self.joints:
-                if (
-                    joint.name in driven & on
-                    and joint.name in self._reference
-                    and not self._settings_changed(joint.name)
-                ):
+                if joint.name in driven & on:
                     self._examine_limit(joint)
             if not affected and len(driven) == len(self.joints):
                 self._report("pressing", {joint for joint in driven & without_error if self._presses(joint)})
@@ -77,6 +74,9 @@ class EndsAsChosen(Invariant):
         return bool(kinds & CHANGES) or self.stack.touches.since_s(joint) < WRITES_AGAIN_S
 
     def _examine_limit(self, joint: Joint) -> None:
+        limited = joint.name in self._reference and series_of(joint.model).torque_limit is not None
+        if not limited or self._settings_changed(joint.name):
+            return
         self.examined += 1
         if problem := wrong_torque_limit(joint, self.servos[joint.name].memory, self._reference[joint.name]):
             self.say(problem)
