@@ -85,6 +85,12 @@ def case(name: str, *values: Any, rows: Sequence[str]) -> Any:
     return pytest.param(*values, id=name, marks=pytest.mark.row(*rows))
 
 
+def rises(path: Sequence[float]) -> bool:
+    """Return whether a path never turns back. Differences of rounding, about 1e-18 near zero, do not count."""
+    rounded = [round(place, 9) for place in path]
+    return rounded == sorted(rounded)
+
+
 def largest_step_rad(states: Sequence[Any], of: str = "feedback") -> float:
     """Return the largest step of any joint between two cycles.
 

@@ -33,6 +33,10 @@ RELIEVED_AFTER_FAULT_S: Final = 3.0
 
 The result of such a goal does not wait for relief.
 """
+RELIEF_OVER_S: Final = 1.0
+"""Time without a change of any command of the arm after which its relief counts as over, in seconds."""
+PUSHED_S: Final = 0.5
+"""Time that a joint may move on after an external torque has acted on the arm, in seconds."""
 
 
 @dataclass(slots=True)
@@ -140,7 +144,8 @@ class NothingTravels(Invariant):
 class NothingPresses(Invariant):
     """Some time after a goal has failed, no joint of the arm is driven against an obstacle.
 
-    The relief of one joint may move another joint, which is relieved next.
+    The relief of one joint may move another joint, which is relieved next. A joint that an external torque moves later
+    is not examined until a command of the arm changes, because an arm without a goal keeps its commands.
     """
 
     name = "nothing presses after the end"
@@ -166,6 +171,10 @@ class NothingPresses(Invariant):
         self._deactivated = False
         """Whether the controller has been inactive since the end of the last goal, so that the relief began late."""
         self._last: object = None
+        self._commands_kept_s = 0.0
+        """Time since a command of the arm last changed, in seconds."""
+        self._pushed: set[str] = set()
+        """Joints that an external torque has moved since a command of the arm last changed."""
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
@@ -188,8 +197,10 @@ class NothingPresses(Invariant):
         waited = relieved and not (self._deactivated or state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
+        self._update_pushed(true)
         for joint, place in self._places.items():
-            known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)
+            trusted = joint not in self._pushed and not self.deceived(joint)
+            known = trusted and joint not in state.faults and self.torque_of(joint)
             command = float(self.stack.loop.command[place])
             creeps = abs(true[joint] - self._before.get(joint, (true[joint], command))[0]) > CREEPS * period_s
             off = not (creeps or joint in relieved_now) and abs(command - true[joint]) > self._allowed[joint]
@@ -202,7 +213,23 @@ class NothingPresses(Invariant):
                 self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
             self._before[joint] = true[joint], command
 
+    def _update_pushed(self, true: dict[str, float]) -> None:
+        """Find the joints that an external torque has moved from their ``true`` positions in the last cycle."""
+        loop = self.stack.loop
+        places = list(self._places.values())
+        kept = np.array_equal(loop.command[places], loop.previous_command[places])
+        self._commands_kept_s = self._commands_kept_s + loop.period_s if kept else 0.0
+        if not kept:
+            self._pushed.clear()
+        over = self._commands_kept_s > RELIEF_OVER_S
+        if over and min(self.stack.touches.since_s(joint, {"overload"}) for joint in self._places) < PUSHED_S:
+            moved = {
+                joint for joint, (was, _) in self._before.items() if abs(true[joint] - was) > CREEPS * loop.period_s
+            }
+            self._pushed |= moved
+
     def _forget(self) -> None:
+        self._pushed.clear()
         self._off_s.clear()
         self._pressed_s.clear()
 
