@@ -7,8 +7,9 @@ from pathlib import Path
 
 from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings
+from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.calibrate.store import save
+from commissioning.errors import CalibrationError
 from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
 from hal.errors import RobotFileError

@@ -1,4 +1,4 @@
-"""The error of the commissioning tools, and the accepted baud rates."""
+"""Errors of the commissioning tools, and the accepted baud rates."""
 
 from typing import Final
 
@@ -7,6 +7,10 @@ from drivers.errors import DriverError
 
 class CommissioningError(DriverError):
     """A tool cannot carry out its task. The message tells the user what to do."""
+
+
+class CalibrationError(Exception):
+    """The calibration cannot be finished. The message tells the user what to do."""
 
 
 SMALLEST_BAUD: Final = 1_200

@@ -1,65 +1,80 @@
 """Define the command line: register all commands and print the errors that users can correct."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
-from commissioning.calibrate.result import CalibrationError
-from controller.manager.controllers_file import ControllersFileError
-from controller.manager.plugins import PluginError
-from controller.manager.registry import ClaimError
+from commissioning.errors import CalibrationError
+from controller.errors import ClaimError, ControllersFileError, PluginError
 from drivers.errors import DriverError
 from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from planning.errors import PlanningError
-from servoloop.commands import arms, bench, camera, passport, servo, teach
-from servoloop.commands import calibrate as calibration
-from servoloop.commands import jog as pose
-from servoloop.commands import servo as register
-from servoloop.commands.calibrate import calibrate, hand
-from servoloop.commands.campaign import campaign
-from servoloop.commands.doctor import doctor
-from servoloop.commands.emulate import emulate, fault
-from servoloop.commands.jog import jog, stop
-from servoloop.commands.planning import scene
-from servoloop.commands.planning.goto import goto
-from servoloop.commands.planning.plan_server import plan_server
-from servoloop.commands.ports import ports
-from servoloop.commands.record import plot, record, replay
-from servoloop.commands.scan import scan
-from servoloop.commands.set_up import setup
-from servoloop.commands.simulate import simulate
-from servoloop.commands.teach import teleop
-from servoloop.commands.topic_host import topic_host
-from servoloop.commands.tune import tune
-from servoloop.commands.up import demo, pick, up
-from servoloop.commands.view import monitor, view
+from servoloop.commands.shared.lazy_commands import MARKUP, Place, lazy_group
 from servoloop.extras import extra_error
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.terminal import complete_output, outlive_terminal, print_styled
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
-    help="Control a robot arm on serial bus servos, with or without ROS 2. The servos can be real or virtual.",
-)
-
-VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, plan_server, topic_host, pick, demo),
-    "Watch and record": (view, monitor, record, plot),
-    "Move an arm manually": (goto, jog, stop, teleop, replay),
-    "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
-    "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
-    "Work without hardware": (emulate, hand, fault, simulate, campaign),
+PANELS: Mapping[str, Mapping[str, str]] = {
+    "Run an arm": {
+        "up": "up:up",
+        "plan-server": "planning.plan_server:plan_server",
+        "topic-host": "topic_host:topic_host",
+        "pick": "up:pick",
+        "demo": "up:demo",
+    },
+    "Watch and record": {
+        "view": "view:view",
+        "monitor": "view:monitor",
+        "record": "record:record",
+        "plot": "record:plot",
+    },
+    "Move an arm manually": {
+        "goto": "planning.goto:goto",
+        "jog": "jog:jog",
+        "stop": "jog:stop",
+        "teleop": "teach:teleop",
+        "replay": "record:replay",
+    },
+    "Set up servos": {
+        "ports": "ports:ports",
+        "scan": "scan:scan",
+        "setup": "set_up:setup",
+        "calibrate": "calibrate:calibrate",
+        "doctor": "doctor:doctor",
+        "tune": "tune:tune",
+    },
+    "Change one servo": {
+        "set-id": "servo:set_id",
+        "set-baud": "servo:set_baud",
+        "factory-reset": "servo:factory_reset",
+        "reboot": "servo:reboot",
+    },
+    "Work without hardware": {
+        "emulate": "emulate:emulate",
+        "hand": "calibrate:hand",
+        "fault": "emulate:fault",
+        "simulate": "simulate:simulate",
+        "campaign": "campaign:campaign",
+    },
 }
-"""Commands in each panel of ``servoloop --help``."""
-NEGATIVE_NUMBERS = (hand, goto)
+"""Function of each command in each panel of ``servoloop --help``."""
+GROUPS: Mapping[str, str] = {
+    "arms": "arms:app",
+    "bench": "bench:app",
+    "calibration": "calibrate:app",
+    "camera": "camera:app",
+    "passport": "passport:app",
+    "pose": "jog:app",
+    "register": "servo:app",
+    "scene": "planning.scene:app",
+}
+"""Groups of commands in the panel without a title."""
+NEGATIVE_NUMBERS = ("hand", "goto")
 """Commands that accept negative numbers as arguments, although negative numbers look like options."""
 ERRORS = (
     DriverError,
@@ -75,23 +90,26 @@ ERRORS = (
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
-for panel, verbs in VERBS.items():
-    for verb in verbs:
-        settings = {"ignore_unknown_options": verb in NEGATIVE_NUMBERS}
-        app.command(rich_help_panel=panel, context_settings=settings)(verb)
-for group, name in (
-    (arms, "arms"),
-    (bench, "bench"),
-    (calibration, "calibration"),
-    (camera, "camera"),
-    (passport, "passport"),
-    (pose, "pose"),
-    (register, "register"),
-    (scene, "scene"),
-):
-    app.add_typer(group.app, name=name)
-app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")
 
+def _places() -> dict[str, Place]:
+    """Return the places of all commands in the order of ``servoloop --help``."""
+    found = {
+        name: Place(path, panel, name in NEGATIVE_NUMBERS)
+        for panel, commands in PANELS.items()
+        for name, path in commands.items()
+    }
+    found |= {name: Place(path) for name, path in GROUPS.items()}
+    return found | {"teach": Place("teach:app", "Move an arm manually")}
+
+
+app = typer.Typer(
+    cls=lazy_group(_places()),
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=MARKUP,
+    pretty_exceptions_enable=False,
+    help="Control a robot arm on serial bus servos, with or without ROS 2. The servos can be real or virtual.",
+)
 
 SERVO_MODELS: Final = Path("servo_models.yaml")
 """File of servo models in the current folder. Its loader is imported only if the file exists, so that commands start

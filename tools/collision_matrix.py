@@ -10,7 +10,8 @@ import sys
 
 from hal.errors import ArmFileError
 from servoloop.motion_planning.collision_matrix import SAMPLES, SEED, lines, reasons
-from servoloop.stack.arm_folders import OWN, find_arm
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.shipped_files import OWN
 
 
 def main() -> None:

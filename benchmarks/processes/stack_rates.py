@@ -19,7 +19,7 @@ from drivers.servos import sts
 from nodes.clients.client_node import client_node
 from nodes.clients.stack_monitor import NewestMessages, StackMonitor
 from servoloop.stack.processes import end_with_parent
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 
 SERVOS: Final = 7
 HAND, HAND_COUNTS = 7, 1100

@@ -13,7 +13,6 @@ from commissioning.calibrate.hands import Hands
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import (
     PLACE_RAD,
-    CalibrationError,
     FoundZero,
     JointCalibration,
     calibration_of,
@@ -27,6 +26,7 @@ from commissioning.calibrate.result import (
 from commissioning.calibrate.seam import Counting, counting_of
 from commissioning.calibrate.stops import Stops
 from commissioning.calibrate.sweep import Sweep, last_way
+from commissioning.errors import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint

@@ -15,16 +15,10 @@ from typing import Final
 from commissioning.calibrate.by_hand import ByHand, anchor_counts, require_poses
 from commissioning.calibrate.direction_search import DirectionSearch, Watcher
 from commissioning.calibrate.plan import ArmPlan, JointPlan
-from commissioning.calibrate.result import (
-    CalibrationError,
-    FoundZero,
-    JointCalibration,
-    calibration_of,
-    turns_freely,
-    unit,
-)
+from commissioning.calibrate.result import FoundZero, JointCalibration, calibration_of, turns_freely, unit
 from commissioning.calibrate.stop_search import StopSearch
 from commissioning.calibrate.store import restart
+from commissioning.errors import CalibrationError
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry

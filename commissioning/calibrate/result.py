@@ -5,6 +5,7 @@ from math import ceil, floor, tau
 from typing import Final
 
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, Counting, off_the_seam
+from commissioning.errors import CalibrationError
 from drivers.servos.angles import Travel
 from hal.joint import Joint
 
@@ -27,10 +28,6 @@ PLAY_RAD: Final = 0.01
 """Uncertainty of every measurement, in rad: half of the usual backlash plus one count."""
 EYE_RAD: Final = 0.05
 """Uncertainty of a pose that is judged by eye and not confirmed by a stop, in rad."""
-
-
-class CalibrationError(Exception):
-    """The calibration cannot be finished. The message tells the user what to do."""
 
 
 @dataclass(frozen=True, slots=True)

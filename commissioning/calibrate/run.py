@@ -8,9 +8,10 @@ from typing import Final, Protocol
 
 from commissioning.calibrate.by_hand import ByHand, CalibrationDialog, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
+from commissioning.calibrate.result import JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.seam import joint_counting
 from commissioning.calibrate.store import set_aside, store
+from commissioning.errors import CalibrationError
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from controller.errors import ControllersFileError
 from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
 from controller.manager.node_parameters import files_in, merged, parameters_in
@@ -32,10 +33,6 @@ HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_descript
 
 Defaults = Mapping[str, Mapping[str, Any]]
 """Default parameter values, keyed by controller name and parameter name."""
-
-
-class ControllersFileError(Exception):
-    """The controllers file has errors. The message lists each error with file and line."""
 
 
 @dataclass(frozen=True, slots=True)

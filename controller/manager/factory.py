@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+from controller.errors import ControllersFileError
 from controller.interface import Controller, ControllerContext
 from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controller
+from controller.manager.controllers_file import ControllersFile, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types
 from controller.manager.settings import ManagerSettings

@@ -53,10 +53,6 @@ def outdated(kind: str) -> str | None:
     return f"its type {kind} is outdated: use {SUCCESSORS[kind]}" if kind in SUCCESSORS else None
 
 
-class PluginError(Exception):
-    """An installed plug-in cannot be loaded."""
-
-
 @cache
 def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
     """Return the installed controller types, and the errors of types that cannot be loaded, both keyed by ``type``."""

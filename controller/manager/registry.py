@@ -5,18 +5,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from controller.errors import ClaimError, ManagerError
 from controller.interface import Controller, indices
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.switch import Loaded, ManagerError, taken
+from controller.manager.switch import Loaded, taken
 from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE
 KEPT_TRANSITIONS: Final = 1000
 """Maximum number of transitions that are kept for a slow reader."""
-
-
-class ClaimError(ManagerError):
-    """A controller claims an interface that the hardware does not have."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,20 +5,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
+from controller.errors import SwitchError
 from controller.interface import Controller
 from controller.manager.controller_spec import ControllerSpec
 from hal.lifecycle import LifecycleState
 
 DONE = "Successfully switched controllers!"
 NOTHING = "After checking the controllers, no controllers need to be activated or deactivated."
-
-
-class ManagerError(Exception):
-    """The manager refuses a request. The message explains the reason and the remedy."""
-
-
-class SwitchError(ManagerError):
-    """A switch failed."""
 
 
 class Strictness(IntEnum):

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from controller.manager.controllers_file import ControllersFileError
-from controller.manager.plugins import PluginError
-from controller.manager.switch import ManagerError
+from controller.errors import ControllersFileError, ManagerError, PluginError
 from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.api.errors import ArmError, ArmSetupError

@@ -11,10 +11,11 @@ from typing import Any, Final, cast
 import numpy as np
 
 from controller.diagnostics import Level, health_status
+from controller.errors import ManagerError
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.interface import Controller, ControllerType
-from controller.manager.switch import ManagerError, SwitchRequest
+from controller.manager.switch import SwitchRequest
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of

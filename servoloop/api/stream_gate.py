@@ -4,9 +4,10 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from controller.errors import ManagerError
 from controller.forward.commands import ForwardParameters
 from controller.forward.forward_command_controller import ForwardCommandController
-from controller.manager.switch import ManagerError, SwitchRequest
+from controller.manager.switch import SwitchRequest
 from hal.types import joints_of
 from servoloop.api.errors import ArmBusyError, StreamEndedError
 from servoloop.stack.control_stack import ControlStack

@@ -15,8 +15,9 @@ from servoloop.arms.combined_urdf import combined_urdf
 from servoloop.arms.new_urdf import ROBOT_FILE
 from servoloop.extras import missing_extras
 from servoloop.manual.poses import FILE as POSES_FILE
-from servoloop.stack.arm_folders import ARM_FILE, find_arm, read_arm_files
-from servoloop.stack.robot_files import make_folder, write_file
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.result_files import make_folder, write_file
+from servoloop.stack.shipped_files import ARM_FILE
 
 TRAJECTORY: Final = JointTrajectoryController.kind
 NAME: Final = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")

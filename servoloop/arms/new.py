@@ -9,8 +9,8 @@ from hal.errors import ArmFileError
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
 from servoloop.arms.new_urdf import ROBOT_FILE, NewDescription, metres_per_radian, new_description
 from servoloop.extras import missing_extras
-from servoloop.stack.arm_folders import ARM_FILE, ARMS
-from servoloop.stack.robot_files import make_folder, write_file
+from servoloop.stack.result_files import make_folder, write_file
+from servoloop.stack.shipped_files import ARM_FILE, ARMS
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 

@@ -14,7 +14,7 @@ from servoloop.simulation.cycle_recorder import CycleRecorder, CycleRecording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 
 BEFORE_S: Final = 2.0
 """Duration of a trace before the violation, in seconds."""

@@ -15,7 +15,7 @@ from servoloop.campaign.tally import INVARIANTS, RunOutcome, RunRow, Tally
 from servoloop.simulation.cycle_recorder import CycleRecording
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 from sim_backend.faults.event import Event
 from sim_backend.faults.text import text_of
 

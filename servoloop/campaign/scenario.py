@@ -8,7 +8,7 @@ from drivers.errors import DriverError
 from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.robot_file.robot_file import ExitPolicy
 from servoloop.campaign.promises import Promises
-from servoloop.stack.arm_folders import OWN
+from servoloop.stack.shipped_files import OWN
 from sim_backend.faults.events import KINDS
 
 

@@ -10,7 +10,7 @@ from servoloop.campaign.run import NO_HANG, NOT_KILLED
 from servoloop.campaign.supervised import Loss, Supervisor
 from servoloop.campaign.workers import Stop, quiet
 from servoloop.simulation.schedule import Schedule, after_the_end
-from servoloop.stack.arm_folders import OWN
+from servoloop.stack.shipped_files import OWN
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
+from controller.errors import ManagerError
 from controller.gripper.goal import GripperGoal
 from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
-from controller.manager.switch import Loaded, ManagerError, Strictness, SwitchRequest
+from controller.manager.switch import Loaded, Strictness, SwitchRequest
 from controller.trajectory.goal import GoalPoint
 from drivers.errors import DriverError
 from hal.errors import HalError

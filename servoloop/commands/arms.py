@@ -11,7 +11,7 @@ from rich.table import Table
 
 from servoloop.extras import missing_extras, require_extras
 from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
-from servoloop.stack.robot_files import make_folder
+from servoloop.stack.result_files import make_folder
 from servoloop.stack.terminal import print_styled
 
 app = typer.Typer()

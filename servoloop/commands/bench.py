@@ -11,8 +11,8 @@ from servoloop.commands.shared.console import JsonOption, YesOption, confirm, pr
 from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
-from servoloop.stack.arm_folders import OWN
 from servoloop.stack.arm_options import ArmOption
+from servoloop.stack.shipped_files import OWN
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -91,7 +91,7 @@ def arm(
     from servoloop.bench.arm import bench_arm
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.loop_thread import LEFT
-    from servoloop.stack.robot_files import make_folder, require_file
+    from servoloop.stack.result_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
     require_extras("the report page", "report")
@@ -117,7 +117,7 @@ def _report(measured: "Measured", out: Path, json: bool) -> None:
 
     from drivers.errors import DriverError
     from servoloop.bench.page import page
-    from servoloop.stack.robot_files import write_file
+    from servoloop.stack.result_files import write_file
 
     if not json:
         print_figures(measured.figures, Console())

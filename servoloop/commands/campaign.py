@@ -15,7 +15,7 @@ from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.processes import Interrupted
-from servoloop.stack.robot_files import make_folder
+from servoloop.stack.result_files import make_folder
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:

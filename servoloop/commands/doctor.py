@@ -59,7 +59,7 @@ def doctor(
     from commissioning.ports.machine import Machine
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
-    from servoloop.stack.robot_files import require_file, write_file
+    from servoloop.stack.result_files import require_file, write_file
     from servoloop.stack.signals import Signals
 
     if report_file is not None:

@@ -17,12 +17,14 @@ from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
 from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption, XacroOption, xacro_arguments
 from servoloop.stack.devices import device_paths
 from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
-from servoloop.stack.robot_files import ServoFiles, make_folder
+from servoloop.stack.result_files import make_folder
+from servoloop.stack.robot_files import ServoFiles
+from servoloop.stack.shipped_files import OWN
 from servoloop.stack.terminal import log_to_terminal
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from servoloop.manual.poses import FILE, Poses
-from servoloop.stack.arm_folders import OWN, find_arm
 from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
+from servoloop.stack.shipped_files import OWN
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from servoloop.manual.poses import Poses
     from servoloop.manual.robot import LiveRobot
     from servoloop.manual.robot_client import RobotClient
 
@@ -165,6 +165,7 @@ def save(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None)
 
     Example: `servoloop pose save over_the_box`
     """
+    from servoloop.manual.poses import Poses
     from servoloop.manual.robot import LiveRobot
 
     with LiveRobot.find(arm, namespace) as robot:
@@ -186,6 +187,7 @@ def go(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None) -
     The arm stops if the command is interrupted. Example: `servoloop pose go over_the_box`
     """
     from servoloop.command_socket.client import CommandClient
+    from servoloop.manual.poses import Poses
     from servoloop.manual.robot import LiveRobot
     from servoloop.manual.robot_client import RobotClient
     from servoloop.stack.processes import Interrupted
@@ -226,7 +228,10 @@ def remove(name: Name, arm: ArmOption = OWN) -> None:
     typer.echo(f"{name} was removed")
 
 
-def _poses(arm: str) -> Poses:
+def _poses(arm: str) -> "Poses":
     """Return the poses of an arm, or of any folder with a pose file, such as the folder of a URDF."""
+    from servoloop.manual.poses import FILE, Poses
+    from servoloop.stack.arm_folders import find_arm
+
     folder = Path(arm)
     return Poses(folder if "/" in arm and (folder / FILE).is_file() else find_arm(arm).folder)

@@ -46,7 +46,7 @@ def record(
     """
     from servoloop.recording.stack_recording import record as run
     from servoloop.recording.stream import find_stack, open_live
-    from servoloop.stack.robot_files import make_folder
+    from servoloop.stack.result_files import make_folder
     from servoloop.stack.signals import Signals
 
     if file is not None:

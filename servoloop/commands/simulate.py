@@ -11,8 +11,9 @@ from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.recording.mcap import RecordOption, check_path
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, RobotOption
+from servoloop.stack.shipped_files import OWN
 
 if TYPE_CHECKING:
     from rich.console import Console

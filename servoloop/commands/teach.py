@@ -26,8 +26,9 @@ from servoloop.commands.shared.options import (
     require_keys,
     side_of,
 )
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import ArmOption, RunningNamespace
+from servoloop.stack.shipped_files import OWN
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:

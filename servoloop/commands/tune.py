@@ -12,7 +12,7 @@ from servoloop.commands.shared.line_options import PortsOption, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_options import ServoArm
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -84,7 +84,7 @@ def tune(
     from rich.console import Console
 
     from servoloop.stack.loop_thread import LEFT
-    from servoloop.stack.robot_files import make_folder, require_file
+    from servoloop.stack.result_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
     request.require_consistent()

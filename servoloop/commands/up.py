@@ -22,7 +22,7 @@ from servoloop.stack.arm_options import ControlledArm, NamespaceOption
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
-from servoloop.stack.robot_files import make_folder, require_writable
+from servoloop.stack.result_files import make_folder, require_writable
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 

@@ -144,7 +144,8 @@ def _opened(
 ) -> "tuple[LiveSource | PlayedRecording | EmulatorSource, Path | None]":
     """Open the source and return it with the folder of its arm, or None if only the URDF of the arm is known."""
     from servoloop.recording.sources import LiveSource, PlayedRecording
-    from servoloop.stack.arm_folders import OWN, find_arm
+    from servoloop.stack.arm_folders import find_arm
+    from servoloop.stack.shipped_files import OWN
 
     if recording is not None:
         return PlayedRecording(recording), find_arm(choice.arm).folder if choice.arm is not None else None

@@ -21,7 +21,8 @@ from servoloop.dashboard.shapes import DrawnShape, arm_shapes, scene_shapes, sha
 from servoloop.dashboard.tables import STRIPS, StateTable, Strip, TableCell, axis_range, strip_data
 from servoloop.recording.history import KEPT_S
 from servoloop.recording.robot_state import GoalPath, ObservedRobot, RobotSnapshot, health, servo_faults
-from servoloop.stack.arm_folders import ARM_FILE, ArmFolder, arms, read_arm
+from servoloop.stack.arm_folders import ArmFolder, arms, read_arm
+from servoloop.stack.shipped_files import ARM_FILE
 
 if TYPE_CHECKING:
     from nodes.planning_client.scene_watch import WatchedScene

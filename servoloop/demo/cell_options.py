@@ -7,7 +7,7 @@ from typing import Annotated, Final
 import typer
 
 from servoloop.recording.mcap import RecordOption
-from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
+from servoloop.stack.arm_folders import ArmFolder, find_arm
 from servoloop.stack.arm_options import (
     BACKLASH_DEG,
     ArmOption,
@@ -16,6 +16,7 @@ from servoloop.stack.arm_options import (
     RobotOption,
     SeedOption,
 )
+from servoloop.stack.shipped_files import OWN
 
 FIRST_TRAY: Final = 2
 """Default seed of the apples, used without ``--seed``. With this seed, apples of all grades appear."""

@@ -15,7 +15,7 @@ from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live
 from servoloop.recording.following_error import worst
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 
 if TYPE_CHECKING:
     from nodes.clients.stack_monitor import StackMonitor

@@ -35,7 +35,7 @@ from servoloop.stack.pick_place import NODE as NODE_NAME
 from servoloop.stack.pick_place import PickPlace
 from servoloop.stack.pick_place import arm_jobs as read_arm_jobs
 from servoloop.stack.processes import Processes, choose_ros_domain
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient
 

@@ -16,7 +16,8 @@ from servoloop.manual.poses import Poses
 from servoloop.motion_planning.collision_matrix import near_by_design, reasons
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.robot_files import CONFIG, Files
+from servoloop.stack.robot_files import Files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.scene.scene_file import scene_spec
 
 NEVER: Final = "Never"

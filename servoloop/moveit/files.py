@@ -20,7 +20,9 @@ from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
+from servoloop.stack.result_files import make_folder, write_file
+from servoloop.stack.robot_files import Files
+from servoloop.stack.shipped_files import CONFIG
 
 MOVEIT: Final = CONFIG / "moveit"
 """Folder with the MoveIt configuration of the default arm."""

@@ -14,7 +14,7 @@ from servoloop.recording.mcap import SUFFIX
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sampler import CycleSample, GoalEnd
-from servoloop.stack.robot_files import make_folder
+from servoloop.stack.result_files import make_folder
 
 LOG = logging.getLogger("servoloop")
 

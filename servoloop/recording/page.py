@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from hal.types import FloatArray
 from servoloop.plots import Curve, Panel, Stretch, time_series
 from servoloop.recording.reader import RecordedRun
-from servoloop.stack.robot_files import write_file
+from servoloop.stack.result_files import write_file
 
 MOST: Final = 3000
 """Maximum number of cycles in a plot. Plots of longer runs show every n-th cycle."""

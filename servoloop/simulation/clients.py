@@ -7,8 +7,9 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from controller.errors import ManagerError
 from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
-from controller.manager.switch import ManagerError, SwitchRequest
+from controller.manager.switch import SwitchRequest
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances

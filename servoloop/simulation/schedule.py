@@ -11,7 +11,8 @@ from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.simulation.acts import Act
-from servoloop.stack.arm_folders import OWN, arm_in
+from servoloop.stack.arm_folders import arm_in
+from servoloop.stack.shipped_files import OWN
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain

@@ -11,13 +11,10 @@ from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
-from servoloop.stack.robot_files import CONFIG, NO_ARGUMENTS, Files, ServoFiles, read_servo_files, with_controllers
+from servoloop.stack.robot_files import NO_ARGUMENTS, Files, ServoFiles, read_servo_files, with_controllers
+from servoloop.stack.shipped_files import ARM_FILE, ARMS, OWN
 
-ARMS: Final = CONFIG / "arms"
-ARM_FILE: Final = "arm.yaml"
 PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place", "pick_place_poses")
-OWN: Final = "robot_arm"
-"""Default arm."""
 
 
 class ArmFile(BaseModel):

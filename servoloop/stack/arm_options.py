@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from drivers.errors import DriverError
 from nodes.namespace import parse_namespace
-from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm, read_arm_files, read_arm_servos
-from servoloop.stack.robot_files import Files, ServoFiles
+from servoloop.stack.shipped_files import OWN
+
+if TYPE_CHECKING:
+    from servoloop.stack.arm_folders import ArmFolder
+    from servoloop.stack.robot_files import Files, ServoFiles
 
 ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
@@ -98,12 +101,16 @@ class ServoArm:
     urdf: UrdfOption = None
     xacro_arg: XacroOption = None
 
-    def found(self) -> ArmFolder:
+    def found(self) -> "ArmFolder":
         """Return the folder of the arm. Raises ArmFileError."""
+        from servoloop.stack.arm_folders import find_arm
+
         return find_arm(self.arm)
 
-    def read(self) -> ServoFiles:
+    def read(self) -> "ServoFiles":
         """Read and check the files of the arm, except for its controllers file. Raises HalError."""
+        from servoloop.stack.arm_folders import read_arm_servos
+
         return read_arm_servos(self.found(), self.urdf, self.robot, xacro_arguments(self.xacro_arg))
 
 
@@ -120,7 +127,9 @@ class ControlledArm:
     xacro_arg: XacroOption = None
     namespace: NamespaceOption = ""
 
-    def read(self) -> Files:
+    def read(self) -> "Files":
         """Read and check the files of the arm. Raises HalError or ControllersFileError."""
+        from servoloop.stack.arm_folders import find_arm, read_arm_files
+
         arguments = xacro_arguments(self.xacro_arg)
         return read_arm_files(find_arm(self.arm), self.urdf, self.controllers, self.robot, arguments, self.namespace)

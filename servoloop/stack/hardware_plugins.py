@@ -2,7 +2,8 @@
 
 from importlib.metadata import entry_points
 
-from controller.manager.plugins import PluginError, why_not_loaded
+from controller.errors import PluginError
+from controller.manager.plugins import why_not_loaded
 from drivers.clock import Clock
 from hal.errors import HalError
 from hal.hardware import Hardware, outputs_of

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
+from controller.errors import ControllersFileError
+from controller.manager.controllers_file import ControllersFile, load_controllers_file
 from controller.manager.parameter_file import read_parameter_file
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
@@ -14,10 +15,11 @@ from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
 from servoloop.extras import missing_extras
-from servoloop.stack.arm_folders import ARM_FILE, ArmFile, ArmFolder, read_arm
+from servoloop.stack.arm_folders import ArmFile, ArmFolder, read_arm
 from servoloop.stack.pick_place import PickPlace, load_pick_places
 from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
+from servoloop.stack.shipped_files import ARM_FILE
 
 INTERFACES: Final = ("position", "velocity", "effort")
 AUTO_PARTS: Final = ("start", "clear", "stops", "drive")

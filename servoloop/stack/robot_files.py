@@ -1,15 +1,13 @@
-"""Read the files of a robot (URDF, robot files, controllers file), and write result files."""
+"""Read the files of a robot: URDF, robot files and controllers file."""
 
 import logging
-import tempfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 
-from commissioning.atomic_write import cannot_write, write_whole
-from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
-from drivers.errors import DriverError
+from controller.errors import ControllersFileError
+from controller.manager.controllers_file import ControllersFile, load_controllers_file
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import Description, merged, parse_urdf
 from hal.robot_description.hardware_info import HardwareInfo
@@ -20,14 +18,10 @@ from hal.robot_file.robots import all_limits, together
 from hal.text_file import read_xml
 from hal.types import JointLimits
 from hal.yaml_nodes import YamlFile, compose
+from servoloop.stack.shipped_files import ARMS, CONFIG, CONTROLLERS, OWN, SCENE, URDF
 
 LOG = logging.getLogger("servoloop")
 
-HOME = Path(__file__).resolve().parents[2]
-CONFIG = HOME / "config"
-URDF = HOME / "urdf" / "robot_arm.urdf"
-CONTROLLERS = CONFIG / "arm_controllers.yaml"
-SCENE = HOME / "urdf" / "scene.xml"
 NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
 """Hardware plug-ins that need a robot file."""
@@ -52,11 +46,11 @@ class ServoFiles:
     """Robot file of each component that needs a robot file."""
     scene: Path = SCENE
     """Scene of the simulated world."""
-    arm: str = "robot_arm"
+    arm: str = OWN
     """Name of the arm. Other programs find the running stack by this name."""
     folder: Path | None = None
     """Folder for the poses of the arm; None for files that do not belong to an arm."""
-    arm_folder: Path = CONFIG / "arms" / "robot_arm"
+    arm_folder: Path = ARMS / OWN
     """Folder of the arm to which the other files belong."""
 
     @property
@@ -253,38 +247,3 @@ def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> d
     return {
         joint.name: joint.address for joint in files.robot.joints if any(joint.name in one.joints for one in driven)
     }
-
-
-def make_folder(folder: Path) -> None:
-    """Create a folder for results if necessary. Raises DriverError if the folder is not writable."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DriverError(f"cannot write into {folder}: {error.strerror}") from error
-    require_writable(folder)
-
-
-def require_file(path: Path) -> None:
-    """Raise DriverError if no file can be written at ``path``. Call this function before a run, not only at its end."""
-    if path.is_dir():
-        raise DriverError(f"{path} is a folder: choose the name of a file")
-    if path.exists() and not path.is_file():
-        raise DriverError(f"{path} is not a regular file: choose another path")
-    require_writable(path.parent)
-
-
-def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
-    """Write a file. If ``keep`` is true, rename an existing file to NAME.1 first. Raises DriverError."""
-    try:
-        write_whole(path, content, keep)
-    except OSError as error:
-        raise DriverError(cannot_write(path, error)) from error
-
-
-def require_writable(folder: Path) -> None:
-    """Raise DriverError if a folder is not writable. Call this function before a run, not only at its end."""
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise DriverError(f"cannot write into {folder}: {error.strerror}") from error

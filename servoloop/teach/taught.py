@@ -20,7 +20,7 @@ from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
-from servoloop.stack.robot_files import make_folder
+from servoloop.stack.result_files import make_folder
 
 
 class TeachError(DriverError):

@@ -14,7 +14,8 @@ from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.stack_faults import GOAL_ATTRIBUTES, Upsettable
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.shipped_files import OWN
 from servoloop.testing.errors import ArmTestError
 from servoloop.testing.invariants import ChosenInvariants
 from sim_backend.buses.build import Build

@@ -26,7 +26,7 @@ from servoloop import (
 from servoloop.api.thread_loop import exit_on_signals
 from servoloop.manual.poses import Poses
 from servoloop.recording.reader import read_recording
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.api.contract import PAN, ArmContract
 from tests.api.loaded_arm import FREE, LoadedArm
 from tests.pages import ROOT

@@ -13,7 +13,8 @@ from servoloop import cli
 from servoloop.arm_pictures.labels import GAP_PX, _spread
 from servoloop.arm_pictures.posed_arm import PosedArm
 from servoloop.dashboard.arm_model import DrawnArm
-from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, find_arm, read_arm_servos
+from servoloop.stack.arm_folders import ArmFolder, arms, find_arm, read_arm_servos
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.scene.still import Solid, take
 from tests.hal.test_link_meshes import cube
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, read_arm
+from servoloop.stack.arm_folders import ArmFolder, arms, read_arm
 from servoloop.stack.robot_check import check_arm, missing_parts
+from servoloop.stack.shipped_files import ARMS
 
 FILES = {
     "arm.yaml": ARMS / "so101" / "arm.yaml",

@@ -12,9 +12,10 @@ from hal.errors import ArmFileError
 from servoloop import cli
 from servoloop.arms.combine import combine, combined, parse_arms, parse_bases
 from servoloop.manual.poses import CLOSE, OPEN, Poses, find_targets
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_places
 from servoloop.stack.robot_check import check_arm
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.scene.scene_file import scene_model
 
 PAIR = {"left": "so101", "right": "so101"}

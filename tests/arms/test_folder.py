@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from hal.errors import ArmFileError
 from servoloop import cli
-from servoloop.stack.arm_folders import ARMS, OWN, arms, find_arm, read_arm_files
-from servoloop.stack.robot_files import CONFIG, URDF, read_files
+from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import ARMS, CONFIG, OWN, URDF
 from tests.complaint import complaint
 
 RUNNER = CliRunner()

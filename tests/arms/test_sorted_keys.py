@@ -12,9 +12,10 @@ from hal.errors import ArmFileError
 from servoloop.manual.poses import Poses
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 from servoloop.simulation.stack_faults import inventory_of
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.robot_files import CONFIG, URDF, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import ARMS, CONFIG, URDF
 from sim_backend.faults.draw import draw
 from sim_backend.faults.servos import Silent
 

@@ -17,7 +17,8 @@ from servoloop.campaign.run import run_schedule
 from servoloop.campaign.scenario import Scenario
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule
-from servoloop.stack.arm_folders import OWN, find_arm
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.shipped_files import OWN
 
 PARTS = {"world", "servos", "line and packets", "driver", "controllers", "compensation", "loop"}
 

@@ -18,7 +18,8 @@ from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings, virtual_lines
-from servoloop.stack.robot_files import CONFIG, Files, read_files
+from servoloop.stack.robot_files import Files, read_files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.buses.build import Build
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

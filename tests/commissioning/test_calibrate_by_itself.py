@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import pytest
 
 from commissioning.calibrate.by_itself import ByItself
-from commissioning.calibrate.result import CalibrationError, travel_warnings, turns_freely
+from commissioning.calibrate.result import travel_warnings, turns_freely
+from commissioning.errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus
 from drivers.errors import DriverError, PortMissing

@@ -18,8 +18,8 @@ from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
 from hal.robot_file.robot_file import load_robot_file
 from servoloop.cli import app
-from servoloop.stack.arm_folders import ARMS
 from servoloop.stack.hardware import servo_bus
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.control import ask, control_path
 from tests.commissioning.practice import follow
 from tests.complaint import complaint
@@ -129,7 +129,7 @@ def test_an_unwritable_folder_is_reported_before_the_port_is_opened(
     def read_only(dir: Path) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr("servoloop.stack.robot_files.tempfile.TemporaryFile", read_only)
+    monkeypatch.setattr("servoloop.stack.result_files.tempfile.TemporaryFile", read_only)
     said = complaint(capsys, monkeypatch, "calibrate", "--arm", "so101", "--port", str(tmp_path / "none"))
     assert f"cannot write into {ARMS / 'so101'}: Read-only file system; copy the arm's folder" in said
 

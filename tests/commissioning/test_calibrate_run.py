@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from commissioning.calibrate.by_hand import ByHand, CalibrationTask
-from commissioning.calibrate.result import CalibrationError, travel_warnings
+from commissioning.calibrate.result import travel_warnings
 from commissioning.calibrate.run import (
     DIRECTIONS,
     HANDS_OFF,
@@ -24,6 +24,7 @@ from commissioning.calibrate.run import (
     calibrate,
     to_repeat,
 )
+from commissioning.errors import CalibrationError
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
@@ -31,7 +32,8 @@ from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 from tests.commissioning.held import HeldArm
 

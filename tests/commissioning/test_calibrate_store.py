@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from commissioning.calibrate.result import CalibrationError, JointCalibration
+from commissioning.calibrate.result import JointCalibration
 from commissioning.calibrate.run import check
 from commissioning.calibrate.store import store
+from commissioning.errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.eeprom import OPEN, EepromError
 from drivers.errors import DriverError, PortLost, ServoError
@@ -18,8 +19,9 @@ from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 from hal.robot_file.calibration_file import calibration_path, load_calibration
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import ARMS, CONFIG
 from tests.commissioning.arm import JOINTS, UnalignedArm
 from tests.commissioning.interrupted import Interrupted
 

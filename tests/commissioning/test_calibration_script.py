@@ -9,7 +9,7 @@ import pytest
 import drivers.clock
 import servoloop.stack.hardware
 from drivers.bus.bus import Bus
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.commissioning.arm import Person, UnalignedArm
 from tests.pages import code
 

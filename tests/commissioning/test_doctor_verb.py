@@ -13,7 +13,7 @@ import yaml
 from commissioning.doctor.report import markdown, without_names
 from drivers.servos import sts
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.robot_files import CONFIG
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.line.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served

@@ -17,7 +17,8 @@ from servoloop import cli
 from servoloop.motion_planning.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
-from servoloop.stack.arm_folders import ARMS, ArmFolder, find_arm, read_arm, read_arm_files
+from servoloop.stack.arm_folders import ArmFolder, find_arm, read_arm, read_arm_files
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 from tests.config.arm import read_objects, read_padding_m

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from controller.component_transitions import ComponentTransition, TransitionRules
+from controller.errors import SwitchError
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED
-from controller.manager.switch import SwitchError, SwitchRequest
+from controller.manager.switch import SwitchRequest
 from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
 from hal.components.component_lifecycle import configure_all

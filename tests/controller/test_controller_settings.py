@@ -5,9 +5,9 @@ from typing import Any, cast
 
 import pytest
 
+from controller.errors import ControllersFileError
 from controller.interface import ControllerContext
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.controllers_file import ControllersFileError
 from controller.manager.factory import Factory
 from controller.manager.settings import ManagerSettings, setting_mistake
 from tests.controller.test_controllers_file import HAND_TYPE, PLAIN, description, load

@@ -7,15 +7,11 @@ import pytest
 from pydantic import ValidationError
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.errors import ControllersFileError
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import ControllerContext
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.controllers_file import (
-    ControllersFile,
-    ControllersFileError,
-    load_controller,
-    load_controllers_file,
-)
+from controller.manager.controllers_file import ControllersFile, load_controller, load_controllers_file
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.settings import ManagerSettings

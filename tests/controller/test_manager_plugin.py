@@ -9,21 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controller.errors import ControllersFileError, ManagerError, SwitchError
 from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.client import ManagerClient
-from controller.manager.controllers_file import ControllersFileError, load_controllers_file
+from controller.manager.controllers_file import load_controllers_file
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.settings import ManagerSettings
-from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
+from controller.manager.switch import SwitchRequest
 from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot_description.description import parse_urdf
 from hal.types import JointLimits
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 from sim_backend.clock import SimulatedClock
 from tests.controller.bench import PERIOD_S, Bench
 from tests.pages import code, named

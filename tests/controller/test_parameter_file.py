@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from controller.manager.controllers_file import ControllersFileError
+from controller.errors import ControllersFileError
 from controller.manager.node_parameters import named, parameters_of
 from controller.manager.parameter_file import read_parameter_file
 

@@ -13,7 +13,7 @@ import pytest
 
 from commissioning.calibrate.run import HANDS_OFF
 from drivers.port import Port
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.api.loaded_arm import LoadedArm
 from tests.commissioning.arm import Person, UnalignedArm
 from tests.pages import ROOT

@@ -14,7 +14,7 @@ from hal.compensation.gravity import GRAVITY_M_S2, Gravity
 from hal.errors import DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 
 JOINTS = (*(f"joint{i}" for i in range(1, 7)), "hand_right_joint")
 ARM = parse_urdf(URDF.read_text())

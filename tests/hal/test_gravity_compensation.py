@@ -15,7 +15,8 @@ from hal.compensation.limit_cycle import GIVE_WAY_RAD
 from hal.robot_description.description import parse_urdf
 from hal.servos.gravity_compensation import GravityCompensation
 from hal.types import FloatArray, JointLimits
-from servoloop.stack.robot_files import URDF, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import URDF
 
 JOINTS = read_files().robot.joints
 GRAVITY = Gravity(parse_urdf(URDF.read_text()), [joint.name for joint in JOINTS])

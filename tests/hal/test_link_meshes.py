@@ -13,7 +13,8 @@ from hal.file_size import LARGEST_SHAPE_BYTES
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.link_meshes import PLACES, TRIANGLE, Faces, link_meshes, read_stl, with_edges
 from hal.types import FloatArray
-from servoloop.stack.arm_folders import ARMS, find_arm
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.shipped_files import ARMS
 from tests.pages import code
 
 OWNED = ("koch", "so100", "so101")

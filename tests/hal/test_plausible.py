@@ -8,7 +8,7 @@ from controller.parameters import ManagerParameters
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.stack.robot_files import CONFIG, URDF
+from servoloop.stack.shipped_files import CONFIG, URDF
 
 ROBOT = """bus: {{baud: {baud}}}
 joints:

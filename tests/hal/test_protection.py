@@ -8,7 +8,7 @@ from drivers.servos.catalog import MODELS
 from hal.robot_file.protection import protection_problems
 from hal.robot_file.robot_file import load_robot_file, unprotected
 from servoloop.stack.arm_folders import find_arm
-from servoloop.stack.robot_files import CONFIG
+from servoloop.stack.shipped_files import CONFIG
 
 FILES = [CONFIG / f"{name}.yaml" for name in ("robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses")]
 FILES += sorted(CONFIG.glob("arms/*/robot.yaml"))

@@ -15,7 +15,7 @@ from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_settings import NOT_SETTINGS, settings_of
-from servoloop.stack.robot_files import CONFIG
+from servoloop.stack.shipped_files import CONFIG
 from tests.hal.bench import JOINTS, Bench
 
 SOFT = (("position_p", 16), ("ccw_dead_zone", 2), ("acceleration_multiplier", 2))

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from commissioning.calibrate.result import CalibrationError
+from commissioning.errors import CalibrationError
 from commissioning.lerobot import read_lerobot
-from controller.manager.controllers_file import ControllersFileError
+from controller.errors import ControllersFileError
 from controller.manager.parameter_file import read_parameter_file
 from hal.errors import DescriptionError, RobotFileError
 from hal.file_size import LARGEST_BYTES
@@ -15,7 +15,8 @@ from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
 from hal.text_file import read_text, read_xml
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.robot_files import URDF, read_description
+from servoloop.stack.robot_files import read_description
+from servoloop.stack.shipped_files import URDF
 
 DECLARED = '<?xml version="1.0" encoding="{}"?>\n<robot name="{}"/>'
 

@@ -30,7 +30,7 @@ from servoloop.command_socket.client import CommandClient
 from servoloop.manual.joints_now import HandlingError, JointsNow, MovableRobot
 from servoloop.manual.robot import LiveRobot
 from servoloop.manual.robot_client import SLOW, RobotClient
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.live.rig import runtime_folder
 from tests.pages import commands
 from tests.ros.stack_process import PICK, READY, arm_client, emulating, running, until

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from hal.types import JointLimits
 from servoloop.cli import app
 from servoloop.manual.poses import CLOSE, FILE, OPEN, MoveTargets, Poses, find_targets
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.live.rig import LiveRig, runtime_folder
 
 DRIVEN = {"arm_controller": ("joint1", "joint2"), "hand_controller": ("hand_right_joint",)}

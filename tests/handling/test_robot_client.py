@@ -17,8 +17,9 @@ from servoloop.manual.joints_now import HandlingError
 from servoloop.manual.poses import Poses
 from servoloop.manual.robot import LiveRobot
 from servoloop.manual.robot_client import RobotClient
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
+from servoloop.stack.shipped_files import ARMS
 from tests.command_socket.rig import SocketRig, served
 from tests.command_socket.test_bad_clients import at_rest
 from tests.pages import commands

@@ -22,8 +22,8 @@ from servoloop.recording.stream import (
     running_stacks,
     socket_path,
 )
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.shipped_files import ARMS, URDF
 from tests.live.rig import LiveRig, LiveViewer, runtime_folder
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY

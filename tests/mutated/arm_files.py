@@ -17,11 +17,12 @@ from hal.errors import ArmFileError
 from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.shapes import scene_shapes, shapes, thing_shapes
 from servoloop.moveit.surroundings import surroundings
-from servoloop.stack.arm_folders import ARMS, OWN, arms, find_arm, read_arm_files, read_arm_servos
+from servoloop.stack.arm_folders import arms, find_arm, read_arm_files, read_arm_servos
 from servoloop.stack.hardware import build, compensation
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_check import check_arm
-from servoloop.stack.robot_files import CONFIG, Files, initial_states
+from servoloop.stack.robot_files import Files, initial_states
+from servoloop.stack.shipped_files import ARMS, CONFIG, OWN
 from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.buses.build import Build
 from sim_backend.scene.scene_check import require_scene, scene_problems

@@ -8,7 +8,7 @@ from typing import Final
 from unittest.mock import patch
 
 from hal.errors import ArmFileError
-from servoloop.stack.robot_files import CONFIG, HOME
+from servoloop.stack.shipped_files import CONFIG, HOME
 from tests.launch.reading import MOVEIT, actions
 from tests.launch.recorders import modules
 from tests.mutated.kind import Kind, of_paths

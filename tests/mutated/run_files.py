@@ -16,9 +16,9 @@ from servoloop.recording.sources import PlayedRecording
 from servoloop.simulation.schedule import Schedule, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack_faults import inventory_of, require_possible_in
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.robot_files import HOME
+from servoloop.stack.shipped_files import HOME, OWN
 from servoloop.teach.recorded import recorded_motion
 from servoloop.teach.taught import MotionStore
 from sim_backend.faults.draw import draw

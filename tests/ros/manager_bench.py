@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 from tests.ros.manager_client import BEST_EFFORT, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 from tests.ros.two_components import HAND, MOCK, servos, write_robot_file
 
 FOLLOWER = "hand_left_joint"

@@ -13,7 +13,7 @@ import pytest
 from control_msgs.msg import DynamicJointState
 from sensor_msgs.msg import JointState
 
-from servoloop.stack.robot_files import HOME, URDF
+from servoloop.stack.shipped_files import HOME, URDF
 from tests.ros.deaf import deaf_client
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import running

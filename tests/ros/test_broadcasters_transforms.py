@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from nodes.publishing import LATCHED
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from sensor_msgs.msg import JointState
 
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import StackProcess, running, until
 

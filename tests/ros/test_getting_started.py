@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.buses.mounting import Mounting
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell

@@ -10,7 +10,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 from tests.ros.hardware_client import activate, components, controllers, interfaces, set_state
 from tests.ros.hardware_plugin import DEFECT, Orders, install
 from tests.ros.stack_process import READY, StackProcess, arm_client, running

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 from tests.complaint import complaint
 from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
 from tests.ros.stack_process import PATIENCE_S, StackProcess

@@ -14,7 +14,7 @@ from pal_statistics_msgs.msg import Statistics, StatisticsNames, StatisticsValue
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 from tests.ros.stack_process import running, until
 
 INTERFACES, TIMES = "/controller_manager/introspection_data", "/controller_manager/statistics"

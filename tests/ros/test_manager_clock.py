@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from servoloop.stack.robot_files import CONTROLLERS
+from servoloop.stack.shipped_files import CONTROLLERS
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import PICK, READY, StackProcess, running
 from tests.ros.trajectory_client import TrajectoryClient, goal_of, point, trajectory

@@ -10,7 +10,7 @@ from lifecycle_msgs.msg import TransitionEvent
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from servoloop.stack.robot_files import URDF
+from servoloop.stack.shipped_files import URDF
 from tests.ros.manager_bench import AT_START, FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess

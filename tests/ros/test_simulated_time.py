@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from sorting_arm_interfaces.action import PickPlace
 from tf2_msgs.msg import TFMessage
 
-from servoloop.stack.robot_files import CONFIG
+from servoloop.stack.shipped_files import CONFIG
 from tests.pages import commands
 from tests.ros.manager_client import ManagerClient, manager_client
 from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until

@@ -14,7 +14,8 @@ from rclpy.task import Future
 from scservo_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
 from drivers.servos import sts
-from servoloop.stack.robot_files import CONFIG, CONTROLLERS, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG, CONTROLLERS
 from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, StackProcess, arm_client, emulating, running, until
 
 pytestmark = pytest.mark.slow

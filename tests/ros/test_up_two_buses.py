@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from servoloop.stack.robot_files import CONFIG, CONTROLLERS
+from servoloop.stack.shipped_files import CONFIG, CONTROLLERS
 from tests.ros.stack_process import JOINTS, READY, StackProcess
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of

@@ -13,7 +13,7 @@ import rclpy
 
 from hal.robot_description.description import parse_urdf
 from nodes.namespace import namespace_arguments
-from servoloop.stack.robot_files import CONTROLLERS, URDF
+from servoloop.stack.shipped_files import CONTROLLERS, URDF
 from tests.ros.stack_process import running
 from tests.ros.trajectory_client import NONE, TrajectoryClient
 

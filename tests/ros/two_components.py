@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from servoloop.stack.robot_files import CONFIG, URDF
+from servoloop.stack.shipped_files import CONFIG, URDF
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))
 HAND = "hand_right_joint"

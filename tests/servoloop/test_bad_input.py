@@ -14,7 +14,7 @@ import pytest
 from servoloop import cli
 from servoloop.commands.up import write_ready
 from servoloop.stack.arm_folders import find_arm
-from servoloop.stack.robot_files import CONFIG, CONTROLLERS, URDF
+from servoloop.stack.shipped_files import CONFIG, CONTROLLERS, URDF
 from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
 

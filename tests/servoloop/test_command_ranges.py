@@ -22,7 +22,8 @@ from hal.errors import DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.limit_check import WHEEL_SPEED_RAD_S
 from servoloop.stack.hardware import HardwareKind, build
-from servoloop.stack.robot_files import URDF, Files, read_files
+from servoloop.stack.robot_files import Files, read_files
+from servoloop.stack.shipped_files import URDF
 from sim_backend.clock import SimulatedClock
 
 PERIOD_S = 0.02

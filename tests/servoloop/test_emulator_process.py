@@ -9,9 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from servoloop.cli import app
-from servoloop.stack.arm_folders import ARMS, arms, find_arm, read_arm_files
+from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
 from servoloop.stack.emulator_process import emulate_arguments
-from servoloop.stack.robot_files import CONFIG, CONTROLLERS, Files, ServoFiles
+from servoloop.stack.robot_files import Files, ServoFiles
+from servoloop.stack.shipped_files import ARMS, CONFIG, CONTROLLERS
 from tests.commissioning.patient import NOBODYS_MACHINE
 from tests.complaint import complaint
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_urdf

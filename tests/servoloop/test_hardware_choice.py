@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from controller.manager.controllers_file import ControllersFileError
-from controller.manager.plugins import PluginError
+from controller.errors import ControllersFileError, PluginError
 from hal.errors import DescriptionError, HalError, RobotFileError
 from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.stack.hardware import HardwareKind, build, choose, compensation
-from servoloop.stack.robot_files import CONFIG, CONTROLLERS, Files, initial_states, read_files
+from servoloop.stack.robot_files import Files, initial_states, read_files
+from servoloop.stack.shipped_files import CONFIG, CONTROLLERS
 from sim_backend.clock import SimulatedClock
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 

@@ -55,6 +55,15 @@ def test_a_stack_on_real_servos_loads_no_library_of_an_extra() -> None:
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
+def test_stop_starts_without_the_libraries_of_other_commands() -> None:
+    """An arm must stop soon after the user has pressed Enter."""
+    heavy = ("numpy", "numba", "ruckig", "rclpy", "servoloop.up", "servoloop.stack.robot_files")
+    used = "servoloop.cli, servoloop.commands.jog, servoloop.command_socket.client"
+    program = f"import sys, {used}; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
+
+
 def test_servoloop_is_imported_within_300_ms() -> None:
     program = "import time; begin_s = time.process_time(); import servoloop; print(time.process_time() - begin_s)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)

@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
-from controller.manager.controllers_file import ControllersFileError
+from controller.errors import ControllersFileError
 from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.hardware import servo_bus
 from servoloop.stack.line_rate import check_rates
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from tests.complaint import complaint
 
 COMMANDS = [

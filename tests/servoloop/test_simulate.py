@@ -17,7 +17,8 @@ from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import HOME, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import HOME
 from sim_backend.buses.build import Build
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.text import parse

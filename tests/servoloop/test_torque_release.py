@@ -17,8 +17,9 @@ from commissioning.passport.file import Passport, write_passport
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from servoloop import cli
-from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import virtual_bus
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine

@@ -7,7 +7,8 @@ import pytest
 from hal.errors import RobotFileError
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.hardware import servo_bus
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import WorldPlant

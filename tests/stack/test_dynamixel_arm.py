@@ -3,7 +3,8 @@
 import pytest
 
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03

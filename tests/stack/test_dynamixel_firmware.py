@@ -8,7 +8,8 @@ import yaml
 from controller.action_goals import GoalStatus
 from drivers.servos import x
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.packets.dynamixel import Code
 from tests.stack.rig import UnpacedJob
 

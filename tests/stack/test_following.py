@@ -17,7 +17,8 @@ from hal.types import FloatArray
 from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.hardware import compensation
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from tests.stack.rig import PICK, UnpacedJob
 
 ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")

@@ -11,7 +11,8 @@ from drivers.errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from sim_backend.buses.port import VirtualPort
 from tests.ros.two_components import ARM, write_servos
 from tests.stack.rig import CLOSED_M, PICK, READY

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import CONFIG, URDF, Files, read_files
+from servoloop.stack.robot_files import Files, read_files
+from servoloop.stack.shipped_files import CONFIG, URDF
 from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03

@@ -8,7 +8,8 @@ from drivers.errors import PortLost
 from drivers.servos import sts
 from drivers.servos import x as x_series
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.robot_files import CONFIG, read_files
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.shipped_files import CONFIG
 from tests.stack.rig import BINS, CLOSED_M, PICK, UnpacedJob
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from controller.teach.hand_path import BEFORE_S, GRID_S, TOLERANCE, WINDOW
 from servoloop.manual.robot import LiveRobot
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from servoloop.teach.play import APPROACH
 from servoloop.teach.record import HANDS_S
 from tests.pages import DOCS, blocks

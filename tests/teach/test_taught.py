@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from controller.teach.hand_path import HandPath
 from drivers.errors import DriverError
 from servoloop.cli import app
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from servoloop.teach.taught import MotionStore, RecordedMotion, TeachError, beyond, check_duration
 from tests.teach.rig import SO101
 

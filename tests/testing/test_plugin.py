@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
+from controller.errors import SwitchError
 from controller.interface import ControllerContext
-from controller.manager.switch import SwitchError
 from controller.parameters import Parameters
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.robot_files import CONTROLLERS, URDF
+from servoloop.stack.shipped_files import CONTROLLERS, URDF
 from tests.pages import ROOT, commands
 
 COMMAND = "python tools/try_robots.py robots"

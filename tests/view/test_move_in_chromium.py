@@ -17,7 +17,7 @@ from servoloop.manual.buttons import LONGEST_S
 from servoloop.manual.poses import Poses
 from servoloop.manual.robot import LiveRobot
 from servoloop.manual.robot_client import SLOW
-from servoloop.stack.arm_folders import ARMS
+from servoloop.stack.shipped_files import ARMS
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import PATIENCE_S, PICK, READY, ArmClient, arm_client, emulating, running, until
