@@ -20,7 +20,7 @@ DATA_SIZE = 8
 CONTENT = bytes(range(DATA_SIZE))
 LONGEST_PIECE = 400
 LONGEST_FRAME = 22
-"""Length of the longest frame, a stuffed frame of protocol 2.0, in bytes."""
+"""Length of the longest frame, a stuffed protocol 2.0 frame, in bytes."""
 SILENCE = bytes(LONGEST_FRAME)
 PROBED = 100
 """Number of pieces between two probes. A probe consists of silence, a truncated frame and a good frame, which are fed

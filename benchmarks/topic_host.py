@@ -46,7 +46,7 @@ AFTER_S: Final = 0.5
 
 @contextmanager
 def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
-    """Run ``servoloop topic-host`` in a separate ROS domain, ready for commands."""
+    """Run ``servoloop topic-host`` in a separate ROS domain until the context ends. It is ready for commands."""
     settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
     stay_on_this_machine(settings)
     os.environ |= settings  # this also applies to the node of this process

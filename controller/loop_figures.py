@@ -97,6 +97,6 @@ class LoopFigures:
         if now_s - self._return_logged_s >= REPORT_AGAIN_S:
             cycles, more = counted(self.unmeasured_in_a_row, "cycle"), self._unlogged_returns - 1
             before = f" ({counted(more, 'earlier episode')} not logged)" if more else ""
-            LOG.warning("joints are measured again after %s without a measurement%s", cycles, before)
+            LOG.warning("joint measurements have resumed after %s without a measurement%s", cycles, before)
             self._return_logged_s, self._unlogged_returns = now_s, 0
         self.unmeasured_in_a_row = 0

@@ -70,7 +70,7 @@ class PathConstraints:
         return narrowed
 
     def broken_range(self, state: Mapping[str, float]) -> str:
-        """Describe the first joint of a state that is outside its range, or return an empty text."""
+        """Describe the first joint of a state that is outside its range, or return an empty string."""
         for joint, (lower, upper) in self.joints.items():
             if joint in state and not lower - STEP_RAD <= state[joint] <= upper + STEP_RAD:
                 return f"{joint} is at {state[joint]:.4f}, outside its path constraint {lower:.4f} to {upper:.4f}"
@@ -127,5 +127,5 @@ class ConstrainedCollisions(Collisions):
         return super().edge_contact(start, end, margins)
 
     def broken_region(self, positions: FloatArray) -> str:
-        """Describe the first link outside its region at positions (n,), or return an empty text."""
+        """Describe the first link outside its region at positions (n,), or return an empty string."""
         return next((text for region in self._regions if (text := region.text(positions))), "")

@@ -121,7 +121,7 @@ def _check_states(description: Description, driven: Sequence[str], states: State
 
 
 def outside(joint: UrdfJoint, position: float) -> str:
-    """Describe a position outside the limits of a joint, or return an empty text if it is inside."""
+    """Describe a position outside the limits of a joint, or return an empty string if it is inside."""
     slack = AT_LIMIT * (joint.upper - joint.lower)
     if joint.kind == "continuous" or joint.lower - slack <= position <= joint.upper + slack:
         return ""

@@ -68,7 +68,7 @@ HANDS_OFF = "The arm holds its position now: take your hands off"
 SUPPORT = "The torque will be disabled in a moment: support the arm"
 UNTRIED = "the calibration is stored, but its motion test was not completed"
 HANDS_S = 2.0
-"""Time the user gets to support the arm or to take the hands off it, in seconds."""
+"""Time for the user to support the arm or to let go of it, in seconds."""
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
 
@@ -238,7 +238,7 @@ def _try(
 ) -> None:
     """Move each joint a little with torque enabled.
 
-    Tell the user when to take the hands off the arm and when to support it.
+    Tell the user when to let go of the arm and when to support it.
     """
     with SlowArm(open_bus, joints, clock, stopped) as arm:
         asker.say(HANDS_OFF)

@@ -94,7 +94,7 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
         corrupt = isinstance(error, ServoCorrupt)
         clock.sleep_until(clock.now() + HELD_S)  # A late reply must not be mistaken for the reply to a later request.
         port.discard_input()
-    # All servos of protocol 1.0 answer the single reads that are used for an SCS.
+    # All protocol 1.0 servos answer the single reads that are used for an SCS.
     unknown = (SCS if step.packets is v1 else X).models[0]
     bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)

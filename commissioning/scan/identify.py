@@ -61,7 +61,7 @@ def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Id
 
 
 def identity_of(head: bytes, servo_id: int) -> Identity:
-    """Return the identity of a servo of protocol 1.0 from its first registers.
+    """Return the identity of a protocol 1.0 servo from its first registers.
 
     The position of the ID shows the make. If both makes are possible, a known model number decides.
     """

@@ -156,7 +156,7 @@ class TuneTrial:
         return TuneTrace(whole.time_s[later], whole.command[later], whole.position[later])
 
     def _for(self, seconds: float, position: Callable[[float], float]) -> TuneTrace:
-        """Run cycles for some seconds. ``position`` returns the goal for the expected end of each cycle."""
+        """Run cycles for a few seconds. ``position`` returns the goal for the expected end of each cycle."""
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
             self._arm.cycle(self._index, position(elapsed_s + self._arm.period_s))

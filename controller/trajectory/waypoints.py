@@ -68,7 +68,7 @@ class Bounds:
 def ruckig_motion(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
 ) -> RuckigMotion:
-    """Plan a motion with ruckig from ``start`` through every point without a stop. Raises MotionError.
+    """Plan a motion with ruckig from ``start`` through every point without stopping. Raises MotionError.
 
     If a segment takes longer than the goal requests, the velocities at its ends are reduced accordingly, so that all
     joints stay on the path.

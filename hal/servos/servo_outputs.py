@@ -108,7 +108,7 @@ def output_problems(component: HardwareInfo, joints: Mapping[str, Joint]) -> Ite
 
 
 def _why_not_output(joint: Joint, kind: str, info: OutputInfo) -> str:
-    """Return the reason why a register cannot be an output, or an empty text."""
+    """Return the reason why a register cannot be an output, or an empty string."""
     subject = f"{info.joint}: the command_interface {kind} ({info.place})"
     has = ", ".join(name for name in ALLOWED if _register(joint, name)) or "none"
     remedy = f"use one of its outputs ({has}), or remove the interface"

@@ -1,4 +1,4 @@
-"""Shapes of geoms in compiled code: their farthest points and their distance to a point.
+"""Compute support points of geom shapes and distances to points, in compiled code.
 
 Every shape is a core, which may be a point or a segment, and a margin around the core. A geom is a row of a table of
 floats (g, ``COLUMNS``), because passing a single array to compiled functions is fastest. Coordinates are in the geom's

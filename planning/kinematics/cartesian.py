@@ -152,7 +152,7 @@ def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) ->
 
 
 def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
-    """Describe why the tool misses the pose at these joint positions (n,), or return an empty text."""
+    """Describe why the tool misses the pose at these joint positions (n,), or return an empty string."""
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:
         return ""
@@ -170,7 +170,7 @@ def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> 
 
 
 def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> str:
-    """Describe the first joint that jumps between two points (n,), or return an empty text."""
+    """Describe the first joint that jumps between two points (n,), or return an empty string."""
     for name, turns, moved in zip(chain.names, chain.turns.tolist(), np.abs(after - before).tolist(), strict=True):
         limit, unit = (steps.jump_rad, "rad") if turns else (steps.jump_m, "m")
         if limit and moved > limit:

@@ -49,7 +49,7 @@ class Corner:
         return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
 
     def at(self, along: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, direction and curvature (n,) at a length from the start of the blend, in rad."""
+        """Return the position, direction and curvature (n,) at an arc length from the start of the blend, in rad."""
         x = along / (2.0 * self.half)
         turned, bent = 3.0 * x**2 - 2.0 * x**3, (6.0 * x - 6.0 * x**2) / (2.0 * self.half)
         moved = 2.0 * self.half * (x**3 - 0.5 * x**4)

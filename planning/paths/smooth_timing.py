@@ -29,7 +29,7 @@ TINY: Final = 1e-9
 class Spline:
     """Cubic spline through points, as a function of the length along the edges.
 
-    The first and last pieces are parabolas.
+    The first and last segments are parabolas.
     """
 
     lengths: FloatArray

@@ -170,7 +170,7 @@ class GripperPart:
         self.start.elapsed_s(now_s)
         if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
             self.handle = self.controller.submit(self.goals[0])
-            del self.goals[0]  # For other threads, a finished handle without further goals ends the part.
+            del self.goals[0]  # Other threads consider the part finished once its handle is done and no goals remain.
 
     def cancel(self, replaced: bool = False) -> None:
         if not self.done:

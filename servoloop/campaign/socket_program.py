@@ -191,7 +191,7 @@ class SocketProgram:
         self._goals += [one.handle for one in self._stack.goals.goals[before:]]
 
     def _all_goals(self) -> list[GoalHandle]:
-        """Return the goals of all clients that have not ended."""
+        """Return the unfinished goals of all clients."""
         return [one.handle for one in self._stack.goals.open]
 
     def _expect_end(self, goals: Iterable[GoalHandle]) -> None:

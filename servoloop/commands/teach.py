@@ -62,7 +62,7 @@ class TaughtArm:
     rate_hz: Annotated[
         int | None,
         typer.Option(
-            "--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help=f"Cycles per second with --port. [default: {RATE_HZ}]"
+            "--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help=f"Cycles per second if --port is given. [default: {RATE_HZ}]"
         ),
     ] = None
 

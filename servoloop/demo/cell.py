@@ -1,4 +1,4 @@
-"""Cell of the demo: the processes of the emulator, the stack and the pick-and-place node, and their clients."""
+"""Demo cell: the emulator, stack and pick-and-place node processes, and a client for each."""
 
 import os
 import re

@@ -135,7 +135,7 @@ def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> Virtual
     """Return the servos of the arm with factory settings, already mounted on its joints. Raises RobotFileError."""
     models = [joint.model for joint in robot.joints]
     if len(robot.file.lines()) > 1 or any(series_of(model).protocol is PROTOCOL_2 for model in models):
-        raise RobotFileError("a virtual box supports only one bus, and no Dynamixel servos of protocol 2.0 yet")
+        raise RobotFileError("a virtual box supports only one bus, and no Dynamixel protocol 2.0 servos yet")
     return VirtualBox(models, plant, spread.supply(Supply(min(model.rated_voltage_v for model in models))))
 
 
@@ -160,7 +160,7 @@ class EmulatedArm:
         self.recorder = FilmRecorder(self.world) if pictured else None
         self.lines, handle = self._boxed(files, build, ways) if build.in_box else self._wired(files, build, ways)
         self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
-        # All servos of a new box share one ID, so a fault cannot target a single servo.
+        # Servos with factory settings share one ID, so a fault cannot target a single servo.
         self.player = FaultPlayer(FaultTargets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
         """Function that executes requests from clients of the control socket."""

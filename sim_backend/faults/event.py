@@ -98,7 +98,7 @@ class OfServo(Event):
 
     servo_id: ServoId
     bus: str | None = None
-    """Name of the line, needed only if several lines have a servo with this ID."""
+    """Name of the line, needed only if a servo with this ID exists on several buses."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)

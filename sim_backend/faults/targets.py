@@ -106,7 +106,7 @@ class Inventory:
             known = "; ".join(f"{name + ' has ' if name else ''}{_ids(ids)}" for name, ids in self.servos.items())
             raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}; known servos: {known}")
         if len(found) > 1:
-            raise FaultError(f"several lines have a servo {servo_id}: set bus to one of {', '.join(found)}")
+            raise FaultError(f"servo {servo_id} exists on several buses: set bus to one of {', '.join(found)}")
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:

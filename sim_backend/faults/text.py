@@ -53,7 +53,7 @@ def parse(text: str) -> Any:
 def matching(text: str) -> Callable[[Event], bool]:
     """Return a function that checks whether an event has the kind and the parameters of ``text``.
 
-    An empty text matches every event. Raises FaultError.
+    An empty string matches every event. Raises FaultError.
     """
     if not text.strip():
         return lambda event: True

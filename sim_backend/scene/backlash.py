@@ -20,7 +20,7 @@ TEETH_SOLREF: Final = (0.004, 1.0)
 values."""
 _MASS_KG: Final = 0.001
 _INERTIA_KG_M2: Final = 1e-6
-"""Mass and inertia that MuJoCo requires. These values are negligible compared with a rotor seen through its gears."""
+"""Mass and inertia that MuJoCo requires. They are negligible compared with the reflected inertia of the rotor."""
 
 
 def motor_name(joint: str) -> str:

@@ -127,9 +127,9 @@ class CubeCell:
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
     def cube_bin(self) -> str | None:
-        """Return the bin in which the cube is at rest: "A", "B" or "C"; None if it moves or is in no bin.
+        """Return the bin in which the cube is at rest: "A", "B" or "C"; None if it moves or is not in a bin.
 
-        A cube on the stand is in no bin, because the insides of the bins end below the stand's top.
+        A cube on the stand is not in a bin, because the interior of each bin ends below the top of the stand.
         """
         middle = self._data.qpos[self.qpos][:3]
         inside = (name for name, box, size in self._insides if (np.abs(middle - box) < size).all())

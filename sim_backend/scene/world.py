@@ -220,7 +220,7 @@ class World:
         return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 
     def cube_bin(self, joint: str = "") -> str | None:
-        """Return the bin in which a cube is at rest; None if it moves, is in no bin, or does not exist.
+        """Return the bin in which a cube is at rest; None if it moves, is not in a bin, or does not exist.
 
         ``joint`` is a joint of the arm at the cell of the cube, if the robot has several arms.
         """
@@ -229,7 +229,7 @@ class World:
         return None if cell is None else cell.cube_bin()
 
     def cube_bins(self) -> dict[str, str | None]:
-        """Return the bin in which each cube is at rest, keyed by cube name; None if the cube moves or is in no bin."""
+        """Return the bin in which each cube is at rest, keyed by cube name; None if it moves or is not in a bin."""
         return {cell.name(CUBE): cell.cube_bin() for cell in self.cells}
 
     def arm_contacts(self) -> set[str]:

@@ -106,7 +106,7 @@ def test_id_and_baud_rate_are_not_changed_while_torque_is_on(model: ServoModel) 
 @every_make
 def test_set_baud_is_verified_persistent_and_reversible(model: ServoModel) -> None:
     line = line_of(model)
-    # Virtual servos of protocol 1.0 use the exact baud rate, not the nominal one.
+    # Virtual protocol 1.0 servos use the exact baud rate, not the nominal one.
     rate = 200_000 if series_of(model).name == "Dynamixel protocol 1.0" else 115_200
     assert told(line, set_baud, 3, rate).old_baud == 1_000_000
     servo = line.servos.servo(3)

@@ -31,7 +31,7 @@ READS_AND_PINGS = {1, 2, 0x82, 0x92, 0x8A}
 OFF_THE_FORMULA = {
     model: {115_200, 57_600, 19_200, 9_600} if series_of(model).name.endswith("1.0") else set() for model in ONE_OF_EACH
 }
-"""Exact baud rates of virtual servos of protocol 1.0, up to 2 % off the nominal rates."""
+"""Exact baud rates of virtual protocol 1.0 servos, up to 2 % off the nominal rates."""
 
 
 def series_baud(model: ServoModel) -> Any:

@@ -186,7 +186,7 @@ def test_a_cycle_without_a_measurement_is_counted_as_not_on_time(caplog: pytest.
     loop.step()
     assert (loop.figures.unmeasured, loop.figures.summary) == (6, "6 cycles without a measurement")
     assert "no joint has been measured" not in caplog.text
-    assert caplog.text.count("joints are measured again after 3 cycles") == 1
+    assert caplog.text.count("joint measurements have resumed after 3 cycles") == 1
 
 
 def test_no_episode_is_logged_while_a_joint_is_measured(caplog: pytest.LogCaptureFixture) -> None:
@@ -456,7 +456,7 @@ def test_one_cycle_without_a_measurement_is_logged_at_its_end(caplog: pytest.Log
     loop.step()
     hardware.faults = {}
     loop.step()
-    assert caplog.messages == ["joints are measured again after 1 cycle without a measurement"]
+    assert caplog.messages == ["joint measurements have resumed after 1 cycle without a measurement"]
 
 
 def test_a_failing_callback_is_logged_once_and_ends_no_cycle(caplog: pytest.LogCaptureFixture) -> None:

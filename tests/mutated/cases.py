@@ -88,7 +88,7 @@ def _where(error: Exception) -> str:
 
 
 def complaint(text: str, path: Path) -> str:
-    """Return the reason why an error message is not helpful, or an empty text if it is helpful."""
+    """Return the reason why an error message is not helpful, or an empty string if it is helpful."""
     lines = text.splitlines()
     if not FILE.search(text):
         return f"does not name a file: {text[:300]}"

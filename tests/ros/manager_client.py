@@ -109,7 +109,7 @@ class ManagerClient:
         return bool(result.successful)
 
     def put(self, node: str, name: str, value: Any) -> str:
-        """Set a parameter. Return the reason for a failure, or an empty text."""
+        """Set a parameter. Return the reason for a failure, or an empty string."""
         message = Parameter(name, value=value).to_parameter_msg()
         (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[message]).results
         assert result.successful == (not result.reason)

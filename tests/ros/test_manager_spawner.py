@@ -66,7 +66,7 @@ class Spawner:
         load_only: bool = False,
         inactive: bool = False,
     ) -> str:
-        """Spawn a controller and return the failed step, or an empty text."""
+        """Spawn a controller and return the failed step, or an empty string."""
         if name not in self.client.states():
             settings = {
                 "node_options_args": str(list(ros_args)) if ros_args else "",

@@ -20,7 +20,7 @@ SYMPTOMS: Final[dict[PortProblem, tuple[str, str]]] = {
 COMPLAINTS: Final = {
     "latency": ("latency_timer", "each read takes about 16 ms, so the loop is slow or late"),
     "brltty": ("brltty_present", "the port may disappear soon after the adapter is plugged in"),
-    "modem_manager": ("modem_manager", "the port is busy for some seconds after the adapter is plugged in"),
+    "modem_manager": ("modem_manager", "the port is busy for a few seconds after the adapter is plugged in"),
 }
 """Problems of adapters whose ports can still be opened."""
 

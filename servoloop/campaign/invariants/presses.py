@@ -33,7 +33,7 @@ class _Press:
 
 
 class LongPressesAreReduced(Invariant):
-    """The drive of a joint with a torque limit below 1 is reduced after it has pressed for some seconds without motion.
+    """The drive of a joint with a torque limit below 1 is reduced after it has pressed a few seconds without motion.
 
     The drive follows from the joint's effort in the simulated world. A press begins again when the joint or its command
     moves, when the joint is reported, and during each fault of the joint.

@@ -1,4 +1,4 @@
-"""Virtual AX and MX servos of protocol 1.0. The servos have their own tables and share their firmware with the SCS
+"""Virtual AX and MX protocol 1.0 servos. The servos have their own tables and share their firmware with the SCS
 servos.
 
 From the e-manual:

@@ -1,4 +1,4 @@
-"""Common firmware of all virtual servos of protocol 2.0: latched errors and a smoothed speed register.
+"""Common firmware of all virtual protocol 2.0 servos: latched errors and a smoothed speed register.
 
 Assumed:
 - Overload means full drive for two seconds at less than half of the speed without load.

@@ -1,4 +1,4 @@
-"""Control table of a virtual servo of protocol 2.0 as bytes: access rules, and the registers that survive power-off.
+"""Control table of a virtual protocol 2.0 servo as bytes: access rules, and the registers that survive power-off.
 
 Assumed: a write that breaks a rule is refused as a whole, and addresses that the table does not list read 0.
 """

@@ -40,7 +40,7 @@ def _uv(*arguments: str) -> None:
 
 
 def _failure(*arguments: str) -> str:
-    """Run uv, and return its error; an empty text if it succeeded."""
+    """Run uv, and return its error; an empty string if it succeeded."""
     command = [str(Path(sys.executable).parent / "uv"), "--quiet", *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S)
