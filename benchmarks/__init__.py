@@ -1,1 +1,1 @@
-"""Benchmarks of the stack, the bus and the simulation. Tests do not print the values that benchmarks measure."""
+"""Benchmarks of the stack, the bus and the simulation. Benchmarks print measured values; tests do not."""

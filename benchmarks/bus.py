@@ -1,4 +1,4 @@
-"""Compare our driver with the manufacturers' SDKs and rustypot on one bus, with and without transmission time.
+"""Compare our driver with the manufacturers' SDKs and rustypot on one bus, with and without transmission delays.
 
 ``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7] [--baud 1000000 ...]``.
 
@@ -26,22 +26,22 @@ from benchmarks.silent_servo import show_silent
 from servoloop.stack.processes import on_one_processor
 
 BAUDS = {"feetech": (1_000_000,), "dynamixel": (1_000_000, 3_000_000, 4_000_000)}
-"""Default baud rates of the tables with transmission time."""
+"""Default baud rates for the tables that include transmission time."""
 CLIENTS: Mapping[str, Mapping[str, Driver]] = {
     "feetech": feetech.CLIENTS,
     "dynamixel": dynamixel.CLIENTS,
 }
 MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
-"""Maximum number of servos whose goals every client can send in one packet."""
+"""Maximum number of servos to which every client can send goals in one packet."""
 WARM_UP = 50
 
 Round = tuple[float, float, int]
-"""Median wall time and CPU time of a cycle in microseconds, and number of cycles in which a servo was missing."""
+"""Median wall time and CPU time of a cycle in microseconds, and the number of cycles in which a servo was missing."""
 
 
 @contextmanager
 def simulator(ids: str, *options: str) -> Iterator[str]:
-    """Run a simulated bus in a separate process and yield the path of its line."""
+    """Run a simulated bus in a separate process and yield the path of its serial port."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         link = str(Path(folder) / "bus")
         with child("-m", "benchmarks.simulator", link, "--ids", ids, *options):
@@ -49,7 +49,7 @@ def simulator(ids: str, *options: str) -> Iterator[str]:
 
 
 def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
-    """Warm up, and then run ``cycles`` cycles."""
+    """Warm up, and then measure ``cycles`` cycles."""
     for _ in range(WARM_UP):
         cycle()
     gc.collect()
@@ -70,7 +70,8 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
 def compare(make: str, servos: int, cycles: int, rounds: int, baud: int | None = None) -> dict[str, Round]:
     """Return the median round of every client on one simulated bus.
 
-    Bytes take the transmission time of this baud rate. If ``baud`` is None, bytes take no time.
+    The simulator delays bytes by their transmission time at this baud rate. If ``baud`` is None, transmission time is
+    not simulated.
     """
     ids = list(range(1, servos + 1))
     found: dict[str, list[Round]] = {name: [] for name in CLIENTS[make]}
@@ -102,8 +103,9 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapp
     Args:
         console: Output.
         title: Title of the table.
-        found: Median round of each client.
-        on_wire_us: Transmission time of each client's cycle, in microseconds; empty if transmission takes no time.
+        found: Result of each client's median round.
+        on_wire_us: Transmission time of each client's cycle, in microseconds; empty if transmission time is not
+            simulated.
     """
     columns = "client", "us/cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
     table = Table(*columns, title=title)
@@ -122,7 +124,7 @@ def main() -> None:
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--rounds", type=positive, default=5)
     parser.add_argument("--servos", type=positive, default=7)
-    parser.add_argument("--baud", type=positive, nargs="+", help="baud rates of the paced tables, in bit/s")
+    parser.add_argument("--baud", type=positive, nargs="+", help="baud rates for the paced measurements, in bit/s")
     arguments = parser.parse_args()
     most = MOST_SERVOS[arguments.make]
     if arguments.servos > most:

@@ -1,4 +1,4 @@
-"""Measure the round trip of the command socket of a stack: ``python -m benchmarks.command_socket [--messages 2000]``.
+"""Measure the round-trip time of a stack's command socket: ``python -m benchmarks.command_socket [--messages 2000]``.
 
 A stack without ROS runs at 20 Hz on mock hardware, in a separate process. One client sends each message after it has
 received the reply to the previous message. The median must be at most 1 ms on an idle machine.
@@ -25,13 +25,13 @@ from servoloop.recording.stream import LiveError
 
 PATIENCE_S: Final = 60.0
 PAUSE_S: Final = 0.002
-"""Time between two messages, in seconds. This pause keeps their rate below the limit."""
+"""Time between two messages, in seconds. This pause keeps the message rate below the limit."""
 HAND: Final = "hand_controller"
 
 
 @contextmanager
 def started_stack(*arguments: str) -> Iterator[None]:
-    """Run ``servoloop up --no-ros`` in a separate process, which clients in this process can find."""
+    """Run ``servoloop up --no-ros`` in a separate process that clients in this process can find."""
     with tempfile.TemporaryDirectory(prefix="bench") as folder:
         ready, runtime = Path(folder) / "ready", {**os.environ, "XDG_RUNTIME_DIR": folder}
         os.environ["XDG_RUNTIME_DIR"] = folder
@@ -57,7 +57,7 @@ def running_stack() -> Iterator[CommandClient]:
 
 
 def round_trips_ms(client: CommandClient, count: int, op: str, **fields: Any) -> np.ndarray:
-    """Return the times from sending each message to receiving its reply, (count,) in milliseconds."""
+    """Return the time from sending each message to receiving its reply, (count,) in milliseconds."""
     times = np.empty(count)
     for index in range(count):
         began_s = time.perf_counter()

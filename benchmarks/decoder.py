@@ -1,8 +1,8 @@
-"""Feed ten million random bytes in random pieces to each decoder: ``python -m benchmarks.decoder [--bytes 10000000]``.
+"""Feed ten million random bytes in random chunks to each decoder: ``python -m benchmarks.decoder [--bytes 10000000]``.
 
-A third of the bytes contains many header bytes. Another third consists of replies, headers, truncated replies and
-replies with a wrong bit. A decoder must not raise an error, accept a frame with a wrong checksum or keep many bytes,
-and it must find the next good frame. The exit status is 1 if one of these conditions is violated.
+One third of the bytes contains many header bytes. Another third consists of replies, headers, truncated replies and
+replies with a flipped bit. A decoder must not raise an error, accept a frame with a wrong checksum or buffer many
+bytes, and it must find the next valid frame. The exit status is 1 if one of these conditions is violated.
 """
 
 import argparse
@@ -23,20 +23,20 @@ LONGEST_FRAME = 22
 """Length of the longest frame, a stuffed protocol 2.0 frame, in bytes."""
 SILENCE = bytes(LONGEST_FRAME)
 PROBED = 100
-"""Number of pieces between two probes. A probe consists of silence, a truncated frame and a good frame, which are fed
+"""Number of chunks between two probes. A probe consists of silence, a truncated frame and a valid frame, which are fed
 byte by byte."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Decoder, with the bytes that it receives."""
+    """Decoder under test, with its frame encoder, its frame check and bytes that occur often in its frames."""
 
     decoder: Callable[[], Decoder]
     frame: Callable[[int, int, bytes], bytes]
-    """Function that encodes a good reply from ID, error and data."""
+    """Function that encodes a valid reply from ID, error and data."""
     stands: Callable[[bytes, Reply], bool]
-    """Function that returns whether these bytes contain the reply with a valid checksum, without using the code under
-    test."""
+    """Function that returns whether these bytes contain the reply with a valid checksum, independently of the code
+    under test."""
     tricky: bytes
     """Eight bytes that occur often in frames."""
 
@@ -94,7 +94,7 @@ KINDS = {
 
 
 def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
-    """Return a good reply, a truncated reply (possibly only its header), a reply with a wrong bit, or a few bytes."""
+    """Return a valid reply, a truncated reply (maybe only its header), a reply with a flipped bit, or a few bytes."""
     content = chance.randbytes(chance.choice((DATA_SIZE, DATA_SIZE, DATA_SIZE, 0))).translate(table)
     frame = kind.frame(chance.randrange(253), chance.randrange(256), content)
     match chance.randrange(4):
@@ -109,9 +109,9 @@ def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
 
 
 def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
-    """Return about ``size`` bytes in pieces of random length.
+    """Return about ``size`` bytes in chunks of random length.
 
-    Random bytes, bytes that are frequent in frames, and parts of frames alternate.
+    Random bytes, bytes that occur often in frames, and fragments of frames alternate.
     """
     chance = random.Random(seed)
     table = bytes(kind.tricky[i % len(kind.tricky)] for i in range(256))
@@ -129,8 +129,7 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
 
 
 def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
-    """Return the number of accepted frames, and the number of those that are not in the stream with a valid
-    checksum."""
+    """Return the number of accepted frames, and how many of them do not occur in the stream with a valid checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)
     believed = wrong = 0

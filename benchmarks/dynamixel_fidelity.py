@@ -1,10 +1,10 @@
-"""Compare the virtual Dynamixels with facts and values: ``python -m benchmarks.dynamixel_fidelity``.
+"""Compare the virtual Dynamixels with known facts and values: ``python -m benchmarks.dynamixel_fidelity``.
 
-The program prints how many facts about ranges, errors, modes, profiles and the bus agree (``dynamixel_facts``), and
+The program prints how many facts about ranges, errors, modes, profiles and the bus match (``dynamixel_facts``), and
 lists the facts that do not.
 
 The values of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected values
-come from data sheets of ROBOTIS ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
+come from ROBOTIS data sheets ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
 """
 
 from collections.abc import Iterator
@@ -34,9 +34,9 @@ X330, XL = x.XL330_M288, xl320.XL320
 HELD_BY_COUNTS = 60
 PULLS_NM = (0.1, 0.2)
 FULL_DRIVE_RAD = 2.5
-"""Position error at which every model drives with full force, in rad."""
+"""Position error at which every model applies full drive, in rad."""
 XL330_PER_RAD = 4096 / (2.0 * pi) / (256 * 885) * 400
-"""Fraction of full drive per rad of error with the factory P gain."""
+"""Fraction of full drive per rad of position error, at the factory P gain."""
 
 
 class Bench:
@@ -45,7 +45,7 @@ class Bench:
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
         self.plant.load_nm[:] = [load_nm]
-        # The model whose control table the servo has
+        # Model that provides the servo's control table
         self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.AxMxModel) else model
         self.line = _line(self.plant, model)
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})
@@ -58,7 +58,7 @@ class Bench:
         return self.bus.read(1, register)
 
     def go(self, counts: int) -> None:
-        """Enable torque and move by this distance at full speed."""
+        """Enable torque and move this distance at full speed."""
         table, start = self.table, self.read(self.table.present_position)
         self.write(table.torque_enable, 1)
         self.write(table.goal_position, start + counts)
@@ -71,7 +71,7 @@ class Bench:
         return begin_rad
 
     def wait(self, seconds: float, held: bool = False) -> None:
-        """Advance the time. A held shaft keeps its angle."""
+        """Advance the time. If ``held`` is true, the shaft keeps its angle."""
         angle = self.plant.angles()
         for _ in range(round(seconds * 1000)):
             if held:
@@ -120,7 +120,7 @@ def speeds() -> Iterator[Figure]:
 
 
 def lifts(model: ServoModel, load_nm: float) -> bool:
-    """Return whether full drive lifts this load."""
+    """Return whether the servo lifts this load at full drive."""
     bench = Bench(model, -load_nm)
     before = bench.start_below(FULL_DRIVE_RAD)
     bench.wait(0.15)
@@ -128,7 +128,7 @@ def lifts(model: ServoModel, load_nm: float) -> bool:
 
 
 def stall_nm(model: ServoModel) -> float:
-    """Return the largest load that full drive lifts, in steps of a hundredth of the stall torque in the data sheet."""
+    """Return the largest load that the servo lifts at full drive, to within 1/100 of the data sheet's stall torque."""
     lowest, highest = 0.0, 2.0 * model.stall_torque_nm
     while highest - lowest > 0.01 * model.stall_torque_nm:
         middle = (lowest + highest) / 2.0
@@ -178,7 +178,7 @@ def dynamixels() -> Iterator[Figure]:
 
 
 def main() -> None:
-    """Print how many facts agree, and list the facts that do not. Exit with status 1 if a fact does not agree."""
+    """Print how many facts match, and list the facts that do not. Exit with status 1 if a fact does not match."""
     found = facts()
     table = Table("", "agree", title="virtual Dynamixels compared with the facts")
     for group in dict.fromkeys(fact.group for fact in found):

@@ -11,7 +11,7 @@ XL430 = 1060
 POSITION_MODE = 3
 CELLS, CELL_COUNT, POINTERS = 224, 28, 168
 HEAD = 8
-"""Number of bytes of an instruction packet before its parameters."""
+"""Number of bytes that precede the parameters in an instruction packet."""
 
 
 def _table() -> bytearray:
@@ -29,7 +29,7 @@ def _table() -> bytearray:
 
 
 class DynamixelServos:
-    """All servos on one line. Replies to group reads are cached until a register is written."""
+    """All servos on one bus. Replies to group reads are cached until a register is written."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         self.ids = servo_ids
@@ -43,7 +43,7 @@ class DynamixelServos:
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
-        """From now on, make only these servos silent."""
+        """From now on, only these servos are silent."""
         self.silent = silent
         self._kept.clear()
 
@@ -65,7 +65,7 @@ class DynamixelServos:
         address, size = (int.from_bytes(parameters[at : at + 2], "little") for at in (0, 2))
         if code in (wire.SYNC_READ, wire.FAST_SYNC_READ):
             asked = parameters[4:]
-            # Each servo waits for the previous reply, so a silent servo silences the servos after it.
+            # Each servo waits for the previous reply, so one silent servo keeps all later servos from replying.
             heard = list(takewhile(lambda i: i in self._tables and i not in self.silent, asked))
             if code == wire.FAST_SYNC_READ:
                 return self._fast(heard, wire.fast_head(len(asked), size), address, size) if heard else b""
@@ -89,7 +89,8 @@ class DynamixelServos:
         return reply
 
     def _shown(self, servo_id: int, address: int, size: int) -> bytes:
-        """Return the registers as a client reads them. An indirect cell contains the byte that its pointer selects."""
+        """Return the registers as a client reads them. An indirect data address returns the byte that its pointer
+        selects."""
         table = self._tables[servo_id]
         return bytes(table[self._place(table, at)] for at in range(address, address + size))
 

@@ -37,7 +37,7 @@ RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
 
 
 class Bench:
-    """Servo on a shaft. The bytes on its line take no time, so that the servo can be read every millisecond."""
+    """Servo on a shaft. The bytes on its bus take no time, so that the servo can be read every millisecond."""
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
         self.plant = BenchPlant([1], friction_nm=friction_nm, damping_nm_s=damping_nm_s)
@@ -63,7 +63,7 @@ class Bench:
     def unlimited(self) -> "Bench":
         """Remove the default acceleration limit."""
         self.write(sts.acceleration_multiplier, 0)
-        self.write(sts.acceleration, 0)  # this write makes the servo apply the multiplier
+        self.write(sts.acceleration, 0)  # this write applies the multiplier
         return self
 
     def write(self, register: Register, value: int) -> None:
@@ -91,7 +91,7 @@ class Bench:
             self.read(sts.present_position)
 
     def trace(self, milliseconds: int) -> list[int]:
-        """Return the position in each millisecond."""
+        """Return the position at each millisecond."""
         positions = []
         for _ in range(milliseconds):
             self.wait(0.001)
@@ -150,11 +150,11 @@ def sag() -> Iterator[Figure]:
 def behind(
     bench: Bench, path: Callable[[float], float], speed: Callable[[float], float], seconds: float
 ) -> list[float]:
-    """Return the lag of the shaft behind a path that is sent as 50 goals per second, in counts for each millisecond."""
+    """Return how far the shaft lags behind a path sent as 50 goals per second, in counts for each millisecond."""
     counts = []
     for number in range(round(seconds * 50)):
         begin_s = number / 50
-        # For the servo, 0 means maximum speed.
+        # The servo interprets 0 as maximum speed.
         bench.go(round(path(begin_s)), max(1, round(abs(speed(begin_s)))))
         counts += [path(begin_s + 0.001 * (1 + ms)) - count for ms, count in enumerate(bench.trace(20))]
     return counts
@@ -205,7 +205,7 @@ def protections() -> Iterator[Figure]:
 
 
 def switches() -> Iterator[Figure]:
-    """Yield the default effects of a goal and of the torque switch on a limp servo."""
+    """Yield the default effects of a goal write and of enabling torque on a limp servo."""
     bench = Bench.at_12_v()
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)

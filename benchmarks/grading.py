@@ -30,18 +30,18 @@ from sim_backend.scene.picture import Picture
 SAME_M: Final = 0.02
 """Maximum distance between an apple and its result, in meters."""
 GRADED_SHARE: Final = 0.75
-"""Minimum visible fraction at which an apple must have a grade. Results for less visible apples are accepted."""
+"""Minimum visible fraction at which an apple must have a grade. Any grade is accepted for less visible apples."""
 MOST_APPLES: Final = 5
 
 
 @dataclass(slots=True)
 class Tally:
-    """Results of all images."""
+    """Results for all images."""
 
     grades: Counter[tuple[str, str]] = field(default_factory=Counter)
     """Number of apples, keyed by true grade and measured grade."""
     errors: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Errors of diameter (mm), red ratio, defect score and position (mm) of each apple."""
+    """Errors in the diameter (mm), red ratio, defect score and position (mm) of each apple."""
     missed: int = 0
     invented: int = 0
     times_s: list[float] = field(default_factory=list)
@@ -51,7 +51,7 @@ def main() -> None:
     """Run the benchmark and exit with status 1 if a requirement is not met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--apples", type=positive, default=600, help="number of apples")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first image")
+    parser.add_argument("--seed", type=int, default=0, help="random seed for the first image")
     options = parser.parse_args()
     camera = table_camera()
     grader = Grader(view_of(camera))
@@ -72,7 +72,7 @@ def view_of(camera: PinholeCamera) -> CameraView:
 
 
 def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Picture, list[AppleTruth]]]:
-    """Yield images with their true values until the images have shown ``apples`` apples."""
+    """Yield images with their ground truth until the images have shown ``apples`` apples."""
     number = seed
     while apples > 0:
         count = min(apples, 3 + number % (MOST_APPLES - 2))
@@ -82,7 +82,7 @@ def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Pictu
 
 
 def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: Tally) -> None:
-    """Add the results of one image."""
+    """Add the results for one image."""
     left = list(found)
     grade_of = GradingSettings().grade_of
     for real in truth:

@@ -1,4 +1,4 @@
-"""Measure the cost of the campaign invariants by running the same schedules with all of them and without any."""
+"""Measure the cost of the campaign invariants by running the same schedules with all invariants and without any."""
 
 import time
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ SCENARIO: Final = Path(__file__).parents[1] / "docs" / "campaign.yaml"
 """The default scenario."""
 SEEDS: Final = 10
 REPEATS: Final = 3
-"""Number of times each run is repeated. The shortest repetition counts."""
+"""Number of times each run is repeated. The shortest repetition is used."""
 HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
-"""Methods of an invariant whose time is measured."""
+"""Methods of an invariant whose execution time is measured."""
 
 Kinds = tuple[type[Invariant], ...]
 
@@ -45,10 +45,10 @@ def default_scenario() -> Scenario:
 
 
 def cost(scenario: Scenario, seeds: int = SEEDS) -> InvariantCost:
-    """Measure the runs of the first seeds of a scenario.
+    """Measure the runs of a scenario's first seeds.
 
     Each run is executed with all invariants and directly afterward without any, so that the conditions are the same.
-    The fractions are measured in separate runs, because the stopwatch itself takes time.
+    The fractions are measured in separate runs, because the stopwatch itself adds overhead.
     """
     schedules = [schedule_of(scenario, seed) for seed in range(seeds)]
     with quiet():
@@ -84,6 +84,6 @@ def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
 
 
 def timed(kind: type[Invariant], stopwatch: Stopwatch) -> type[Invariant]:
-    """Return a copy of an invariant whose time the stopwatch measures under the invariant's name."""
+    """Return a copy of an invariant whose execution time is recorded by the stopwatch under the invariant's name."""
     own = [hook for hook in HOOKS if hook == "__init__" or getattr(kind, hook) is not getattr(Invariant, hook)]
     return type(kind.__name__, (kind,), {hook: stopwatch.timed(kind.name, getattr(kind, hook)) for hook in own})

@@ -1,9 +1,9 @@
 """Run seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
 
-The servos answer on a pseudo-terminal at 1 Mbit/s, in a separate process. There are three rows for each rate:
+The servos reply on a pseudo-terminal at 1 Mbit/s, in a separate process. There are three rows for each rate:
 
 - ``servoloop up``: the whole stack as a process, with the shipped controllers, ROS and a subscriber (``--seconds``).
-- Only the loop: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
+- Only the loop: the stack's serial port, bus, hardware component and loop, without controllers and ROS.
 - Only system calls, which send the same bytes at the same rate. If this row has missed cycles, the machine itself is
   the cause.
 
@@ -52,7 +52,7 @@ class Figures:
     cycles: int
     missed: int
     unmeasured: int
-    """Number of cycles without any value."""
+    """Number of cycles in which no value was received."""
     missing: float
     """Fraction of missing values."""
     cpu_share: float
@@ -93,7 +93,8 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
 
 
 def missed_without_driver(device: str, rate_hz: float, cycles: int) -> int:
-    """Return the number of cycles that system calls alone miss. Overdue cycles are skipped, as in the loop."""
+    """Return the number of missed cycles when only system calls are used. Overdue cycles are skipped, as in the control
+    loop."""
     cycle, close = no_driver(device, two_ports.BAUD, IDS)
     clock, period_s, missed = MonotonicClock(), 1.0 / rate_hz, 0
     due_s = clock.now() + period_s
@@ -112,7 +113,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)
-    parser.add_argument("--seconds", type=float, default=20.0, help="duration of servoloop up at each rate")
+    parser.add_argument("--seconds", type=float, default=20.0, help="run time of servoloop up at each rate")
     parser.add_argument("--rates", type=float, nargs="+", default=RATES_HZ, metavar="HZ")
     arguments = parser.parse_args()
     if arguments.serve:

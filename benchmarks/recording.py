@@ -1,7 +1,7 @@
 """Measure the cost of a recording: ``python -m benchmarks.recording [--json] [--seconds 30]``.
 
-Half a minute of an arm that moves in simulated time is sampled, and then written as in the recorder thread. Only the
-processor time of these two steps is measured.
+Half a minute of an arm that moves in simulated time is sampled, and the samples are then written as in the recorder
+thread. Only the processor time of these two steps is measured.
 """
 
 import argparse
@@ -24,7 +24,7 @@ BEGIN_S = 3.0
 
 
 class Sampled:
-    """Simulated stack whose cycles are sampled, with the processor time of the sampling in seconds."""
+    """Simulated stack whose cycles are sampled, and the processor time spent on sampling, in seconds."""
 
     def __init__(self) -> None:
         self.stack = SimulatedStack()
@@ -37,7 +37,7 @@ class Sampled:
         self.stack.up()
 
     def run(self, seconds: float) -> None:
-        """Move the arm back and forth for this duration."""
+        """Move the arm back and forth for the given duration."""
         settings = JobSettings()
         self.stack.run(BEGIN_S)
         end_s = self.stack.clock.now() + seconds
@@ -53,14 +53,14 @@ class Sampled:
 
 
 def measure(seconds: float, folder: Path) -> dict[str, float]:
-    """Return the results of a recording with this duration, keyed by name. The names include the units."""
+    """Return the results for a recording of this duration, keyed by name. The names include the units."""
     sampled = Sampled()
     sampled.run(seconds)
     stack, samples = sampled.stack, sampled.samples
     hardware = stack.loop.hardware
     messages = Messages(stack.files.description, hardware.joints, hardware.command_interfaces, 0.0)
     file = RecordingFile(folder / "bench.mcap", messages)
-    file.write(samples[0])  # the schemas, and values that are computed only once
+    file.write(samples[0])  # writes the schemas and other one-time values
     file.flush()
     chunk = max(1, round(FLUSH_S / stack.loop.period_s))
     begun_s = process_time()
@@ -91,8 +91,8 @@ def main() -> None:
         print(json.dumps({name: round(value, 3) for name, value in figures.items()}))
     else:
         print(
-            f"{figures['cycles']} cycles: each {figures['sampling_us']:.0f} µs in the loop's thread and "
-            f"{figures['writing_us']:.0f} µs in the recorder's, {figures['core_percent']:.2f} % of a core, "
+            f"{figures['cycles']} cycles; each takes {figures['sampling_us']:.0f} µs in the loop thread, "
+            f"{figures['writing_us']:.0f} µs in the recorder thread, {figures['core_percent']:.2f} % of a core and "
             f"{figures['bytes_per_cycle']:.0f} bytes"
         )
 

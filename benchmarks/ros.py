@@ -3,10 +3,10 @@
 The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in a separate process. This process is the
 only client. It has real-time priority if the system allows this, so that the client's own delays are not measured.
 
-First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Then goals run one
+First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Goals then run one
 after the other for ``--seconds``, and the benchmark measures the response time, the start of the motion, and the
-regularity of the /joint_states stamps. Every third goal is canceled during its motion. For comparison, the last
-column contains ros2_control's results from another machine with two cores.
+regularity of the /joint_states stamps. Every third goal is canceled during the motion. For comparison, the last column
+shows the results of ros2_control from another machine with two cores.
 """
 
 import argparse
@@ -59,13 +59,13 @@ class Figures(Promptness):
 
 
 def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """Return a goal (rad) with one point for the joints of the arm."""
+    """Return a goal (rad) with one trajectory point for the joints of the arm."""
     return timing_client.goal_to(JOINTS, position, seconds)
 
 
 @contextmanager
 def stack() -> Iterator[psutil.Process]:
-    """Run ``servoloop up`` on the mock in a separate ROS domain, ready for goals."""
+    """Run ``servoloop up`` on mock hardware in a separate ROS domain, ready for goals."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
         stay_on_this_machine(settings)

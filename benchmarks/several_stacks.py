@@ -1,7 +1,7 @@
 """Run several stacks, each with one virtual arm on its own port: ``python -m benchmarks.several_stacks``.
 
 Each stack is a process of ``servoloop up`` at 20 Hz, with ROS, in its own ROS domain. The seven servos of each arm
-answer on a pseudo-terminal at 1 Mbit/s, in a separate process, whose processor time is not counted.
+reply on a pseudo-terminal at 1 Mbit/s, in a separate process, whose processor time is not counted.
 
 The last line estimates how many of these stacks a small computer can run. The estimate assumes that a core of the small
 computer needs ``--slower`` times the processor time of a core of this machine. The stacks may use the fraction
@@ -32,14 +32,14 @@ from nodes.clients.stack_monitor import StackMonitor
 RATE_HZ: Final = 20
 FIRST_DOMAIN: Final = 21
 SETTLE_S: Final = 3.0
-"""Time after the start of the last stack that is not measured, in seconds."""
+"""Delay after the start of the last stack before the measurement begins, in seconds."""
 PATIENCE_S: Final = 30.0
-"""Maximum time for the first diagnostics of a stack, in seconds."""
+"""Maximum time until a stack's first diagnostics arrive, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Counters of one stack at one time."""
+    """Counters of one stack at a given time."""
 
     time_s: float
     cpu_s: float
@@ -62,7 +62,7 @@ class RunningStack:
             end_s = time.monotonic() + PATIENCE_S
             while not monitor.newest.loop:
                 if time.monotonic() > end_s:
-                    raise SystemExit(f"the stack in domain {self.domain} has published no diagnostics")
+                    raise SystemExit(f"the stack in domain {self.domain} has not published any diagnostics")
                 monitor.spin(0.1)
             loop = monitor.newest.loop
             used = self.process.cpu_times()
@@ -90,7 +90,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--stacks", type=positive, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="duration of the measurement")
-    parser.add_argument("--slower", type=float, default=4.0, help="processor time, relative to this machine")
+    parser.add_argument("--slower", type=float, default=4.0, help="how many times slower the small computer is")
     parser.add_argument("--cores", type=positive, default=4, help="cores of the small computer")
     parser.add_argument("--load", type=float, default=0.5, help="fraction of these cores that the stacks may use")
     arguments = parser.parse_args()
@@ -109,9 +109,9 @@ def main() -> None:
     share = mean(shares)
     possible = int(arguments.cores * arguments.load / (share * arguments.slower))
     console.print(
-        f"{share:.1%} of a core per stack on average. A computer with {arguments.cores} cores that need "
-        f"{arguments.slower:g} times the processor time, of which the stacks may use {arguments.load:.0%}, can run "
-        f"{possible} stacks."
+        f"Each stack uses {share:.1%} of a core on average. A computer with {arguments.cores} cores that are "
+        f"{arguments.slower:g} times slower can run {possible} stacks if the stacks may use {arguments.load:.0%} "
+        "of its processor time."
     )
 
 

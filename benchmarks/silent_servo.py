@@ -1,4 +1,4 @@
-"""Count the cycles that servos of a bus lose while another servo is silent, for each make and period.
+"""Count the cycles that other servos on a bus lose while one servo is silent, for each make and period.
 
 The measurement runs in simulated time.
 """
@@ -29,7 +29,7 @@ SHARE: Final = 0.8
 
 
 class Cycles:
-    """Bus that is read with a fixed period."""
+    """Bus that is read at a fixed period."""
 
     def __init__(self, make: str, ids: Sequence[int], period_s: float) -> None:
         self.ids, self.period_s, self.clock = tuple(ids), period_s, SimulatedClock()
@@ -43,7 +43,7 @@ class Cycles:
         self.bus.read_states(self.ids)
 
     def missing(self) -> set[int]:
-        """Run one cycle. Return the servos without a state."""
+        """Run one cycle. Return the servos whose state was not received."""
         next_s = self.clock.now() + self.period_s
         readings = self.bus.read_states(self.ids, self.clock.now() + SHARE * self.period_s)
         self.clock.sleep_until(next_s)
@@ -54,7 +54,7 @@ def lost_cycles(make: str, servos: int, period_s: float) -> dict[int, int]:
     """Make each servo in turn silent for 0.2 s.
 
     Returns:
-        Maximum number of cycles that another servo has lost, keyed by the ID of the silent servo.
+        Maximum number of cycles that any other servo has lost, keyed by the ID of the silent servo.
     """
     lost: dict[int, int] = {}
     for silent in range(1, servos + 1):

@@ -1,9 +1,9 @@
 """Measure the speed of the simulation on one core: ``python -m benchmarks.simulation [--json]``.
 
-There are three measurements: the world alone, the world with the servos of the virtual arm, and the whole stack from
-the controllers to the bytes and the physics. Each result is the best of several runs, because other load can only slow
-a run down. After these measurements, the first runs of the default campaign, docs/campaign.yaml, are executed with all
-invariants and without any, to measure the processor time of the invariants.
+There are three measurements: the world alone; the world with the servos of the virtual arm; and the whole stack, from
+controllers to bytes and physics. Each result is the best of several runs, because other load can only slow down a run.
+After these measurements, the first runs of the default campaign, docs/campaign.yaml, are executed with all invariants
+and without any, to measure the processor time of the invariants.
 """
 
 import argparse
@@ -35,7 +35,7 @@ SETTLE_S = 1.0
 
 
 def moving(stack: SimulatedStack) -> Callable[[], None]:
-    """Return a function that moves all joints of the arm once, forward and back in turn."""
+    """Return a function that moves all joints of the arm once, alternately forward and backward."""
     way = [1]
 
     def move() -> None:
@@ -70,7 +70,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Multiples of real time, and each part's fraction of the whole stack's time."""
+    """Speeds as multiples of real time, and each part's fraction of the whole stack's time."""
 
     world: float
     servos: float
@@ -93,9 +93,9 @@ def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
 
 
 def world_speed(runs: int, steps: int) -> float:
-    """Return the speed of the world alone, with an arm that is held in balance.
+    """Return the speed of the world alone, with an arm held in balance.
 
-    An arm that has sunk onto the cube has more contacts.
+    An arm that has sagged onto the cube would have more contacts.
     """
     world = World()
     joints = world.arrays
@@ -105,7 +105,7 @@ def world_speed(runs: int, steps: int) -> float:
 
 
 def servos_speed(runs: int, steps: int) -> float:
-    """Return the speed of the world with all servos and their supply, while the servos hold the arm."""
+    """Return the speed of the world with all servos and their power supply, while the servos hold the arm."""
     robot = read_files().robot
     world = World()
     line = virtual_bus(robot, WorldPlant(world, couplings(robot)))
@@ -117,8 +117,8 @@ def servos_speed(runs: int, steps: int) -> float:
 def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
     """Run all measurements.
 
-    The fractions of the parts are measured in a separate run, because the stopwatch itself takes time. The first
-    ``seeds`` runs of ``scenario`` show the cost of the invariants; None selects the default scenario.
+    The fractions of the parts are measured in a separate run, because the stopwatch itself adds overhead. The first
+    ``seeds`` runs of ``scenario`` are used to measure the cost of the invariants; None selects the default scenario.
     """
     stack = up(wire=True)
     move = moving(stack)

@@ -1,7 +1,7 @@
-"""Bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
+"""Simulated servo bus that replies as fast as Python can, so that the client under test is the bottleneck.
 
 The simulator runs in a separate process: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. The
-simulator has no firmware and no physics; ``servoloop emulate`` has both.
+simulator includes neither firmware nor physics; ``servoloop emulate`` includes both.
 """
 
 import argparse
@@ -25,7 +25,7 @@ TABLE[48:50] = (999).to_bytes(2, "little")  # torque limit that our driver sets
 TABLE[8], TABLE[18] = 1, 12  # every write is acknowledged, speeds are in counts/s
 TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # position 2048, -100 counts/s, -2 %, 12.0 V, 33 C
 GRANULE_S = 0.0003
-"""Duration of the last part of a wait, in seconds. This part is a busy loop, because a sleep is less exact."""
+"""Duration of the final part of a wait, in seconds. This part is a busy loop, because a sleep is less accurate."""
 
 
 class Servos:
@@ -70,13 +70,13 @@ class Servos:
 
 
 class Line:
-    """The servos' end of a pseudo-terminal.
+    """Servo side of a pseudo-terminal.
 
     Both ends are open in this process, as in most simulators.
     """
 
     def __init__(self, link: Path, servos: Servos | DynamixelServos, baud: int) -> None:
-        """Open the line. If ``baud`` is 0, transmission takes no time."""
+        """Open the line. If ``baud`` is 0, transmission time is not simulated."""
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         link.unlink(missing_ok=True)
@@ -87,7 +87,7 @@ class Line:
         self._rest = b""
 
     def serve_once(self) -> None:
-        """Wait for bytes and answer all complete packets. The kernel may return a packet in pieces."""
+        """Wait for bytes and reply to all complete packets. The kernel may return a packet in chunks."""
         data = self._rest + os.read(self.master, 4096)
         now_s = time.perf_counter()
         while 0 < (size := self._servos.size(data)) <= len(data):
@@ -111,7 +111,7 @@ def _wait_until(due_s: float) -> None:
 
 
 def main() -> None:
-    """Serve the bus. ``--silence ID,FROM,TO`` makes a servo silent between two times (s) after the start."""
+    """Serve the bus. ``--silence ID,FROM,TO`` makes a servo silent between two points in time (s after the start)."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("link", type=free_path)
     parser.add_argument("--ids", default="1-7")

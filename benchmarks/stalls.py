@@ -1,8 +1,8 @@
-"""Run the jobs of the demo while its processes are stopped repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
+"""Run the demo's jobs while its processes are paused repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
 
 The cell is the same as in ``servoloop demo``: emulator, stack and pick-and-place node, each in a separate process. At
-random times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, as when a laptop or a USB hub stalls. Ten
-jobs run for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary
+random times, the stack, the emulator or both are paused for 0.05 to 0.2 s, as if a laptop or a USB hub stalled. Ten
+jobs run for each of these cases. With ``--busy 4``, no process is paused. Instead, the whole demo runs as an ordinary
 program without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in
 its bin or a joint has jumped.
 """
@@ -43,18 +43,18 @@ PAUSE_S: Final = (0.3, 2.0)
 """Shortest and longest time between two stalls, in seconds. A job takes about eleven seconds."""
 STEP_S: Final = 0.05
 """Time over which the step of a joint is measured, in seconds. If two publications are further apart, the time between
-them is used."""
+them is used instead."""
 LARGEST_STEP: Final = 1.15
 """Maximum allowed step of a joint, as a multiple of its velocity limit.
 
-A servo moves 5 % faster than its goals, to catch up with its lag. In addition, the times of the feed may be off by one
+A servo moves 5 % faster than its goals, to catch up with its lag. In addition, the feed's timestamps may be off by one
 tick of the emulator, which is 5 ms of 50 ms.
 """
 GRADES: Final = "ABC"
 
 
 class Stalls:
-    """Thread that stops processes at random times until ``end`` is called, and measures the speeds of the joints."""
+    """Thread that pauses processes at random times until ``end`` is called, and measures the joint speeds."""
 
     def __init__(self, process_ids: Sequence[int], seed: int, watch: "JointSteps") -> None:
         self.lasted_s: list[float] = []
@@ -88,13 +88,13 @@ class Stalls:
 
 
 class Feed(Protocol):
-    """Publications of the emulator, as ``WorldFeedClient`` reads them."""
+    """The emulator's publications, as ``WorldFeedClient`` reads them."""
 
     def all(self) -> list[dict[str, Any]]: ...
 
 
 class JointSteps:
-    """Largest step of any joint of the simulated arm, as a multiple of its velocity limit."""
+    """Largest step of any joint of the simulated arm, as a multiple of the joint's velocity limit."""
 
     def __init__(self, feed: Feed, limits: Mapping[str, float]) -> None:
         """``limits`` contains the velocity limits in rad/s or m/s, keyed by joint name."""
@@ -106,7 +106,7 @@ class JointSteps:
         self._rows: list[tuple[float, list[float]]] = []
 
     def look(self) -> None:
-        """Evaluate all publications since the last call."""
+        """Evaluate all world publications since the last call."""
         for publication in self._feed.all():
             self._joints = list(publication["joints"])
             self._rows += [(time_s, positions) for time_s, positions in publication["trace"]]
@@ -128,7 +128,7 @@ class JointSteps:
 
 @dataclass(slots=True)
 class Outcome:
-    """Results of one case's jobs."""
+    """Results of all jobs in one case."""
 
     side: str
     lasted_s: list[float] = field(default_factory=list)
@@ -142,7 +142,7 @@ class Outcome:
 
 
 def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
-    """Run a number of jobs in a new cell while the processes of this case are stopped repeatedly."""
+    """Run a number of jobs in a new cell while the processes of this case are paused repeatedly."""
     with Live(console) as live, cell(CellOptions(folder, backlash_deg=0.0), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
@@ -170,7 +170,7 @@ def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outc
 
 
 def show(console: Console, outcomes: Sequence[Outcome]) -> None:
-    """Print one row per case, and the texts of failed jobs."""
+    """Print one row per case, and the messages of failed jobs."""
     table = Table(title="jobs while processes are stopped for 0.05 to 0.2 s")
     for title in ("side", "stalls", "longest, s", "cubes", "missed cycles", "largest step / velocity limit"):
         table.add_column(title)
@@ -201,14 +201,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--jobs", type=positive, default=10, help="number of jobs for each side")
     parser.add_argument(
-        "--side", choices=tuple(SIDES), action="append", help="processes to stop (default: each case in turn)"
+        "--side", choices=tuple(SIDES), action="append", help="processes to stall (default: each case in turn)"
     )
-    parser.add_argument("--seed", type=int, default=1, help="seed of the times and durations of the stalls")
+    parser.add_argument("--seed", type=int, default=1, help="random seed for the stall times and durations")
     parser.add_argument(
         "--busy",
         type=positive,
         metavar="LOOPS",
-        help="run the demo while this number of busy loops runs, instead of stalls",
+        help="run the demo with this number of busy loops instead of stalls",
     )
     parser.add_argument("--runs", type=positive, default=5, help="number of demos to run with busy loops")
     arguments = parser.parse_args()

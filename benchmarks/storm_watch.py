@@ -1,5 +1,5 @@
-"""Observe the stack during a flood of clients. A DDS participant records the /joint_states stamps and the loop's
-statistics."""
+"""Observe the stack during a flood of clients. A DDS participant records the /joint_states stamps and the control
+loop's statistics."""
 
 import os
 import threading
@@ -47,7 +47,7 @@ class Watch:
     _stop: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> None:
-        """Listen until ``end`` is called."""
+        """Listen until the method ``end`` is called."""
         with participant("bench_watch") as (node, executor):
             node.create_subscription(JointState, "/joint_states", self._on_state, 1000)
             node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
@@ -59,7 +59,7 @@ class Watch:
         self._stop.set()
 
     def wait_for_report(self) -> None:
-        """Wait for the next report of the loop, so that ``missed`` is up to date."""
+        """Wait for the next report from the loop, so that ``missed`` is up to date."""
         before, deadline_s = self.reports, time.monotonic() + PATIENCE_S
         while self.reports < before + 2:
             assert time.monotonic() < deadline_s, "the stack has stopped reporting"

@@ -1,8 +1,8 @@
-"""Measure the timing of the loop while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
+"""Measure the timing of the control loop while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
 
-The stack runs on the mock in a separate process. During each flood ("storm"), the benchmark records the /joint_states
-stamps and the number of missed cycles. It also compares the arm's positions before and after the storm. The
-exit status is 1 if a cycle was missed or the arm has moved.
+The stack runs on mock hardware in a separate process. During each flood ("storm"), the benchmark records the
+/joint_states stamps and the number of missed cycles. The benchmark also compares the arm's positions before and after
+the storm. The exit status is 1 if a cycle was missed or the arm has moved.
 """
 
 import argparse
@@ -33,8 +33,8 @@ from nodes.ros_process import spin_until_done
 GOALS_PER_S = 100
 CLIENTS = 50
 RESEND_S = 10.0
-"""Timeout after which a request is repeated, as in ros2_control's command line, in seconds. The first response of a
-service may be lost while the two sides discover each other."""
+"""Timeout after which a request is repeated, as in ros2_control's command line, in seconds. The first response from a
+service may be lost while client and server discover each other."""
 MOVED_RAD = 1e-3
 
 
@@ -55,7 +55,7 @@ def goals(seconds: float) -> None:
 
 
 def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> None:
-    """Move the arm to the start position of every storm."""
+    """Move the arm to the position at which every storm starts."""
     answer = client.send_goal_async(goal_to(HERE, 2.5))
     spin_until_done(executor, answer, PATIENCE_S)
     result = answer.result().get_result_async()
@@ -87,7 +87,7 @@ def killed_client(seconds: float) -> None:
 
 
 def killed_participants(seconds: float) -> None:
-    """Kill processes with many subscribers as soon as they receive a message."""
+    """Kill processes that have many subscribers as soon as they receive a message."""
     program = (
         "from sensor_msgs.msg import JointState\n"
         "from benchmarks.storm_watch import participant\n"
@@ -104,7 +104,7 @@ def killed_participants(seconds: float) -> None:
 
 
 def listing(seconds: float) -> None:
-    """Let fifty processes list the controllers repeatedly at the same time."""
+    """Run fifty processes that list the controllers repeatedly at the same time."""
     program = (
         "import sys\n"
         "from benchmarks.storm_watch import participant\n"
@@ -128,9 +128,9 @@ def listing(seconds: float) -> None:
 
 
 def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> None:
-    """List controllers repeatedly in one of the listing processes, and print the number of lists.
+    """List the controllers repeatedly in one of the fifty processes, and print how often they were listed.
 
-    The process first waits for the service and for a line of input.
+    The process first waits for the service and then for a line of input.
     """
     client = node.create_client(ListControllers, "/controller_manager/list_controllers")
     assert client.wait_for_service(PATIENCE_S)
@@ -204,8 +204,7 @@ def run(name: str, seconds: float, watch: Watch) -> tuple[list[float], int, floa
     """Run one storm.
 
     Returns:
-        The stamps in seconds, the number of missed cycles, and the distance of the arm from its start at the end, in
-        rad.
+        The stamps in seconds, the number of missed cycles, and the arm's distance from its start at the end, in rad.
     """
     watch.wait_for_report()
     first, missed, before = len(watch.stamps_s), watch.missed, list(watch.position)
@@ -232,7 +231,7 @@ def main() -> None:
     """Run all storms."""
     parser = argparse.ArgumentParser()
     parser.add_argument(
-        "--seconds", type=float, default=60.0, help="duration of the storm of goals; the others take at most 15 s"
+        "--seconds", type=float, default=60.0, help="duration of the goal storm; each other storm takes at most 15 s"
     )
     arguments = parser.parse_args()
     random.seed(1)

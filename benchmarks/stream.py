@@ -1,10 +1,10 @@
-"""Measure the latency of streamed targets, from the call to the bytes:
-``python -m benchmarks.stream [--seconds 60] [--rate 50]``.
+"""Measure the latency of streamed targets, from the call to the bytes on the bus: ``python -m benchmarks.stream
+[--seconds 60] [--rate 50]``.
 
-A stack without ROS runs at 20 Hz with virtual servos in separate processes, and records every byte on the bus. This
-program stands in for a policy: it sends a new target at each step of its rate, as ``Arm.connect().stream()`` does. A
-target counts as late if neither this target nor a later target is in the goals on the bus after one cycle. A target
-counts as lost if this never happens.
+A stack without ROS runs at 20 Hz with virtual servos in separate processes and records every byte on the bus. This
+program stands in for a policy: it sends a new target at each step, as ``Arm.connect().stream()`` does. A target counts
+as late if neither this target nor a later one is among the goals on the bus after one cycle. A target counts as lost if
+it never reaches the bus.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from servoloop.recording.reader import stamp_s
 
 JOINT: Final = "joint6"
 STEP_RAD: Final = 4e-4
-"""Difference between two targets. The joint reaches each target within one cycle."""
+"""Difference between two consecutive targets. The joint reaches each target within one cycle."""
 TRAFFIC: Final = "/servoloop/bus_traffic"
 GROUP_WRITE: Final = b"\xff\xff\xfe"
 CODE_AT, SYNC_WRITE = 4, 0x83
@@ -42,7 +42,7 @@ AFTER_S: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """Targets of one run, with times in seconds on the clock that recordings of this machine use."""
+    """Targets of one run, with times in seconds on the clock that recordings on this machine use."""
 
     targets: FloatArray
     """Targets (k,), in rad."""
@@ -77,7 +77,7 @@ def stream(seconds: int, rate_hz: int) -> Streamed:
 
 
 def goals_on_the_bus(recording: Path, joint: str = JOINT) -> Iterator[tuple[float, float]]:
-    """Yield the time of each group write of goals, in seconds, and the command of a joint in this write, in rad."""
+    """Yield the time of each group write of goals, in seconds, and the command that it contains for a joint, in rad."""
     decode, commanded = typestore().deserialize_cdr, list[tuple[float, float]]()
     writes = list[float]()
     with recording.open("rb") as file:
@@ -98,7 +98,7 @@ def _is_group_write(data: bytes) -> bool:
 
 
 def latencies_s(streamed: Streamed, goals: Iterator[tuple[float, float]]) -> FloatArray:
-    """Return the time from each call until its target or a newer target is on the bus, (k,) in seconds; NaN if this
+    """Return the time from each call until its target or a later target is on the bus, (k,) in seconds; NaN if this
     never happens."""
     way = np.sign(streamed.targets[-1] - streamed.targets[0])
     written = np.array([(time_s, way * command) for time_s, command in goals])

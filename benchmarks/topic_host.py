@@ -1,10 +1,10 @@
 """Measure the latency of a stack below ros2_control: ``python -m benchmarks.topic_host [--arm so101] [--seconds 60]``.
 
 ``servoloop topic-host`` runs with virtual servos in a separate process and records every byte on the bus. This process
-stands in for the plug-in JointStateTopicSystem: at the given rate, it sends new commands over DDS. The table shows the
-time from a command to its bytes on the bus, and the time from the last byte of a reply to the state message. A command
-counts as late if neither this command nor a later command is on the bus after one cycle. A command counts as lost if
-this never happens.
+stands in for the plug-in JointStateTopicSystem: it sends new commands over DDS at the given rate. The table shows the
+time from a command to its bytes on the bus, and the time from a reply's last byte to the state message. A command
+counts as late if neither this command nor a later one is on the bus after one cycle. A command counts as lost if it
+never reaches the bus.
 """
 
 import argparse
@@ -39,17 +39,18 @@ from servoloop.stack.processes import claim_realtime_priority, end, end_with_par
 
 PATIENCE_S: Final = 60.0
 JOINTS: Final = {"so101": "wrist_roll", "robot_arm": "joint6"}
-"""Joint of each arm that the commands move. Its range is large enough for a stream of a minute."""
+"""Joint of each arm that moves during the benchmark. The joint's range is large enough for a one-minute stream."""
 AFTER_S: Final = 0.5
 """Duration of the recording after the last command, in seconds."""
 
 
 @contextmanager
 def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
-    """Run ``servoloop topic-host`` in a separate ROS domain until the context ends. It is ready for commands."""
+    """Run ``servoloop topic-host`` in a separate ROS domain until the context ends. The host is ready for commands when
+    the context begins."""
     settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
     stay_on_this_machine(settings)
-    os.environ |= settings  # this also applies to the node of this process
+    os.environ |= settings  # this also applies to this process's own node
     ready = recording.with_name("ready")
     command = [sys.executable, "-m", "servoloop", "topic-host", "--arm", arm, "--rate", str(rate_hz)]
     command += ["--record", str(recording), "--ready-file", str(ready)]
@@ -66,8 +67,8 @@ def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
 
 
 class Plugin:
-    """Stand-in for the plug-in that sends commands and records when states arrive. Times are system clock times, in
-    seconds."""
+    """Stand-in for the plug-in, which sends commands and records when states arrive. All times are system clock times,
+    in seconds."""
 
     def __init__(self, joint: str, rate_hz: int) -> None:
         self.joint = joint
@@ -112,7 +113,7 @@ class Plugin:
 
 
 def replies_s(recording: Path) -> FloatArray:
-    """Return the times (k,) at which bytes of replies arrived, in seconds."""
+    """Return the times (k,) at which reply bytes arrived, in seconds."""
     decode = typestore().deserialize_cdr
     with recording.open("rb") as file:
         found: list[Any] = [
@@ -129,7 +130,7 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
     Args:
         states: Stamp and arrival time of each state, (k, 2) in seconds.
         replies: Times at which replies arrived, in seconds.
-        period_s: Period of the loop, in seconds.
+        period_s: Period of the control loop, in seconds.
     """
     last = np.searchsorted(replies, states[:, 0] + 0.5 * period_s) - 1
     ages: FloatArray = states[:, 1] - replies[np.maximum(last, 0)]
@@ -139,10 +140,8 @@ def state_ages_s(states: FloatArray, replies: FloatArray, period_s: float) -> Fl
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
     parser.add_argument("--arm", choices=JOINTS, default="so101", help="arm with virtual servos")
-    parser.add_argument("--seconds", type=positive, default=60, help="duration of the stream of commands")
-    parser.add_argument(
-        "--rate", type=positive, default=100, help="rate of the commands, and of the cycles of the host, in Hz"
-    )
+    parser.add_argument("--seconds", type=positive, default=60, help="duration of the command stream")
+    parser.add_argument("--rate", type=positive, default=100, help="command rate, and cycle rate of the host, in Hz")
     options = parser.parse_args()
     claim_realtime_priority()
     plugin = Plugin(JOINTS[options.arm], options.rate)
@@ -154,7 +153,7 @@ def main() -> None:
         to_topic = state_ages_s(np.array(plugin.states), replies_s(recording), streamed.period_s)
     known = to_bytes[np.isfinite(to_bytes)]
     if not known.size:
-        raise SystemExit("the benchmark ends: no command reached the bus")
+        raise SystemExit("no command reached the bus")
     title = f"topic-host of {options.arm} at {options.rate} Hz over DDS"
     table = Table("", "median, ms", "99 %, ms", "longest, ms", title=title)
     for name, values in (("command topic to bytes", known), ("bytes to state topic", to_topic)):

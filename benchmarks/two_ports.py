@@ -1,9 +1,9 @@
 """Run twelve servos on two ports at 100 cycles per second: ``python -m benchmarks.two_ports [--cycles 1000]``.
 
-The servos answer on two pseudo-terminals at 1 Mbit/s, each in a separate process. IDs 1 to 6 are on both. The serial
-ports, buses, hardware component and loop are those of ``servoloop up``. The benchmark consists of two runs: one run
-reads both ports at the same time, and the other run reads one port after the other. The exit status is 1 if a cycle was
-missed in the run that reads both ports at the same time.
+The servos reply on two pseudo-terminals at 1 Mbit/s, each in a separate process. IDs 1 to 6 exist on both ports. The
+serial ports, buses, hardware component and loop are those of ``servoloop up``. The benchmark consists of two runs: one
+reads both ports at the same time, and the other reads the ports one after the other. The exit status is 1 if a cycle
+was missed in the run that reads both ports at the same time.
 """
 
 import argparse
@@ -40,7 +40,7 @@ JOINTS = tuple(Joint(f"{bus}{i}", i, sts.STS3215, LIMITS, bus=bus) for bus in BU
 
 
 class ApartBus(Bus):
-    """Bus that sends a request and waits for the replies in one step, so that reads of two ports do not overlap."""
+    """Bus that sends a request and waits for the replies in one step, so that reads from two ports do not overlap."""
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         self._later = servo_ids, deadline_s
@@ -51,7 +51,7 @@ class ApartBus(Bus):
 
 
 class TimedHardware(ServoHardware):
-    """Hardware that records the duration of each read."""
+    """Hardware component that records the duration of each read."""
 
     reads_s: list[float]
 
@@ -80,8 +80,8 @@ class Figures:
 def serve(
     link: Path, servo_ids: Sequence[int] = IDS, kind: Callable[[list[int]], simulator.Servos] = simulator.Servos
 ) -> None:
-    """Serve the servos of one port, which ``kind`` creates, in the calling process until the process is stopped."""
-    # The servos do not move and report the goals of the benchmark, so torque may be enabled.
+    """Serve the servos of one port, created by ``kind``, in the calling process until the process is stopped."""
+    # The servos do not move, and they report the goals that the benchmark sends, so torque may be enabled.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1

@@ -1,13 +1,13 @@
 """Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
-The cell is the same as in ``servoloop demo``. The cell first runs without a view, and then with the page open in
-the machine's Chromium. The browser draws without a graphics card and has the lowest priority
+The cell is the same as in ``servoloop demo``. The cell first runs without a view, and then with the page open in the
+Chromium browser of this machine. The browser renders without a graphics card and has the lowest priority
 (benchmarks/processes/browser.py).
 
-Two periods are measured during the jobs, as deviations from the configured period: the time between the starts of two
-cycles, and the time between two measurements. The second period includes the delays of the kernel and the virtual
-servos. In 24 jobs, p99.9 depends on the five worst cycles. ``--rounds 3`` alternates between runs without and with the
-page, and compares the cycles of all runs.
+Two periods are measured during the jobs: the time between the starts of two cycles, and the time between two
+measurements. Both are reported as deviations from the configured period. The second period includes the delays of the
+kernel and the virtual servos. In 24 jobs, p99.9 depends on the five worst cycles. ``--rounds 3`` alternates between
+runs without and with the page, and compares the cycles across all runs.
 """
 
 import argparse
@@ -81,11 +81,11 @@ def page(address: str) -> Iterator[Callable[[], float]]:
     """Open the page in a browser, and wait until the page shows the arm.
 
     Yields:
-        A function that returns the processor time of the browser since this call, in seconds.
+        Function that returns the browser's processor time since this call, in seconds.
     """
     chromium = shutil.which("chromium")
     if chromium is None:
-        raise SystemExit("there is no chromium on PATH: apt-get install chromium")
+        raise SystemExit("chromium is not on PATH: install it with apt-get install chromium")
     with browser_page(chromium, stand_back=True) as shown:
         shown.goto(address)
         shown.wait_for_selector("canvas", timeout=PATIENCE_MS)
@@ -118,7 +118,7 @@ def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
 
 
 def show(console: Console, outcomes: list[Outcome]) -> None:
-    """Print one row per run, and the ratios between all runs with the page and all runs without it."""
+    """Print one row per run, and the ratios of all runs with the page to all runs without it."""
     table = Table(
         *("page", "cubes", "cycles", "missed", "latest, ms", "cycles begin, us off", "measured, us off", "browser, s")
     )
@@ -133,13 +133,13 @@ def show(console: Console, outcomes: list[Outcome]) -> None:
     begun = _ratio([(one.view, one.begun_s) for one in outcomes])
     measured = _ratio([(one.view, np.array(one.measured_s)) for one in outcomes])
     console.print(
-        "deviations of the periods: p50 / p99 / p99.9 / largest; over all cycles, opening the page multiplies the "
-        f"p99.9 by {begun} between the starts of cycles and by {measured} between measurements"
+        "period deviations: p50 / p99 / p99.9 / largest. Over all cycles, opening the page multiplies the p99.9 by "
+        f"{begun} for the periods between cycle starts and by {measured} for those between measurements"
     )
 
 
 def _ratio(deviations_s: list[tuple[bool, FloatArray]]) -> str:
-    """Return the p99.9 of all deviations with the page, divided by the p99.9 of all deviations without it."""
+    """Return the p99.9 of all timing deviations with the page, divided by the p99.9 of those without it."""
     shown, hidden = (
         np.quantile(np.concatenate([own for view, own in deviations_s if view is wanted]), 0.999)
         for wanted in (True, False)
@@ -152,7 +152,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--jobs", type=positive, default=6, help="number of jobs in each run")
     parser.add_argument(
-        "--rounds", type=positive, default=1, help="number of rounds: a run without the page and one with it"
+        "--rounds",
+        type=positive,
+        default=1,
+        help="number of rounds, each with one run without the page and one run with it",
     )
     arguments = parser.parse_args()
     console = Console(width=120)

@@ -1,4 +1,4 @@
-"""Write files atomically: write a partial file, rename it, and keep the previous version."""
+"""Write files atomically: write a temporary file, rename it, and keep the previous version."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
     """Write a file atomically, and keep its previous content in ``path``.1. Raises OSError.
 
     If the program is interrupted at any time, ``path`` contains either the complete previous or the complete new
-    content. If ``keep`` is False, ``path``.1 is not changed.
+    content. If ``keep`` is False, ``path``.1 remains unchanged.
     """
     if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())
@@ -16,7 +16,7 @@ def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
 
 
 def cannot_write(path: Path, error: OSError) -> str:
-    """Return the message for a failed ``write_whole``."""
+    """Return the error message for a failed ``write_whole``."""
     kept = ". The previous file is unchanged" if path.is_file() else ""
     return f"cannot write {path}: {error.strerror or error}{kept}"
 

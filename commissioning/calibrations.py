@@ -1,4 +1,5 @@
-"""Import, export and list the calibration of an arm, for scripts. The other format is LeRobot's calibration file."""
+"""Import, export and list an arm's calibration from scripts. Calibrations are imported from and exported to LeRobot's
+calibration file format."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from hal.yaml_file import load
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRow:
-    """Calibration of one joint in the table for the user. Positions are in rad (m for a prismatic joint)."""
+    """Calibration of one joint, as shown to the user in the table. Positions are in rad (m for a prismatic joint)."""
 
     joint: str
     servo_id: int
@@ -29,7 +30,7 @@ class CalibrationRow:
     zero_counts: int
     homing_offset: int | None
     travel: float | None
-    """Distance from stop to stop; None if it was never measured."""
+    """Distance from stop to stop; None if it has never been measured."""
     urdf_range: float
     doubt: str
     """Warnings about implausible values; empty if all values are plausible."""
@@ -48,7 +49,7 @@ def import_calibration(
         prefix: Prefix of this arm's joint names in LeRobot's file. Entries without this prefix are ignored.
 
     Raises:
-        CalibrationError: The file has errors. The message lists all of them, and nothing is written.
+        CalibrationError: The file contains errors. The message lists all of them, and no file is written.
     """
     require_offsets(joints)
     file = without_prefix(read_lerobot(lerobot), prefix)
@@ -58,7 +59,7 @@ def import_calibration(
 
 
 def export_calibration(lerobot: Path, robot: Path) -> None:
-    """Write the calibration of this robot file in LeRobot's format, and keep a previous file.
+    """Export the calibration of this robot file in LeRobot's format, and keep the previous file.
 
     Raises CalibrationError.
     """
@@ -75,7 +76,7 @@ def export_calibration(lerobot: Path, robot: Path) -> None:
 
 @contextmanager
 def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[str]]) -> Iterator[None]:
-    """Add file and line to messages that begin with a joint name. ``known`` holds the location of each joint."""
+    """Add the file and line to messages that begin with a joint name. ``known`` holds the location of each joint."""
     try:
         yield
     except CalibrationError as error:
@@ -85,9 +86,9 @@ def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[
 
 
 def built_signs(robot: Path) -> dict[str, int]:
-    """Return the sign of each joint in the robot file itself, without the calibration.
+    """Return the sign of each joint from the robot file itself, without the calibration.
 
-    These are the signs of all arms of the same design.
+    These signs apply to all arms of the same design.
     """
     return {name: joint.sign for name, joint in load(robot, RobotFile, RobotFileError).joints.items()}
 

@@ -1,4 +1,4 @@
-"""Measure the drive that a joint needs: move it back and forth at two low speeds.
+"""Measure the drive that a joint needs by moving it back and forth at two low speeds.
 
 The difference between the two drives depends only on the motor and the gear, because friction and gravity cancel out.
 """
@@ -11,10 +11,10 @@ from commissioning.slow_arm import SlowArm
 from hal.joint import Joint
 
 STUCK_SHARE: Final = 0.3
-"""Minimum motion, as a fraction of the commanded motion. A joint that moves less is blocked or has no force."""
+"""Minimum motion, as a fraction of the commanded motion. A joint that moves less is blocked or has no torque."""
 BEHIND_RAD: Final = 0.25
-"""Following error at which a motion is aborted, in rad of the servo's shaft. With the factory gains, a servo drives
-with full force from 0.19 rad on.
+"""Following error at which a motion is aborted, in rad of the servo's shaft. With the factory gains, a servo applies
+full drive from 0.19 rad upward.
 """
 LEAST_DRIVE: Final = 0.04
 """Minimum drive that can be evaluated, as a fraction of full drive. The steps between goals hide a smaller drive.
@@ -23,12 +23,12 @@ LEAST_DRIVE: Final = 0.04
 
 @dataclass(frozen=True, slots=True)
 class TrialPace:
-    """Speeds and times of a trial. In an arm, a joint has less room and settles more slowly than a loose servo."""
+    """Speeds and durations of a trial. A joint in an arm has less room and settles more slowly than a loose servo."""
 
     slow: float = 0.4
     """Lower speed, as a fraction of the higher speed. The higher speed is the joint's slow velocity limit."""
     ramp_s: float = 0.1
-    """Time at each end of a motion that is ignored because the joint accelerates, in seconds."""
+    """Time at each end of a motion that is excluded because the joint is accelerating, in seconds."""
     rest_s: float = 0.8
     """Time at rest after each motion, in seconds. The joint settles in the first half, and only the second half is
     evaluated.
@@ -46,7 +46,7 @@ class TrialMotion:
 
     joint: Joint
     asked: float
-    """Commanded motion, with its sign."""
+    """Commanded motion (signed)."""
     moved: float
     """Measured motion."""
     speed: float
@@ -71,7 +71,7 @@ class TrialMotion:
 
     @property
     def faster(self) -> float | None:
-        """Speed per drive, as a multiple of the model's value; None if the drive is too small to evaluate."""
+        """Ratio of speed to drive, as a multiple of the model's value; None if the drive is too small to evaluate."""
         expected = self.speed / (self.joint.model.no_load_speed_rad_s * self.joint.transmission)
         return expected / self.drive if expected >= LEAST_DRIVE and self.drive > 0.0 else None
 
@@ -85,7 +85,7 @@ class _Pass(NamedTuple):
 
 
 class _Sample(NamedTuple):
-    """Measurement of one cycle."""
+    """Values measured in one cycle."""
 
     time_s: float
     drive: float
@@ -106,7 +106,7 @@ class DriveTrial:
         self._error = self._swing = self._moved = self._pull = 0.0
 
     def run(self) -> None:
-        """Run the trial at both speeds. A joint that does not follow returns to its start at once."""
+        """Run the trial at both speeds. A joint that does not follow its goals returns to its start immediately."""
         start = float(self._arm.command[self._index])
         self._rest()
         for share in self._pace.speeds:
@@ -124,9 +124,9 @@ class DriveTrial:
             self._pull = max(self._pull, 0.5 * (there.drive + back.drive), key=abs)
 
     def _pass(self, target: float, share: float) -> "_Pass | None":
-        """Move at a constant speed and return the mean values, without both ends of the motion.
+        """Move at a constant speed and return the mean values, excluding both ends of the motion.
 
-        Return None if the joint does not follow.
+        Return None if the joint does not follow its goals.
         """
         start, period_s = float(self._arm.command[self._index]), self._arm.period_s
         ramp = round(self._pace.ramp_s / period_s)
@@ -137,7 +137,7 @@ class DriveTrial:
             place = self._arm.measured(self._index)
             if abs(place - float(self._arm.command[self._index])) > BEHIND_RAD * self._joint.transmission:
                 return None  # If the servo were driven any longer, it would release its torque to protect itself.
-            # Both directions cover the same positions, so gravity cancels out. A silent servo has only old values.
+            # Both directions cover the same positions, so gravity cancels out. A silent servo provides only old values.
             if ramp < cycle <= cycles - ramp and self._joint.name not in self._arm.state.faults:
                 samples.append(_Sample(cycle * period_s, self._drive(), place))
         return _mean(samples)

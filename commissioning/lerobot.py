@@ -1,11 +1,11 @@
-"""Convert LeRobot's calibration file (JSON) to servoloop's and back, without loss.
+"""Convert LeRobot's calibration file (JSON) to servoloop's format and back without loss.
 
 Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. The two formats differ
 in two ways:
 
-- LeRobot's file does not contain the positive direction of the URDF. The robot file has the ``sign`` of all arms of the
-same design, and ``drive_mode`` 1 means that this servo turns the other way.
-- LeRobot's zero is the pose in which the user pressed Enter, at count 2047. This is not the zero of the URDF: see
+- LeRobot's file does not specify the positive direction of the URDF. The robot file contains the ``sign`` of all arms
+  of the same design, and ``drive_mode`` 1 means that this servo turns the other way.
+- LeRobot's zero is the pose in which the user pressed Enter, at count 2047. This pose is not the zero of the URDF: see
   ``commissioning.lerobot_import``.
 """
 
@@ -26,17 +26,17 @@ from hal.yaml_file import error_text
 from hal.yaml_nodes import compose, listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
-"""Count of every servo in the pose in which the user of LeRobot pressed Enter: the middle of the turn."""
+"""Count of every servo in the pose in which the LeRobot user pressed Enter: the middle of the turn."""
 ITS_ZERO: Final = (
     "LeRobot's zero differs from the zero of the URDF: it is the pose in which the user pressed Enter (count "
     f"{LEROBOT_ZERO_COUNTS})"
 )
 OLD_KEYS: Final = {"motor_names", "start_pos", "end_pos", "calib_mode"}
-"""Keys of LeRobot's previous file format, which has no entry for each joint."""
+"""Keys of LeRobot's previous file format, which has no entry per joint."""
 
 
 class LerobotJoint(BaseModel):
-    """Entry of one joint in LeRobot's file, with the keys in LeRobot's order."""
+    """Entry for one joint in LeRobot's file, with the keys in LeRobot's order."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -59,8 +59,8 @@ def read_lerobot(path: Path) -> LerobotFile:
         raise CalibrationError(f"{path} is not a JSON file from LeRobot: {error}") from error
     if isinstance(content, dict) and OLD_KEYS & content.keys():
         raise CalibrationError(
-            f"{path} is from an older version of LeRobot. Its offsets are not those in the servos, so it cannot be "
-            "used: calibrate again"
+            f"{path} is from an older version of LeRobot. Its offsets differ from those in the servos, so the file "
+            "cannot be used: calibrate again"
         )
     try:
         return _FILE.validate_python(content)
@@ -73,9 +73,9 @@ def read_lerobot(path: Path) -> LerobotFile:
 
 
 def places(path: Path) -> Callable[[Sequence[int | str]], str]:
-    """Return a function that maps a location in a JSON file to the file and line, for messages.
+    """Return a function that maps a location in a JSON file to the file and line, for use in messages.
 
-    The function reads the JSON as YAML. If that fails, the function returns only the file name.
+    The function parses the JSON as YAML. If parsing fails, the function returns only the file name.
     """
     try:
         return compose(path, CalibrationError).place
@@ -97,20 +97,20 @@ def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
 
 
 def prefix_of(file: LerobotFile, joints: Sequence[str]) -> str:
-    """Return the prefix that all of these joints have in the file, or an empty string."""
+    """Return the prefix that all of these joints have in the file; an empty string if there is none."""
     prefixes = (name.removesuffix(joints[0]) for name in file if name.endswith(joints[0])) if joints else ()
     return next((prefix for prefix in prefixes if all(prefix + joint in file for joint in joints)), "")
 
 
 def lerobot_text(file: LerobotFile) -> str:
-    """Return the text of the file in LeRobot's layout."""
+    """Return the file contents in LeRobot's layout."""
     return json.dumps({name: joint.model_dump() for name, joint in file.items()}, indent=4)
 
 
 def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> LerobotFile:
     """Convert a calibration to LeRobot's format.
 
-    Raise CalibrationError listing all values that the format cannot hold.
+    Raise CalibrationError listing all values that the format cannot represent.
     """
     file: LerobotFile = {}
     problems: list[str] = []
@@ -127,7 +127,7 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
 
 
 def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
-    """Return LeRobot's entry of one joint, or None if the joint has no homing offset that servos accept.
+    """Return LeRobot's entry for one joint, or None if the joint has no homing offset that servos accept.
 
     ``built`` is the sign of this joint in all arms of the same design.
     """
@@ -152,7 +152,7 @@ def _no_place(ours: CalibratedJoint) -> str:
 
 
 def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
-    """Return the errors in the offset and the travel of a servo with the counts 0 to ``last``."""
+    """Return the errors in the offset and the travel of a servo whose counts range from 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
     if abs(theirs.homing_offset) > LARGEST_OFFSET:
         return [

@@ -2,7 +2,7 @@
 
 The direction of each joint comes from the robot file. LeRobot's zero is not the zero of the URDF, but LeRobot's file
 contains the stops. The zero is therefore computed from the travel, at the reference position in the joint's plan: the
-middle or a stop. LeRobot's zero is used, with a warning, only if this is not possible.
+middle or a stop. LeRobot's zero is used, with a warning, only if the zero cannot be computed in this way.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ class Imported:
 
     @property
     def at_lerobot_zero(self) -> float:
-        """Joint position of the URDF in LeRobot's zero pose, in rad or m."""
+        """URDF joint position in LeRobot's zero pose, in rad or m."""
         return as_joint(self.joint, self.made).position(LEROBOT_ZERO_COUNTS)
 
 
@@ -46,7 +46,7 @@ def from_lerobot(
     plans: Mapping[str, JointPlan],
     former: CalibrationFile | None = None,
 ) -> list[Imported]:
-    """Return the calibration of these joints, in the order of the file.
+    """Return the calibration of these joints, in file order.
 
     Args:
         file: LeRobot's file.
@@ -81,7 +81,7 @@ def from_lerobot(
 
 
 def require_offsets(joints: Sequence[Joint]) -> None:
-    """Check that the servos of these joints have homing offsets like those in LeRobot's file.
+    """Check that the servos of these joints have the same type of homing offset as those in LeRobot's file.
 
     Raises:
         CalibrationError: Some servos have no such offset, so LeRobot's files cannot be imported for this arm.
@@ -90,14 +90,14 @@ def require_offsets(joints: Sequence[Joint]) -> None:
     if other:
         models = " or ".join(f"{name}" for name in dict.fromkeys(one.model.name for one in other))
         raise CalibrationError(
-            f"LeRobot's files cannot be imported for this arm: a servo of the model {models} has no homing offset like "
-            f"the one in the file ({', '.join(one.name for one in other)}). Calibrate the arm with servoloop calibrate"
+            f"LeRobot's files cannot be imported for this arm: {models} servos have no homing offset like the one in "
+            f"the file ({', '.join(one.name for one in other)}). Calibrate the arm with servoloop calibrate"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Import:
-    """Import of one joint."""
+    """Import of one joint's calibration."""
 
     joint: Joint
     built: int
@@ -106,7 +106,7 @@ class _Import:
     former: CalibratedJoint | None
 
     def mistakes(self) -> list[str]:
-        """Return the errors in the entry of this joint."""
+        """Return the errors in this joint's entry."""
         joint, theirs = self.joint, self.theirs
         found = entry_mistakes(theirs, joint.model.last_count)
         if theirs.id != joint.servo_id:
@@ -114,7 +114,7 @@ class _Import:
         return found or self._not_swept()
 
     def _not_swept(self) -> list[str]:
-        """Return an error if the joint was moved too little to show its stops."""
+        """Return an error if the joint was moved too little to show where its stops are."""
         joint, made = self.joint, self.result()
         travel, range_ = made.made.travel(joint), joint.limits.upper - joint.limits.lower
         if made.source == "kept" or travel >= SWEPT_SHARE * range_:
@@ -125,7 +125,8 @@ class _Import:
         ]
 
     def out_of_reach(self) -> list[str]:
-        """Return an error if the joint's limits lie outside the servo's counts. The robot file would be invalid."""
+        """Return an error if the joint's limits are outside the range of the servo's counts. With such limits, the
+        robot file would be invalid."""
         lowest, highest = as_joint(self.joint, self.result().made).counts_range()
         if lowest >= 0 and highest <= self.joint.model.last_count:
             return []
@@ -157,7 +158,7 @@ class _Import:
         return low if (zero == "lower_stop") == (sign > 0) else high
 
     def _is_whole_turn(self) -> bool:
-        """Return whether the travel is a whole turn. LeRobot writes a whole turn for a wrist without sweeping it."""
+        """Return whether the travel is a full turn. LeRobot writes a full turn for a wrist without sweeping it."""
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 

@@ -1,4 +1,4 @@
-"""Write the EEPROM settings of one servo and check them again after a restart."""
+"""Write the EEPROM settings of one servo, and check them again after a restart."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -17,7 +17,7 @@ RESTART_S: Final = 1.5
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
-    """Return the EEPROM registers of this model, keyed by name, in the order of their addresses."""
+    """Return the EEPROM registers of this model, keyed by name and sorted by address."""
     return {register.name: register for register in registers_of(model) if register.persistent}
 
 
@@ -26,9 +26,9 @@ def provision(
 ) -> tuple[Change, ...]:
     """Write register values to the servo's EEPROM and return the changes. The ID is written last.
 
-    The torque must be off, and only registers with a different value are written. After a change, the servo is
-    restarted, because some registers take effect only after a restart, and all values are read back. Raises ServoError,
-    CommissioningError, PortLost, with the changes made so far in the notes of the exception.
+    Torque must be off, and only registers whose values differ are written. After a change, the servo is restarted,
+    because some registers take effect only after a restart, and all values are read back. Raises ServoError,
+    CommissioningError or PortLost, with the changes made so far in the notes of the exception.
     """
     changes = update(bus, servo_id, series_of(model).lock, values)
     if changes:
@@ -43,7 +43,8 @@ def provision(
 
 
 def restart(bus: Bus, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Restart a servo whose torque is off, and wait until it answers. Do nothing if the protocol has no restart."""
+    """Restart a servo whose torque is off, and wait until it responds. Do nothing if the protocol has no restart
+    instruction."""
     if series_of(model).protocol.reboot == "none":
         return
     bus.reboot(servo_id)
@@ -57,8 +58,8 @@ def _check(bus: Bus, servo_id: int, values: Mapping[Register, int]) -> None:
             if held[register] != value]  # fmt: skip
     if lost:
         raise CommissioningError(
-            f"servo {servo_id} did not keep the values that were written: {'; '.join(lost)} after its restart. Write "
-            "them again; if that does not help, replace the servo"
+            f"servo {servo_id} lost values that were written: after its restart, {'; '.join(lost)}. Write them again; "
+            "if that does not help, replace the servo"
         )
 
 

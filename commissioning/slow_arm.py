@@ -20,20 +20,20 @@ from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
 PERIOD_S: Final = 0.05
 SPEED_SHARE: Final = 0.25
-"""Maximum speed of a joint in tools, as a fraction of its velocity limit."""
+"""Maximum speed of a joint in the tools, as a fraction of its velocity limit."""
 FASTEST_RAD_S: Final = 0.4
 """Default maximum speed of a servo's shaft."""
 SETTLE_S: Final = 0.3
 """Time a joint must be at rest before it counts as settled, in seconds."""
 STANDS_RAD: Final = 0.003
-"""Maximum angle that a servo's shaft at rest turns within ``SETTLE_S``: two counts of an STS."""
+"""Maximum angle that the shaft of a servo at rest turns within ``SETTLE_S``: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
 SINK_SHARES: Final = (0.3, 0.2, 0.12, 0.06)
-"""Successive torque limits before the torque is disabled, as fractions of full drive. With these limits, a raised arm
-sinks instead of falling.
+"""Successive torque limits before torque is disabled, as fractions of full drive. With these limits, a raised arm sinks
+instead of falling.
 """
 SINK_STEP_S: Final = 0.4
-"""Duration of each of these torque limits."""
+"""Duration of each of these torque limits, in seconds."""
 
 
 class StoppedError(DriverError):
@@ -41,10 +41,10 @@ class StoppedError(DriverError):
 
 
 class SlowArm:
-    """Context manager that enables the torque of an arm and moves it slowly.
+    """Context manager that enables the arm's torque and moves the arm slowly.
 
-    At exit, the arm sinks and its torque is disabled, unless ``relax`` is set to False. Positions are in rad or m, in
-    the order of the joints.
+    At exit, the arm is lowered gradually and its torque is disabled, unless ``relax`` is set to False. Positions are in
+    rad or m, in the order of the joints.
     """
 
     def __init__(
@@ -56,14 +56,14 @@ class SlowArm:
         fastest_rad_s: float = FASTEST_RAD_S,
         period_s: float = PERIOD_S,
     ) -> None:
-        """Prepare the arm without opening its buses.
+        """Prepare the arm without opening any bus.
 
         Args:
             open_bus: Function that opens the bus of the joints, or all of their buses, keyed by name.
             joints: Joints of the arm.
-            clock: Clock of the cycles.
-            stopped: Function that is called in each cycle. If it returns True, StoppedError is raised and the arm
-                sinks.
+            clock: Clock that times the cycles.
+            stopped: Function that is called in each cycle. If the function returns True, StoppedError is raised and the
+                arm is lowered gradually.
             fastest_rad_s: Maximum speed of a servo's shaft, reduced to ``SPEED_SHARE`` of the joint's limit.
             period_s: Length of a cycle, in seconds.
         """
@@ -71,7 +71,7 @@ class SlowArm:
         self.period_s = period_s
         self.stopped = stopped
         self.relax = True
-        """Whether the torque is disabled at exit. Otherwise the servos hold their last goals."""
+        """Whether torque is disabled at exit. Otherwise, the servos hold their last goals."""
         self.asked_s = 0.0
         """Clock time at which the latest measurement was requested."""
         self._open_bus = open_bus
@@ -90,7 +90,7 @@ class SlowArm:
         return self._buses
 
     def __enter__(self) -> Self:
-        """Enable torque with every goal at the measured position. Raises DriverError, HalError."""
+        """Enable torque with every goal set to the measured position. Raises DriverError, HalError."""
         self._hardware.configure()
         try:
             self._hardware.activate()
@@ -107,7 +107,7 @@ class SlowArm:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let the arm sink and disable its torque. Raises StoppedError if torque may still be enabled."""
+        """Lower the arm gradually and disable its torque. Raises StoppedError if torque may still be enabled."""
         try:
             if self.relax:
                 self._sink()
@@ -127,15 +127,15 @@ class SlowArm:
         return float(self.state.position[index])
 
     def measured_near(self, index: int, near: float) -> float:
-        """Return the latest position of one joint plus the number of whole turns that brings it closest to ``near``.
+        """Return the latest position of one joint, shifted by whole turns so that it is closest to ``near``.
 
-        A servo reports only its position within the turn.
+        A servo reports only its position within one turn.
         """
         measured, turn = self.measured(index), tau * self.joints[index].transmission
         return measured + round((near - measured) / turn) * turn
 
     def go(self, index: int, target: float) -> None:
-        """Move one joint smoothly to the target at its slow speed, and wait up to 2 s until it is at rest."""
+        """Move one joint smoothly to the target at its reduced speed, and wait up to 2 s for it to come to rest."""
         start, limits = float(self.command[index]), self.joints[index].limits
         cycles = round(0.5 * pi * abs(target - start) / limits.velocity / self.period_s) + 1
         for cycle in range(1, cycles + 1):
@@ -148,9 +148,9 @@ class SlowArm:
                 return
 
     def go_all(self, targets: FloatArray, after_cycle: Callable[[], None] = lambda: None) -> None:
-        """Move all joints smoothly at the same time, at most at ``FASTEST_RAD_S`` of each servo's shaft.
+        """Move all joints smoothly and simultaneously, at no more than ``FASTEST_RAD_S`` of each servo's shaft.
 
-        The joints arrive together. The method does not wait until the joints are at rest. Raises StoppedError.
+        All joints arrive at the same time. The method does not wait until the joints are at rest. Raises StoppedError.
 
         Args:
             targets: Goals of the joints, shape (n,).
@@ -181,7 +181,7 @@ class SlowArm:
     def _cycle(self, wanted: FloatArray) -> None:
         if self.stopped():
             raise StoppedError(
-                "stopped: the torque of the arm is disabled" if self.relax else "stopped: the arm holds its position"
+                "stopped: the arm's torque is disabled" if self.relax else "stopped: the arm holds its position"
             )
         self.command = self._gate.limit(wanted, self.command, self.period_s).values
         self._hardware.write(JointCommand(self.command, self.period_s))
@@ -194,7 +194,7 @@ class SlowArm:
     def _sink(self) -> None:
         """Reduce the torque limits step by step.
 
-        A servo that does not accept a limit keeps its torque until the torque of all servos is disabled at the end.
+        A servo that does not accept a limit keeps its torque until torque is disabled on all servos at the end.
         """
         for share in SINK_SHARES:
             for joint in self.joints:

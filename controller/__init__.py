@@ -1,1 +1,2 @@
-"""The fixed-rate loop, the controllers and the motion planning. This package has no I/O, no ROS and no wall clock."""
+"""The fixed-rate control loop, the controllers and motion planning. This package does not use I/O, ROS or the wall
+clock."""

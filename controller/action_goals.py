@@ -1,10 +1,11 @@
-"""Define the goal states, result texts and step limit that all action controllers share."""
+"""Define the goal states, result strings and step limit that all action controllers share."""
 
 from enum import Enum
 from typing import Final
 
 LONGEST_STEP: Final = 2.0
-"""Maximum time by which one cycle advances a goal, in periods. This limit prevents a leap after the loop has stalled.
+"""Maximum time by which one cycle may advance a goal, in periods. This limit prevents a jump after the loop has
+stalled.
 """
 
 NOT_RUNNING: Final = "Can't accept new action goals. Controller is not running."

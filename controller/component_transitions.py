@@ -26,7 +26,7 @@ BackgroundWorker = Callable[[Callable[[], None]], None]
 
 
 def run_at_once(work: Callable[[], None]) -> None:
-    """Run a task in the calling thread. Use this function as the background worker if there is no other thread."""
+    """Run a task in the calling thread. Use this function as the background worker if no other thread is available."""
     work()
 
 
@@ -35,7 +35,7 @@ class TransitionRules:
     """Rules for the transitions of components while the loop runs."""
 
     keep_alive: bool = False
-    """Whether the loop continues after the last component is lost, so that a client can activate the component again.
+    """Whether the loop continues after the last component is lost, so that a client can reactivate the component.
     """
     background_worker: BackgroundWorker = run_at_once
     """Function that runs a task that takes longer than a cycle."""
@@ -59,11 +59,11 @@ class ComponentTransition(Request[None]):
         self.error_in_background: Exception | None = None
         """Error raised by the background work."""
         self.reactivated: frozenset[str] | None = None
-        """Joints of an active component that are activated again. Empty if the reactivation failed."""
+        """Joints of an active component that are being reactivated. The set is empty if the reactivation failed."""
         self.controllers: list[str] = []
-        """Controllers that are deactivated for this transition and activated again after it."""
+        """Controllers that are deactivated for this transition and reactivated after it."""
         self.torque_queries = 0
-        """Number of times the servos of an active component were asked whether their torque is enabled."""
+        """Number of times that the servos of an active component were asked whether their torque is enabled."""
 
     def __str__(self) -> str:
         if self.reactivated is not None:
@@ -73,16 +73,17 @@ class ComponentTransition(Request[None]):
 
 @dataclass(frozen=True, slots=True)
 class _Leaving:
-    """A component whose joints come to rest before it changes its state or is dropped."""
+    """A component whose joints must come to rest before the component changes its state or is dropped."""
 
     component: Component
     transition: ComponentTransition | None
 
 
 class ComponentTransitions:
-    """The transitions of all components. The transitions of one component run one after the other.
+    """The transitions of all components. The transitions of one component run one after another.
 
-    In an ordinary cycle, ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, so the loop calls no method.
+    In an ordinary cycle, ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, so the loop does not call any
+    method.
     """
 
     def __init__(
@@ -93,24 +94,24 @@ class ComponentTransitions:
         resume: Callable[[Sequence[str], JointState], None],
         rules: TransitionRules,
     ) -> None:
-        """Connect the transitions with the loop.
+        """Connect the transitions to the loop.
 
         Args:
             hardware: All components.
             manager: The controller manager.
-            take_over: Function that starts to command an activated component, or only its named joints. It raises an
-                error on failure.
-            resume: Function that activates controllers again.
+            take_over: Function that starts commanding an activated component, or only the given joints of the
+                component. The function raises an error on failure.
+            resume: Function that reactivates controllers.
             rules: Rules for the transitions.
         """
         self.asked: deque[ComponentTransition] = deque()
-        """Requested transitions, including those that wait for another transition of their component.
+        """Requested transitions, including those that wait for another transition of the same component.
 
         Any thread may append.
         """
         self.returned: deque[tuple[Component, ComponentTransition]] = deque()
-        """Components that have finished their background work. Background threads add
-        components, and the loop removes them.
+        """Components that have finished their background work. Background threads append components, and the loop
+        removes them.
         """
         self.arrived: list[tuple[Component, ComponentTransition]] = []
         """Activated components that the loop will take over at their next measured positions."""
@@ -122,12 +123,12 @@ class ComponentTransitions:
         self._ended = False
 
     def ask(self, name: str, target: LifecycleState, relax: bool = False) -> ComponentTransition:
-        """Request that a component change its state. Any thread may call this method. The call never waits.
+        """Request that a component change its state. Any thread may call this method. The call never blocks.
 
         Args:
             name: Name of the component.
             target: State to reach.
-            relax: Whether a deactivation disables the torque.
+            relax: Whether a deactivation disables torque.
 
         Returns:
             The requested transition.
@@ -139,7 +140,7 @@ class ComponentTransitions:
         return transition
 
     def begin_cycle(self) -> None:
-        """Take back components whose background work is finished, and start the next transitions."""
+        """Take back components whose background work has finished, and start the next transitions."""
         while self.returned:
             self._take_back(*self.returned.popleft())
         for _ in range(len(self.asked)):
@@ -148,7 +149,7 @@ class ComponentTransitions:
     def after_read(self, state: JointState) -> None:
         """Include activated components in the cycle and drop failed components.
 
-        If the last component is lost and the loop is not kept alive, raise the error of this component.
+        If the last component is lost and the loop is not kept alive, raise that component's error.
         """
         for component, transition in self.arrived:
             self._take_in(component, transition, state)
@@ -166,7 +167,7 @@ class ComponentTransitions:
             self._left(leaving.component, leaving.transition)
 
     def end(self) -> None:
-        """Refuse every open transition. Call this method after the last cycle, when no background work is left."""
+        """Reject every open transition. Call this method after the last cycle, when no background work remains."""
         self._ended = True
         for transition in (*self.asked, *(leaving.transition for leaving in self.leaving)):
             if transition is not None:
@@ -196,7 +197,7 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _complete(self, component: Component, transition: ComponentTransition) -> None:
-        """Reactivate the limp joints of an active component, even if the loop has not detected them yet."""
+        """Reactivate the limp joints of an active component, including those that the loop has not detected yet."""
         try:
             unanswered = self._hardware.ask_for_torque(component)
         except Exception as error:
@@ -209,7 +210,7 @@ class ComponentTransitions:
         elif not unanswered:
             transition.serve()
         elif transition.torque_queries < ATTEMPTS:
-            self.asked.append(transition)  # The next cycle reports by name a servo that does not respond.
+            self.asked.append(transition)  # The next cycle reports by name any servo that does not respond.
         else:
             names = ", ".join(sorted(unanswered))
             transition.refuse(
@@ -219,7 +220,7 @@ class ComponentTransitions:
             )
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
-        """Deactivate the controllers of a component in this cycle. The joints of the component then come to rest."""
+        """Deactivate the controllers of a component in this cycle. The component's joints then come to rest."""
         ended = self._manager.release((*component.hardware.command_interfaces, *outputs_of(component.hardware)), reason)
         self.leaving.append(_Leaving(component, transition))
         if transition is not None and transition.reactivated is not None:
@@ -227,7 +228,7 @@ class ComponentTransitions:
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
-        if component.error is not None:  # Joints that cannot be reached cannot be relieved either.
+        if component.error is not None:  # Unreachable joints cannot be relieved either.
             return self._manager.stops.holds(own)
         return not self._manager.cycle.at_rest(own)
 
@@ -240,7 +241,8 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _switch_in_background(self, component: Component, transition: ComponentTransition) -> None:
-        """Run a transition in the background, possibly for seconds. Until its end, the loop skips the component."""
+        """Run a transition in the background, possibly for several seconds. The loop skips the component until the
+        transition ends."""
         component.switching = True
 
         def work() -> None:
@@ -284,11 +286,11 @@ class ComponentTransitions:
     def _switch_off(self, component: Component, undo: bool) -> None:
         """Deactivate a component that cannot be commanded.
 
-        ``undo`` states whether to disable only the torque that the activation has enabled.
+        ``undo`` specifies whether to disable only the torque that the activation has enabled.
         """
         try:
             problems = undo_activation(component.hardware) if undo else component.hardware.deactivate(relax=False)
-        except Exception as error:  # A defect in one component loses only that component.
+        except Exception as error:  # A defect in one component affects only that component.
             problems = [f"could not switch {component.name} off: {error}"]
             self._hardware.lose(component, error)
         for problem in problems:

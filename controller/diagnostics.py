@@ -1,4 +1,4 @@
-"""Build the diagnostics that ``/diagnostics`` publishes for the loop, controllers, components, servos and ports."""
+"""Build the diagnostics published on ``/diagnostics`` for the loop, controllers, components, servos and ports."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -41,7 +41,7 @@ def statuses(
     """Yield all statuses of a stack. Any thread may call this function.
 
     Args:
-        loop: The control loop of the stack.
+        loop: The stack's control loop.
         hardware_id: Hardware ID of the loop and the controllers.
         servo_ids: Servo ID of each joint, keyed by joint name. Empty if there are no servos.
         state: Latest measurement, or None before the first measurement.
@@ -54,7 +54,7 @@ def statuses(
             if state is not None and joint in servo_ids:
                 yield _servo_status(state, joint, servo_ids[joint], component.name)
     for port, counters in state.lines.items() if state is not None else ():
-        # These counters are not specific to a servo. The status of the component reports a lost port.
+        # These counters are not specific to a servo. A lost port is reported in the status of its component.
         values = _texts(noise=counters.noise, strange=counters.strange)
         yield Status(Level.OK, f"servoloop: {port}", "counted since the port was opened", port, values)
 
@@ -110,7 +110,7 @@ def _servo_status(state: JointState, joint: str, servo_id: str, component: str) 
 
 
 def health_status(health: ServoHealth) -> tuple[Level, str]:
-    """Return the level and the message for the health that a servo reports."""
+    """Return the level and the message that describe a servo's health."""
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
     wrong += [f"{supply.kind}: the servo {supply.text}"] if supply else []

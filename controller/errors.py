@@ -18,7 +18,7 @@ class PluginError(Exception):
 
 
 class ManagerError(Exception):
-    """The manager refuses a request. The message explains the reason and the remedy."""
+    """The manager rejects a request. The message contains the reason and the remedy."""
 
 
 class SwitchError(ManagerError):

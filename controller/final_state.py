@@ -1,4 +1,4 @@
-"""Describe, for the log, the final state of a component when the program exits."""
+"""Describe the final state of a component for the log when the program exits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from hal.lifecycle import LifecycleState
 
 @dataclass(frozen=True, slots=True)
 class FinalState:
-    """State of a component before it is switched off. ``describe`` adds the outcome."""
+    """State of a component before the component is switched off. ``describe`` adds the outcome of switching it off."""
 
     component: Component
     active: bool
     released: frozenset[str]
-    """Joints whose torque was off although the component was active."""
+    """Joints whose torque was off even though the component was active."""
     release_errors: Sequence[str] | None
-    """Errors that occurred while the torque of a lost, inactive component was disabled. None if the torque could not be
+    """Errors that occurred while the torque of a lost, inactive component was disabled. None if torque could not be
     disabled or no attempt was made.
     """
 
@@ -29,7 +29,8 @@ class FinalState:
         return cls(component, hardware.state is LifecycleState.ACTIVE, released, release_errors)
 
     def describe(self, relax: bool, parked: bool, problems: Sequence[str]) -> str:
-        """Describe the final state of the component. ``problems`` lists the errors of switching it off."""
+        """Describe the final state of the component. ``problems`` lists the errors that occurred while the component
+        was switched off."""
         name = self.component.name
         if self.release_errors is not None:
             return self._describe_release(self.release_errors)

@@ -1,4 +1,5 @@
-"""Log the safety gate's changes. Joints that the gate limits for the same reason in one cycle share one line."""
+"""Log changes made by the safety gate. Joints that the gate limits for the same reason in one cycle share one log
+line."""
 
 import logging
 from collections.abc import Mapping
@@ -10,11 +11,11 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 def log_gate(reasons: Mapping[str, str]) -> None:
-    """Log why the gate has changed commands.
+    """Log why the gate changed commands.
 
     Args:
-        reasons: Reason of each change, keyed by command interface. Reasons that differ only in their numbers count as
-            one event.
+        reasons: Reason for each change, keyed by command interface. Reasons that differ only in their numbers are
+            logged as one event.
     """
     events: dict[tuple[str, ...], list[str]] = {}
     for interface, reason in reasons.items():
@@ -25,6 +26,6 @@ def log_gate(reasons: Mapping[str, str]) -> None:
 
 
 def _short_name(interface: str) -> str:
-    """Return the joint of a position interface, or the whole name of any other interface."""
+    """Return the joint name for a position interface, or the full name for any other interface."""
     joint, kind = Interface.parse(interface)
     return joint if kind == "position" else interface

@@ -1,4 +1,5 @@
-"""Move joints with a set point that stays slightly ahead of them. The motion stops when the commands stop."""
+"""Move joints with a set point that stays slightly ahead of their positions. The motion stops when no more commands
+arrive."""
 
 from typing import Final, NamedTuple
 
@@ -7,29 +8,29 @@ import numpy as np
 from hal.types import FloatArray
 
 HORIZON_S: Final = 0.3
-"""Time by which the set point leads the joints, in seconds. Each command ends at rest at the set point, so the
-joints stop within this time after the last command, even if the operator's program has crashed.
+"""Time by which the set point is ahead of the joints, in seconds. Each command ends at rest at the set point. The
+joints therefore stop within this time after the last command, even if the operator's program has crashed.
 """
 FURTHEST: Final = 0.15
 """Maximum distance of a set point from the measured joint, in rad or m. This distance limits the force on a blocked
 joint.
 """
 NEAR: Final = 2e-3
-"""Maximum distance at which a joint has reached its target, in rad or m."""
+"""Maximum distance from its target at which a joint counts as having reached it, in rad or m."""
 
 
 class JointPositions(NamedTuple):
-    """Commanded and measured positions of some joints: arrays (n,), in rad or m."""
+    """Commanded and measured positions of several joints: arrays (n,), in rad or m."""
 
     commanded: FloatArray
     measured: FloatArray
 
 
 class GuidedMotion:
-    """Set point of some joints. Arrays have shape (n,), in rad or m."""
+    """Set point for several joints. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, position: FloatArray, lower: FloatArray, upper: FloatArray, fastest: FloatArray) -> None:
-        """Start at the commanded positions. Joints outside their limits can move back inside.
+        """Start at the commanded positions. Joints that are outside their limits can move back inside.
 
         Args:
             position: Commanded positions (n,), in rad or m.
@@ -44,8 +45,8 @@ class GuidedMotion:
     def go(self, velocity: FloatArray, passed_s: float, at: JointPositions) -> FloatArray:
         """Advance the set point at a velocity and return it.
 
-        The set point stays within reach of the joints. If the joints do not follow because of a fault, a stop or an
-        obstacle, the set point waits for them. The joints then do not jump when they can follow again.
+        The set point stays within reach of the joints. If the joints are not following because of a fault, a stop or an
+        obstacle, the set point waits for them. As a result, the joints do not jump when they can follow again.
 
         Args:
             velocity: Velocities (n,), in rad/s or m/s.

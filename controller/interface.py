@@ -11,12 +11,12 @@ from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
-"""Function that returns whether the joints of a controller, given by name, have reached their command."""
+"""Function that returns whether the joints of the named controller have reached their commanded positions."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerContext:
-    """Information about the robot and its other controllers, passed to each new controller."""
+    """Information about the robot and its other controllers that is passed to each new controller."""
 
     description: Description
     """The robot description."""
@@ -25,32 +25,32 @@ class ControllerContext:
     limits: Mapping[str, JointLimits]
     """Limits of each joint, keyed by joint name."""
     settled: Settled
-    """Function that returns whether the joints of another controller have reached their command."""
+    """Function that returns whether the joints of another controller have reached their commanded positions."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
-    """Compliance and lag of servos, keyed by joint name. A joint without an entry follows its command at once."""
+    """Compliance and lag of servos, keyed by joint name. A joint without an entry follows its command immediately."""
     outputs: Outputs = field(default_factory=Outputs)
-    """Outputs of the hardware, which move no joint."""
+    """Outputs of the hardware, which do not move any joints."""
 
     def lags(self, joints: Sequence[str]) -> FloatArray:
-        """Return the lags of joints, for the trajectory sampler.
+        """Return the lags of the given joints, for use by the trajectory sampler.
 
         Args:
             joints: Names of the joints.
 
         Returns:
-            Array of shape (3, n), with a column per joint. Its rows are the lag (s), the acceleration of the
-            servo's profile (rad/s² or m/s²), and the factor of the acceleration (s²).
+            Array of shape (3, n), with one column per joint. Its rows contain the lag (s), the acceleration of the
+            servo's profile (rad/s² or m/s²), and the acceleration factor (s²).
         """
         return lags([self.compliances.get(joint) for joint in joints])
 
 
 class ControllerType(Protocol):
-    """A controller plug-in: the class of a controller."""
+    """A controller plug-in, which is the class of a controller."""
 
     kind: str
-    """The ``type`` of the controller in the controllers file."""
+    """The controller's ``type`` in the controllers file."""
     parameters_type: type[Parameters]
-    """Class that checks the parameters of the controller."""
+    """Class that validates the controller's parameters."""
 
     def build(self, name: str, parameters: Any, context: ControllerContext) -> "Controller":
         """Build a controller. This is a class method.
@@ -61,10 +61,10 @@ class ControllerType(Protocol):
             context: The robot and its other controllers.
 
         Returns:
-            The controller, not yet active.
+            The new controller, which is not active yet.
 
         Raises:
-            ValueError: The parameters do not fit the robot. The message tells the user what to correct.
+            ValueError: The parameters are not suitable for the robot. The message tells the user what to correct.
         """
         ...
 
@@ -72,7 +72,7 @@ class ControllerType(Protocol):
 class Controller(Protocol):
     """A controller.
 
-    The loop thread updates the controller once per cycle, so the controller must neither wait nor do I/O.
+    The loop thread updates the controller once per cycle, so the controller must neither block nor do I/O.
 
     While it is active, a controller claims its n ``command_interfaces``.
     """
@@ -108,19 +108,19 @@ class Controller(Protocol):
         ...
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        """Start to command the joints, without a jump.
+        """Start commanding the joints without a jump.
 
         Args:
             state: Measurement of this cycle.
-            command: Last command of the hardware, of shape (n,).
+            command: Last command sent to the hardware, of shape (n,).
         """
         ...
 
     def deactivate(self, reason: str = "") -> None:
-        """Abort the running goal, and report the result to its client.
+        """Abort the current goal, and report the result to its client.
 
         Args:
-            reason: Reason of the deactivation; empty if a client requested it.
+            reason: Reason for the deactivation; empty if a client requested it.
         """
         ...
 
@@ -135,7 +135,7 @@ class Controller(Protocol):
         ...
 
     def settled(self) -> bool:
-        """Return whether the joints have reached their command or cannot move further.
+        """Return whether the joints have reached their commanded positions or cannot move further.
 
         Returns:
             True if other controllers need not wait for this controller.
@@ -144,7 +144,7 @@ class Controller(Protocol):
 
 
 class Relieving(Controller, Protocol):
-    """A controller that can relieve its joints after its deactivation, so that they do not press on an obstacle."""
+    """A controller that can relieve its joints after deactivation, so that they do not press against an obstacle."""
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
         """Begin the relief. The joints are at rest, and no other controller commands them.
@@ -170,15 +170,16 @@ class Relieving(Controller, Protocol):
 
 
 def relieving(controller: Controller) -> Relieving | None:
-    """Return the controller if it can relieve its joints, otherwise None. The controller may be wrapped."""
+    """Return the controller if it can relieve its joints; otherwise, return None. The controller may be wrapped in
+    another object."""
     return cast(Relieving, controller) if hasattr(controller, "begin_relief") else None
 
 
 def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:
-    """Return the index of each joint in ``among``."""
+    """Return the index of each joint in the sequence ``among``."""
     return [among.index(name) for name in joints]
 
 
 def limits_of(joints: Sequence[str], limits: Mapping[str, JointLimits]) -> tuple[JointLimits, ...]:
-    """Return the limits in the order of ``joints``."""
+    """Return the limits of the given joints, in the order of ``joints``."""
     return tuple(limits[name] for name in joints)

@@ -24,9 +24,9 @@ from hal.types import FloatArray, Interface, JointLimits, JointState, far_outsid
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""Factor by which the longest recorded duration of the steps after the read decays in each cycle."""
+"""Factor by which the recorded maximum duration of the steps after the read decays in each cycle."""
 LEAST_RESERVE: Final = 0.1
-"""Minimum fraction of the period that the read leaves to the other steps, even if they have taken less time so far."""
+"""Minimum fraction of the period that the read leaves for the other steps, even if they have taken less time so far."""
 
 
 class ControlLoop:
@@ -53,7 +53,7 @@ class ControlLoop:
             limits: Limits of each joint, keyed by joint name.
             clock: Clock that paces the loop.
             period_s: Period of the loop, in seconds.
-            rules: Rules for the transitions of components.
+            rules: Rules for component transitions.
         """
         self.hardware = hardware
         hardware.filter_leaps(limits)
@@ -66,7 +66,7 @@ class ControlLoop:
         self.limits = tuple(limits[joint] for joint, _ in interfaces)
         """Joint limits for each command interface."""
         self.kinds = tuple(kind for _, kind in interfaces)
-        """Kind of each command interface: position, velocity or effort."""
+        """Type of each command interface: position, velocity or effort."""
         self._joint = [self.hardware.joints.index(joint) for joint, _ in interfaces]
         self._is_position = np.array([kind == "position" for kind in self.kinds], dtype=bool)
         self.command: FloatArray = np.where(self._is_position, np.nan, 0.0)
@@ -78,7 +78,7 @@ class ControlLoop:
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
         self._measured: FloatArray | None = None
-        """Joint position for each command interface, if the gate needs the positions."""
+        """Joint position for each command interface; None if the gate does not need the positions."""
         self._due_s: float | None = None
         """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
@@ -91,16 +91,16 @@ class ControlLoop:
         self.component_transitions = ComponentTransitions(hardware, manager, self.take_over, self._resume, rules)
 
     def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
-        """Activate the hardware at its current position, then the controllers.
+        """Activate the hardware at its current position, and then activate the controllers.
 
         Args:
-            keep_inactive: Names of components that stay inactive.
-            keep_alive: Whether a component that cannot be activated stays inactive, without an error. If
-                None, the loop's own ``keep_alive`` applies.
+            keep_inactive: Names of components that remain inactive.
+            keep_alive: Whether a component that cannot be activated remains inactive instead of raising an error. If
+                None, the loop's own ``keep_alive`` setting applies.
 
         Raises:
-            DriverError: A component does not answer.
-            ActivationError: A component cannot be activated safely, or a joint's position is unknown, not confirmed, or
+            DriverError: A component does not respond.
+            ActivationError: A component cannot be activated safely, or a joint's position is unknown, unconfirmed, or
                 far outside its limits.
         """
         try:
@@ -118,16 +118,17 @@ class ControlLoop:
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Set the last command of an activated component to its measured positions.
 
-        A position slightly outside the limits also becomes the last command. The safety gate then
-        returns the joint slowly to its limits.
+        A position slightly outside the limits also becomes the last command. The safety gate then slowly returns the
+        joint to its limits.
 
         Args:
             component: The component.
             state: Measurement of this cycle.
-            joints: Names of the joints to take over. The others keep their last command. If None, take over all joints.
+            joints: Names of the joints to take over. The other joints keep their last command. If None, take over all
+                joints.
 
         Raises:
-            ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
+            ActivationError: A joint's position is unknown, unconfirmed, or far outside its limits.
         """
         own, first = component.commands, component.joints.start
         limits, held = self.limits[own], self._is_position[own]
@@ -154,20 +155,20 @@ class ControlLoop:
         self.command = command
 
     def _resume(self, controllers: Sequence[str], state: JointState) -> None:
-        """Activate controllers again that a transition has deactivated."""
+        """Reactivate controllers that a transition has deactivated."""
         if controllers:
             self.manager.activate_each(controllers, state, self.within_limits)
 
     @property
     def within_limits(self) -> FloatArray:
-        """Last command, shape (m,), with positions clipped to the limits. Controllers start from this command."""
+        """Last command, of shape (m,), with positions clipped to the limits. Controllers start from this command."""
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
         """Run one cycle.
 
         Returns:
-            The measurement of the cycle.
+            The joint state measured in this cycle.
         """
         transitions = self.component_transitions
         if self.requests.inbox:
@@ -184,7 +185,7 @@ class ControlLoop:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
             transitions.after_read(state)
-        # The cycle uses the time of the measurement, because controllers compare their commands with the measurement.
+        # The cycle uses the measurement time, because controllers compare their commands with the measurement.
         wanted = self.manager.cycle.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
         if transitions.leaving or self.hardware.failures:
@@ -194,9 +195,9 @@ class ControlLoop:
         return state
 
     def _read_deadline_s(self, now_s: float) -> float:
-        """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
+        """Return the deadline until which the read may wait. The rest of the cycle is reserved for the other steps.
 
-        A late cycle has less time, but may still last half a period. The next cycle may then also be late.
+        A late cycle has less time available, but may still take half a period. The next cycle may then also be late.
         """
         period_s = self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
@@ -212,7 +213,7 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command through the safety gate to the hardware.
+        """Send a command to the hardware through the safety gate.
 
         All commands reach the hardware only through this method.
 
@@ -221,7 +222,7 @@ class ControlLoop:
         """
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
-        # The command of a joint that was never measured or commanded is still NaN. Components skip NaN.
+        # The command of a joint that has never been measured or commanded is still NaN. Components skip NaN.
         self.previous_command, self.command = self.command, gated.values
         self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
@@ -230,7 +231,7 @@ class ControlLoop:
         """Run cycles at the fixed rate.
 
         Args:
-            stop: Function called before each cycle. The loop ends when the function returns True.
+            stop: Function that is called before each cycle. The loop ends when this function returns True.
         """
         due_s, computing_s = self.clock.now(), computing_time(self.clock)
         while not stop():
@@ -241,7 +242,7 @@ class ControlLoop:
             due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s, computed_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
-        """Log each change by the gate once, not in every cycle in which the change continues."""
+        """Log each change by the gate once, instead of in every cycle in which the change continues."""
         if new := sorted(reasons.keys() - self._gated.keys()):
             log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

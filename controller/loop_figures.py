@@ -1,4 +1,4 @@
-"""Count cycles of the loop, missed cycles and cycles without a measurement."""
+"""Count the loop's cycles, missed cycles and cycles without a measurement."""
 
 import logging
 import math
@@ -15,7 +15,8 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class LoopFigures:
-    """Statistics since the loop started. A cycle is missed if it is due while the previous cycle still runs."""
+    """Statistics since the loop started. A cycle counts as missed if it is due while the previous cycle is still
+    running."""
 
     cycles: int = 0
     missed: int = 0
@@ -25,7 +26,7 @@ class LoopFigures:
     longest_cycle_s: float = 0.0
     busy_s: float = 0.0
     last_late_s: float = 0.0
-    """Delay of the last cycle's start, in seconds."""
+    """Delay at the start of the last cycle, in seconds."""
     last_busy_s: float = 0.0
     """Duration of the last cycle, in seconds."""
     observer_errors: int = 0
@@ -33,15 +34,15 @@ class LoopFigures:
     last_read_s: float = 0.0
     """Duration of the last read, in seconds."""
     _return_logged_s: float = -math.inf
-    """Time of the last log message that joints are measured again, in seconds."""
+    """Time of the last log message stating that joints are measured again, in seconds."""
     _unlogged_returns: int = 0
-    """Number of episodes without a measurement that have ended since that message."""
+    """Number of episodes without a measurement that have ended since the last such log message."""
     recent: MissedCycles = field(default_factory=MissedCycles, compare=False)
-    """Missed cycles since the last report, and the highest rate of the recent cycles."""
+    """Missed cycles since the last report, and the highest rate sustained in recent cycles."""
 
     @property
     def summary(self) -> str:
-        """The number of missed cycles and of cycles without a measurement, as text."""
+        """String with the number of missed cycles and of cycles without a measurement."""
         parts = [f"{counted(self.missed, 'cycle')} missed"] if self.missed else []
         parts += [f"{counted(self.unmeasured, 'cycle')} without a measurement"] if self.unmeasured else []
         return ", ".join(parts) or "every cycle on time"
@@ -49,15 +50,15 @@ class LoopFigures:
     def count_cycle(self, due_s: float, woke_s: float, now_s: float, period_s: float, computed_s: float) -> float:
         """Count a cycle and return the time at which the next cycle is due.
 
-        Missed cycles are skipped with a warning, never run in a burst, as with ros2_control's
+        Missed cycles are skipped with a warning and never executed in a burst, as with ros2_control's
         ``overruns.manage: true``.
 
         Args:
             due_s: Time at which the cycle was due, in seconds.
-            woke_s: Time at which the cycle started.
-            now_s: Time at which the cycle ends.
+            woke_s: Time at which the cycle started, in seconds.
+            now_s: Time at which the cycle ended, in seconds.
             period_s: Period of the loop, in seconds.
-            computed_s: Processor time of the cycle, in seconds. The time of the read may be included.
+            computed_s: Processor time of the cycle, in seconds. The processor time of the read may be included.
         """
         late_s, busy_s = woke_s - due_s, now_s - woke_s
         self.cycles += 1
@@ -77,9 +78,9 @@ class LoopFigures:
         return due_s + (1 + missed) * period_s
 
     def count_unmeasured(self, state: JointState, hardware: ComponentSet) -> None:
-        """Count a cycle in which no joint was measured, if at least one component could have been read.
+        """Count a cycle in which no joint was measured although at least one component could have been read.
 
-        The hardware logs the individual faults. This method logs when an episode lasts long, and when an episode ends.
+        The hardware logs the individual faults. This method logs when an episode lasts a long time and when it ends.
         """
         asked = hardware.failures or any(component.sound for component in hardware.components)
         if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(hardware.joints):
@@ -92,7 +93,7 @@ class LoopFigures:
             self._log_return(state.stamp_s)
 
     def _log_return(self, now_s: float) -> None:
-        """Log that joints are measured again, at most once a second."""
+        """Log that joints are measured again, at most once per second."""
         self._unlogged_returns += 1
         if now_s - self._return_logged_s >= REPORT_AGAIN_S:
             cycles, more = counted(self.unmeasured_in_a_row, "cycle"), self._unlogged_returns - 1

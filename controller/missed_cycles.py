@@ -7,20 +7,20 @@ from typing import Final, NamedTuple
 from drivers.printable import counted
 
 REPORT_AGAIN_S: Final = 1.0
-"""Minimum time between two reports, in seconds. More log lines would make the loop even later."""
+"""Minimum time between two reports, in seconds. More log lines would delay the loop even further."""
 REMEMBERED_CYCLES: Final = 1000
 """Number of recent cycles used to compute the highest rate."""
 FEWEST_CYCLES: Final = 200
 """Minimum number of cycles needed to compute the highest rate."""
 KEPT_SHARE: Final = 0.995
-"""Fraction of the recent cycles that must be on time at a rate for the machine to sustain this rate."""
+"""Fraction of recent cycles that must be on time at a rate for the rate to count as sustained."""
 
 
 class CycleTimes(NamedTuple):
-    """Duration of one cycle, counted from its due time and split by cause, in seconds."""
+    """Duration of one cycle, measured from its due time and split by cause, in seconds."""
 
     machine_s: float
-    """Time the thread was ready but did not run."""
+    """Time during which the thread was ready but did not run."""
     bus_s: float
     """Duration of the read, including the wait for the servos."""
     computing_s: float
@@ -28,7 +28,7 @@ class CycleTimes(NamedTuple):
 
     @property
     def total_s(self) -> float:
-        """Time from the due time of the cycle to its end."""
+        """Time from the cycle's due time to its end."""
         return self.machine_s + self.bus_s + self.computing_s
 
     def __str__(self) -> str:
@@ -57,12 +57,12 @@ class MissedCycles:
         self._slowest = CycleTimes(0.0, 0.0, 0.0)
 
     def add(self, duration_s: float) -> None:
-        """Add a cycle. ``duration_s`` is the time from its due time to its end, in seconds."""
+        """Add a cycle. ``duration_s`` is the time from the cycle's due time to its end, in seconds."""
         self._cycles += 1
         self._durations_s.append(duration_s)
 
     def miss(self, missed: int, times: CycleTimes) -> None:
-        """Count cycles that were missed because of the last added cycle, with the ``times`` of that cycle."""
+        """Count the cycles that were missed because of the last added cycle, and add the ``times`` of that cycle."""
         self._missed += missed
         self._sums = CycleTimes(*map(sum, zip(self._sums, times, strict=True)))
         self._slowest = max(self._slowest, times, key=lambda one: one.total_s)
@@ -75,7 +75,7 @@ class MissedCycles:
             period_s: Period of the loop, in seconds.
 
         Returns:
-            The report, or an empty string if no cycle was missed or the last report is recent.
+            The report, or an empty string if no cycle was missed or the last report was recent.
         """
         if not self._missed or now_s - self._reported_s < REPORT_AGAIN_S:
             return ""
@@ -94,7 +94,7 @@ class MissedCycles:
 
     @property
     def kept_hz(self) -> float | None:
-        """Highest rate at which 99.5 % of the recent cycles are on time, in Hz; None after too few cycles.
+        """Highest rate at which 99.5 % of the recent cycles are on time, in Hz; None if there have been too few cycles.
 
         Any thread may read this property.
         """

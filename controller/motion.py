@@ -1,4 +1,4 @@
-"""Plan jerk-limited motions for n joints with ruckig. Trajectories are computed once and sampled by time.
+"""Plan jerk-limited motions for n joints with ruckig. Trajectories are computed once and then sampled by time.
 
 Units are rad (m for a prismatic joint) and seconds. Arrays have shape (n,).
 """
@@ -16,9 +16,9 @@ from hal.gate import clipped
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 
 _ROUNDING = 1e-6
-"""Rounding tolerance of positions (rad, m) and times (s)."""
+"""Rounding tolerance for positions (rad, m) and times (s)."""
 STRETCHED_S = 1e-3
-"""Minimum excess over the requested duration for a motion to count as stretched, in seconds."""
+"""Minimum excess over the requested duration at which a motion counts as stretched, in seconds."""
 
 
 class MotionError(Exception):
@@ -35,7 +35,7 @@ class Kinematics:
 
     @classmethod
     def at_rest(cls, position: FloatArray) -> "Kinematics":
-        """Return the kinematics of joints at rest at a position."""
+        """Return the kinematics of joints that are at rest at a position."""
         return cls(position.copy(), np.zeros_like(position), np.zeros_like(position))
 
 
@@ -52,19 +52,19 @@ class Path(Protocol):
     def sample(self, time_s: float) -> Kinematics:
         """Return the kinematics at ``time_s`` after the start.
 
-        Earlier times return the start. Later times return the end, at rest.
+        For earlier times, the start is returned. For later times, the end is returned, at rest.
         """
         ...
 
 
 def stretched(path: Path) -> bool:
-    """Return whether the limits made the path longer than requested."""
+    """Return whether the limits made the path take longer than requested."""
     return path.duration_s > path.asked_s + STRETCHED_S
 
 
 @dataclass(frozen=True, slots=True)
 class RuckigMotion:
-    """A path of consecutive ruckig trajectories. ``starts_s`` holds the start time of each trajectory."""
+    """A path of consecutive ruckig trajectories. ``starts_s`` contains the start time of each trajectory."""
 
     trajectories: tuple[Trajectory, ...]
     starts_s: tuple[float, ...]
@@ -78,7 +78,7 @@ class RuckigMotion:
 
     @property
     def duration_s(self) -> float:
-        """Time from the start to the end of the last trajectory."""
+        """Time from the start of the first trajectory to the end of the last one."""
         return self.starts_s[-1] + float(self.trajectories[-1].duration)
 
     def sample(self, time_s: float) -> Kinematics:
@@ -95,7 +95,7 @@ class RuckigMotion:
 def motion_to(
     start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
 ) -> RuckigMotion:
-    """Plan a motion of one segment from ``start`` to ``target``. Raises MotionError, as ``segment`` does."""
+    """Plan a single-segment motion from ``start`` to ``target``. Raises MotionError, as ``segment`` does."""
     return RuckigMotion.of([segment(start, target, limits, asked_s, names)], asked_s)
 
 
@@ -119,7 +119,7 @@ def segment(
 ) -> Trajectory:
     """Plan a ruckig trajectory from ``start`` to ``end`` that takes ``span_s``, or longer if the limits require it.
 
-    Raises MotionError with the joint's name from ``names``, or its number if there are no names.
+    Raises MotionError with the joint's name from ``names``, or with its number if no names are given.
     """
     task = _task(start, limits)
     task.target_position = list(end.position)
@@ -135,7 +135,8 @@ def segment(
 def _check_positions(
     trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
 ) -> None:
-    """Check the position limits, which ruckig ignores. A joint that passes a point too fast can exceed its limits."""
+    """Check the position limits, which ruckig ignores. A joint that passes through a point too fast can exceed its
+    limits."""
     lower, upper = swing_limits(start, limits)
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
         for reached in (swing.min, swing.max):
@@ -148,10 +149,10 @@ def _check_positions(
 
 
 def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, period_s: float) -> FloatArray:
-    """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` can reach in one period.
+    """Return the positions (n,) nearest to ``wanted`` that joints at the positions ``last`` can reach in one period.
 
-    ``velocity`` holds the velocity limits of the joints (n,). The safety gate applies the same limits, so it does not
-    change the result.
+    ``velocity`` contains the joints' velocity limits (n,). The safety gate applies the same limits and therefore does
+    not change the result.
     """
     reach = velocity * period_s
     return clipped(wanted, last - reach, last + reach)
@@ -160,8 +161,9 @@ def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, per
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper positions (n,) between which a path may be planned.
 
-    The positions are slightly outside the limits, because an overshoot that the encoder hardly resolves must not make a
-    path invalid. A joint that starts outside its limits may return. The sampler keeps the commands within the limits.
+    The range extends slightly beyond the limits, because an overshoot that the encoder can hardly resolve must not make
+    a path invalid. A joint that starts outside its limits may return to them. The sampler keeps the commands within the
+    limits.
     """
     ends = [(limit.lower, limit.upper, AT_LIMIT * (limit.upper - limit.lower) + _ROUNDING) for limit in limits]
     lower, upper, slack = np.array(ends).T
@@ -184,7 +186,7 @@ def _calculate(task: InputParameter, dofs: int) -> Trajectory:
     try:
         result = Ruckig(dofs).calculate(task, trajectory)
     except (RuckigError, ValueError) as error:  # ruckig raises ValueError for some errors, such as NaN.
-        raise MotionError(f"no motion within the limits: {' '.join(str(error).split())}") from error
+        raise MotionError(f"cannot find a motion within the limits: {' '.join(str(error).split())}") from error
     if result not in (Result.Working, Result.Finished):
-        raise MotionError(f"no motion within the limits ({result.name})")
+        raise MotionError(f"cannot find a motion within the limits ({result.name})")
     return trajectory

@@ -1,4 +1,4 @@
-"""Define the base class for node parameters. Each controller defines its own parameters next to its code."""
+"""Define the base class of node parameters. Each controller defines its own parameters next to its code."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
-"""A finite number of at least 0, for parameters of user-written controllers."""
+"""A finite number greater than or equal to 0, for parameters of user-written controllers."""
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the dotted name of each value that a ROS parameter cannot have, with a description of the error."""
+    """Yield the dotted name of each value that a ROS parameter cannot hold, with a description of the error."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
@@ -39,7 +39,7 @@ def _value_mistake(value: Any) -> str | None:
 
 
 class Parameters(BaseModel):
-    """Parameters of a node. The names are the same as in ros2_control."""
+    """Parameters of a node. The names match those of ros2_control."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -64,7 +64,7 @@ class Parameters(BaseModel):
         return cls.model_construct(**values)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the required parameters that have no value. No controller can be built until all of them are set.
+        """Return the required parameters that have no value. A controller cannot be built until all of them are set.
 
         Returns:
             Names of the parameters.
@@ -81,9 +81,9 @@ class Parameters(BaseModel):
         return ()
 
     def unused(self) -> list[str]:
-        """Return the parameters without effect.
+        """Return the parameters that do not have any effect.
 
-        Unknown parameters are logged and not rejected, because they may be parameters of ros2_control.
+        Unknown parameters are logged instead of rejected, because they may be ros2_control parameters.
 
         Returns:
             Names of the parameters, sorted.
@@ -96,7 +96,8 @@ class ManagerParameters(Parameters):
 
     update_rate: UpdateRate = 100  # ros2_control's default
     enforce_command_limits: bool = True
-    """Whether ros2_control limits the commands. In servoloop, the limits always apply, and False only causes a warning.
+    """Whether ros2_control enforces the command limits. In servoloop, the limits are always enforced, and False only
+    causes a warning.
     """
     publish_introspection: bool = False
     """Whether to publish ``~/introspection_data`` and ``~/statistics``."""

@@ -1,4 +1,4 @@
-"""Shut down the arm: stop the motion, then hold the position, or park and disable the torque."""
+"""Shut down the arm: stop the motion, and then either hold the position or park and disable torque."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, joints_of
 
 ARRIVE_S = 0.2
-"""Time the last command of a motion is held so that the servos can reach it, in seconds."""
+"""Time for which the last command of a motion is held so that the servos can reach it, in seconds."""
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -32,25 +32,25 @@ def shut_down(
 ) -> list[str]:
     """Shut down the loop and the hardware, and return a description of every step that failed.
 
-    Every step runs even if an earlier step failed: an arm that cannot be parked is still released. A component that
-    has lost one of its serial ports is driven through the others. A lost component whose joints still hold their
-    positions is activated again, then parked and released. If it cannot be activated, all of its joints that can be
-    reached are released at their current positions. The log ends with the final state of each component.
+    Every step is performed even if an earlier step failed: an arm that cannot be parked is still released. A component
+    that has lost one of its serial ports is controlled through its other ports. A lost component whose joints still
+    hold their positions is reactivated, then parked and released. If it cannot be reactivated, all of its reachable
+    joints are released at their current positions. The log ends with the final state of each component.
 
     Args:
-        loop: The control loop. No thread may run the loop anymore.
-        relax: Whether to disable the torque.
+        loop: The control loop. The loop must no longer be running in any thread.
+        relax: Whether to disable torque.
         park: Park pose in rad or m, keyed by joint name. None skips parking.
         velocity_scale: Fraction of the velocity limits used for parking.
         hurry: Function that returns whether to skip the motion to the park pose (after a second signal).
-        settle: Function that waits for the background work, which may take seconds. The joints stay at rest during
-            the wait.
+        settle: Function that waits for the background work, which may take several seconds. The joints remain at rest
+            during the wait.
     """
     problems: list[str] = []
     parked: list[bool] = []
     failed: list[str] = []
     released: dict[str, Sequence[str]] = {}
-    """Errors of components that were released without being active, keyed by component."""
+    """Errors from releasing components that were not active, keyed by component."""
     loop.requests.end()
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
@@ -86,7 +86,8 @@ def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
 
 
 def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: list[str]) -> dict[str, Sequence[str]]:
-    """Activate a lost component again, or disable its torque where it is. Return the errors, keyed by component."""
+    """Reactivate a lost component, or disable its torque at its current position. Return the errors, keyed by
+    component."""
     released: dict[str, Sequence[str]] = {}
     if not hurry:
         _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
@@ -96,7 +97,7 @@ def _end_lost(loop: ControlLoop, component: Component, hurry: bool, problems: li
 
 
 def _bring_back(loop: ControlLoop, component: Component) -> None:
-    """Activate a lost component whose joints still hold their positions.
+    """Reactivate a lost component whose joints still hold their positions.
 
     Raises an error if the component cannot be reached.
     """
@@ -109,7 +110,7 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
         loop.hardware.rejoin(component)
         try:
             loop.take_over(component, loop.hardware.read())
-        except Exception as error:  # The component must not follow its commands from before the loss.
+        except Exception as error:  # The component must not follow commands from before the loss.
             for problem in undo_activation(hardware):
                 LOG.error("torque may still be on: %s", problem)
             loop.hardware.lose(component, error)
@@ -117,7 +118,7 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
 
 
 def _release(component: Component) -> dict[str, Sequence[str]]:
-    """Disable the torque of a lost component, unless it is active or finalized.
+    """Disable torque on a lost component, unless it is active or finalized.
 
     Return the errors, keyed by component.
     """
@@ -134,9 +135,9 @@ def _stop(loop: ControlLoop) -> None:
 
 
 def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
-    """Relieve joints whose torque stays enabled, so that they do not press against an obstacle.
+    """Relieve joints whose torque remains enabled, so that they do not press against an obstacle.
 
-    All joints are at rest by now.
+    All joints must be at rest.
     """
     leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
     loop.manager.stops.moving.clear()
@@ -149,14 +150,14 @@ def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
 
 
 def _check_torque(loop: ControlLoop) -> None:
-    """Ask the servos whether their torque is enabled, so that the log also names joints that have just gone limp."""
+    """Ask the servos whether their torque is enabled, so that the log also lists joints that have just become limp."""
     for component in loop.hardware.components:
         if component.active:
             loop.hardware.ask_for_torque(component)
 
 
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
-    """Move all joints with a known position to the park pose. Return whether the joints reached the pose."""
+    """Move all joints with a known position to the park pose. Return whether the joints have reached the pose."""
     names = joints_of(loop.hardware.command_interfaces)
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits
@@ -187,9 +188,9 @@ def _slower(limit: JointLimits, scale: float) -> JointLimits:
 def _drive(
     loop: ControlLoop, sample: Callable[[float], FloatArray], duration_s: float, hurry: Callable[[], bool]
 ) -> None:
-    """Follow a motion through the safety gate, at the rate of the loop, while any component is reachable.
+    """Execute a motion through the safety gate, at the loop rate, while at least one component is reachable.
 
-    Raises the error of a component that could not follow, after the motion has ended.
+    After the motion has ended, raises the error of any component that could not follow.
     """
     elapsed_s = 0.0
     due_s = loop.clock.now()

@@ -13,19 +13,20 @@ from hal.types import FloatArray, Interface, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 STANDING: Final = 1e-6
-"""Maximum speed of a joint at rest, in rad/s or m/s."""
+"""Maximum speed of a joint that counts as at rest, in rad/s or m/s."""
 
 
 class StopMotion:
     """A motion that brings command interfaces to rest as fast as the acceleration and jerk limits allow.
 
-    Velocity commands become 0, and the safety gate applies the acceleration limit. Effort commands become 0 at once.
+    Velocity commands become 0, and the safety gate applies the acceleration limit. Effort commands become 0
+    immediately.
     """
 
     def __init__(
         self, command: FloatArray, velocity: FloatArray, limits: Sequence[JointLimits], kinds: Sequence[str]
     ) -> None:
-        """Plan the stop from the last command of the hardware and its change per second, both of shape (k,)."""
+        """Plan the stop from the last command sent to the hardware and its rate of change, both of shape (k,)."""
         positions = np.array([kind == "position" for kind in kinds], dtype=bool)
         self._command = np.where(positions, command, 0.0)
         self._moved = np.flatnonzero(positions & np.isfinite(command) & np.isfinite(velocity)).tolist()
@@ -40,7 +41,7 @@ class StopMotion:
         return plan_stop(Kinematics(self._command[self._moved], speed, np.zeros_like(speed)), limits)
 
     def sample(self, elapsed_s: float) -> FloatArray:
-        """Return the command (k,) at ``elapsed_s`` after the start. Unknown positions stay unknown."""
+        """Return the command (k,) at ``elapsed_s`` after the start. Unknown positions remain unknown."""
         command = self._command.copy()
         if self._motion is not None:
             command[self._moved] = self._motion.sample(elapsed_s).position
@@ -49,7 +50,7 @@ class StopMotion:
 
 @dataclass(slots=True)
 class _Stopping:
-    """A stop in progress. ``places`` maps each command interface to its index in the command of the stop."""
+    """A stop in progress. ``places`` maps each command interface to its index in the stop's command."""
 
     places: dict[int, int]
     stop: StopMotion
@@ -59,23 +60,23 @@ class _Stopping:
 class DecelerationStops:
     """Stops of joints whose controller was deactivated during a motion.
 
-    No other controller commands a joint before the joint is at rest.
+    No other controller commands a joint until the joint is at rest.
     """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
-        """Use the limits of each joint, keyed by joint name. A joint without limits stops at once."""
+        """Store the limits of each joint, keyed by joint name. A joint without limits stops immediately."""
         self._limits = limits
         self._interfaces = [Interface.parse(name) for name in interfaces]
         self.moving: list[_Stopping] = []
         """Stops in progress. While this list is empty, the cycle calls no method of this class."""
 
     def begin(self, index: Sequence[int], command: FloatArray, velocity: FloatArray) -> None:
-        """Stop command interfaces whose controller was deactivated.
+        """Stop the command interfaces whose controller was deactivated.
 
         Args:
             index: Indices of the command interfaces.
-            command: Last command of all n command interfaces, shape (n,).
-            velocity: Change of the last command per second, shape (n,).
+            command: Last command of all n command interfaces, of shape (n,).
+            velocity: Rate of change of the last command, of shape (n,).
         """
         moving = [i for i in index if self._interfaces[i].joint in self._limits and self._moves(i, command, velocity)]
         if not moving:
@@ -85,7 +86,7 @@ class DecelerationStops:
         try:
             stop = StopMotion(command[moving], velocity[moving], limits, kinds)
         except MotionError as error:
-            LOG.error("joints without a controller stop at once, not within their limits: %s", error)
+            LOG.error("joints without a controller stop abruptly instead of braking within their limits: %s", error)
             return
         for former in self.moving:
             for i in moving:
@@ -97,11 +98,11 @@ class DecelerationStops:
         return bool(np.isfinite(command[i]) and abs(speed) > STANDING)
 
     def holds(self, index: Sequence[int]) -> bool:
-        """Return whether any of these command interfaces is still moving to rest."""
+        """Return whether any of these command interfaces is still coming to rest."""
         return any(i in stopping.places for stopping in self.moving for i in index)
 
     def ends(self, command: FloatArray) -> FloatArray:
-        """Return ``command`` (n,) with the final positions of joints that are still moving to rest."""
+        """Return ``command`` (n,) with the final positions of joints that are still coming to rest."""
         rest = command.copy()
         for stopping in self.moving:
             self._put(rest, stopping, stopping.stop.duration_s)

@@ -1,1 +1,2 @@
-"""Servo drivers: ports, protocols, servo models and buses, all in bytes and registers, without threads or ROS."""
+"""Servo drivers: ports, protocols, servo models and buses. They handle only bytes and registers, without threads or
+ROS."""

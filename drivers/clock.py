@@ -1,4 +1,4 @@
-"""Clocks. All other code of the core reads the time and sleeps only through a clock."""
+"""Clocks. All other core code reads the time and sleeps only through a clock."""
 
 import time
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Clock that never runs backward and whose zero point is arbitrary."""
+    """Clock that never runs backward and has an arbitrary zero point."""
 
     def now(self) -> float:
         """Return the time, in seconds."""
@@ -33,20 +33,20 @@ class MonotonicClock:
 
 
 def computing_time(clock: Clock) -> Callable[[], float]:
-    """Return a function that measures how long the calling thread computes, in seconds.
+    """Return a function that measures the computing time of the calling thread, in seconds.
 
     Args:
         clock: Clock of the thread.
 
     Returns:
-        The processor time of the thread. For a simulated thread, the time of its clock, because the
-        thread computes all the time.
+        The CPU time of the thread. For a simulated thread, the time of its clock, because the thread is always
+        computing.
     """
     return time.thread_time if isinstance(clock, MonotonicClock) else clock.now
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """Return the offset from ``clock`` to the time of day, in seconds. The fastest of five measurements is used."""
+    """Return the offset between ``clock`` and the time of day, in seconds. The fastest of five measurements is used."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
     before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall_s - 0.5 * (before_s + after_s)

@@ -3,8 +3,8 @@
     with eeprom(bus, 3, sts.lock) as memory:
         memory.write(sts.max_torque, 800)
 
-The lock is opened before the first necessary write, and it is closed when the ``with`` block ends for any reason.
-Every write is verified by a read and not by its reply, so that a lost reply does not cause a second EEPROM write. A
+The lock is opened before the first necessary write, and closed when the ``with`` block ends for any reason.
+Every write is verified by a read rather than by its reply, so that a lost reply does not cause a second EEPROM write. A
 write that did not reach the servo is repeated.
 """
 
@@ -21,11 +21,11 @@ from drivers.servos.register import Access, Register
 LARGEST_ID = 253
 """Largest ID of Feetech servos. The largest ID of Dynamixel servos is 252. 254 is the broadcast ID."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
-"""Settings that cannot be read back, because the servo can no longer be reached on this bus after the write."""
+"""Settings that cannot be read back after the write, because the servo can no longer be reached on this bus."""
 ANSWERS_NO_READ = {"status_return_level": 0}
-"""Values that make a Dynamixel servo answer only pings. Such a value cannot be read back or reset."""
+"""Values that make a Dynamixel servo respond only to pings. Such a value cannot be read back or reset."""
 TRIES = 3
-"""Number of attempts to write or close the lock and to find a servo with a new ID. These attempts do not wear out the
+"""Number of attempts to write, to close the lock, and to find a servo with a new ID. These attempts do not wear out the
 EEPROM.
 """
 HOLDS = "the servo holds torque. Support the arm, then disable torque"
@@ -33,8 +33,8 @@ HOLDS = "the servo holds torque. Support the arm, then disable torque"
 OPEN, CLOSED = 0, 1
 """Values of the lock register."""
 SILENCES = 8
-"""Number of consecutive requests without a reply after which an ID counts as free. On a bus that loses 9 % of the
-packets in each direction, one request in six fails by chance. All of these requests fail once in a million
+"""Number of consecutive requests without a reply after which an ID is considered free. On a bus that loses 9 % of the
+packets in each direction, one request in six fails by chance. All of these requests fail by chance once in a million
 cases."""
 
 
@@ -48,7 +48,7 @@ class EepromError(ServoError):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """EEPROM setting that was written, with its old and new value."""
+    """EEPROM setting that was written, with its old and new values."""
 
     register: Register
     old: int
@@ -68,7 +68,8 @@ class Eeprom:
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
     _becoming: tuple[Register, int] | None = None
-    """ID register and new ID while the ID is written. If this write is interrupted, the servo may have either ID."""
+    """ID register and new ID while the ID is being written. If this write is interrupted, the servo may have either
+    ID."""
 
     def read(self, register: Register) -> int:
         """Read a setting."""
@@ -91,7 +92,7 @@ class Eeprom:
         self.changes.append(Change(register, old, value))
 
     def write_unread(self, register: Register, value: int) -> None:
-        """Write a setting after which the servo cannot be reached on this bus.
+        """Write a setting that makes the servo unreachable on this bus.
 
         The caller must find the servo again and set ``bus``.
         """
@@ -100,7 +101,7 @@ class Eeprom:
         self._try_write(register, value)
 
     def _put(self, register: Register, value: int) -> None:
-        """Write a setting and verify it. Repeat the write only if a reset of the servo has closed the lock."""
+        """Write a setting and verify it. Repeat the write only if a servo reset has closed the lock."""
         for _ in range(TRIES):
             self._put_once(register, value)
             if self.lock is None or self._is_open(self.lock, register):
@@ -123,7 +124,7 @@ class Eeprom:
         raise EepromError(self.servo_id, register, f"is still {held}, not {value}: {_why(failure)}") from failure
 
     def _read_back(self, register: Register, value: int) -> int:
-        """Return the value that a servo holds after a write. The servo may have a new ID."""
+        """Return the value that a servo stores after a write. The servo may have a new ID."""
         if register.name != "id":
             read = partial(self.bus.read, self.servo_id, register)
             return self._ask(read, register, f"may have changed to {value}, but cannot be read back")
@@ -132,19 +133,19 @@ class Eeprom:
         return held
 
     def _is_open(self, lock: Register, register: Register) -> bool:
-        """Whether the lock is still open after a write. If it is not, the value is lost at power-off."""
+        """Whether the lock is still open after a write. If the lock has closed, the value is lost at power-off."""
         read = partial(self.bus.read, self.servo_id, lock)
         return self._ask(read, register, "was written, but may not have been saved") == OPEN
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
-        """Return the result of a request with retries. Raise EepromError with the text ``failed``."""
+        """Return the result of a request with retries. Raise EepromError with the message ``failed``."""
         try:
             return retry(question)
         except ServoError as error:
             raise EepromError(self.servo_id, register, f"{failed}: {_why(error)}") from error
 
     def _refuse_taken(self, register: Register, new_id: int) -> None:
-        """Raise EepromError if another servo has the new ID. Servos with the same ID cannot be separated on a bus."""
+        """Raise EepromError if another servo has the new ID. Servos with the same ID cannot be told apart on a bus."""
         if any(self._stirs(new_id, register) for _ in range(SILENCES)):
             raise EepromError(self.servo_id, register, f"cannot be changed to {new_id}: another servo has this ID")
 
@@ -154,11 +155,11 @@ class Eeprom:
         except ServoSilent:
             return False
         except ServoError:
-            pass  # at least one servo answers
+            pass  # at least one servo replies
         return True
 
     def _follow(self, register: Register, new_id: int) -> int:
-        """Find the servo after a write of its ID and return the ID that it holds, either the new or the old ID."""
+        """Find the servo after writing its ID, and return its actual ID, which is either the new or the old one."""
         for candidate in (new_id, self.servo_id) * TRIES:
             try:
                 held = self.bus.read(candidate, register)
@@ -169,7 +170,7 @@ class Eeprom:
         raise EepromError(
             self.servo_id,
             register,
-            f"was changed to {new_id}, but the servo answers to neither its new nor its old ID: check its power",
+            f"was changed to {new_id}, but the servo responds to neither its new nor its old ID: check its power",
         )
 
     def _unlock(self, register: Register) -> None:
@@ -184,7 +185,7 @@ class Eeprom:
             self._turn(self.lock, OPEN)
 
     def close(self) -> None:
-        """Close the lock if it is open, even if another program has left it open."""
+        """Close the lock if it is open, even if another program left it open."""
         if self.lock is None:
             return
         if self._becoming is not None:
@@ -225,7 +226,7 @@ def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     such as a second Ctrl-C arrives while the lock is being closed, closing is retried a few times.
 
     Raises:
-        EepromError: A setting cannot be read or written. The message names the servo and the register.
+        EepromError: A setting cannot be read or written. The message specifies the servo and the register.
         PortLost: The port has disappeared.
     """
     memory = Eeprom(bus, servo_id, lock)
@@ -265,7 +266,7 @@ def _close_after(memory: Eeprom, error: BaseException) -> None:
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
     """Write all settings that differ from ``values`` and return the changes. The ID is written last.
 
-    If an exception is raised, a note for each earlier change is added to it.
+    If an exception is raised, a note about each earlier change is added to it.
     """
     for register, value in values.items():
         _check(register, value)
@@ -282,7 +283,7 @@ def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Regis
 
 
 def add_notes(error: BaseException, changes: Iterable[Change]) -> None:
-    """Add a note to an exception for each change that was written before the exception."""
+    """Add a note to an exception about each change that was written before the exception."""
     for change in changes:
         error.add_note(f"written before this error: {change}")
 
@@ -293,13 +294,13 @@ def _check(register: Register, value: int) -> None:
         raise ValueError(f"{register.name} is not a writable EEPROM setting: nothing was written")
     if register.name in LEAVES_THE_LINE:
         raise ValueError(
-            f"{register.name} cannot be written, because the servo would no longer answer on this bus and the new "
+            f"{register.name} cannot be written, because the servo would no longer respond on this bus and the new "
             "value could not be verified: nothing was written"
         )
     if ANSWERS_NO_READ.get(register.name) == value:
         raise ValueError(
-            f"{register.name} {value} cannot be written, because the servo would no longer answer reads and the value "
-            "could not be verified: nothing was written"
+            f"{register.name} {value} cannot be written, because the servo would no longer respond to reads and the "
+            "value could not be verified: nothing was written"
         )
     if register.name == "id" and value > LARGEST_ID:
         raise ValueError(f"id must be 0 to {LARGEST_ID}, not {value}: nothing was written")

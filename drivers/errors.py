@@ -1,11 +1,11 @@
-"""Errors of ports and servos.
+"""Port and servo errors.
 
-Calls for set-up raise these errors. The control cycle returns the fault of a servo as a value instead.
+Setup calls raise these errors. The control cycle returns the fault of a servo as a value instead.
 """
 
 
 class DriverError(Exception):
-    """Base class of all errors of this package. The message tells the user what to do."""
+    """Base class of all errors in this package. The message tells the user what to do."""
 
 
 class PortError(DriverError):
@@ -33,7 +33,7 @@ class PortLost(PortError):
 
 
 class ServoError(DriverError):
-    """Error of the servo with the ID ``servo_id``."""
+    """Error of the servo with ID ``servo_id``."""
 
     def __init__(self, servo_id: int, text: str) -> None:
         super().__init__(f"servo {servo_id}: {text}")
@@ -50,4 +50,4 @@ class ServoCorrupt(ServoError):
 
 
 class ServoRefused(ServoError):
-    """The servo replied, but refused the request or is not the expected servo."""
+    """The servo replied, but rejected the request or is not the expected servo."""

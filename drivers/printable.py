@@ -4,13 +4,13 @@ import logging
 from typing import Final
 
 LONGEST_LINE: Final = 500
-"""Maximum number of characters of a line that are printed. Longer lines are cut off, and their length is printed."""
+"""Maximum number of characters to print per line. Longer lines are truncated, and their length is printed."""
 MOST_LINES: Final = 200
-"""Maximum number of lines of a text that are printed."""
+"""Maximum number of lines to print per text."""
 
 
 def printable(text: str) -> str:
-    """Return the text with escaped control characters and limited length. Line breaks and tabs are kept."""
+    """Return the text with control characters escaped and its length limited. Line breaks and tabs are kept."""
     lines = text.split("\n")
     kept = [printable_line(line) for line in lines[:MOST_LINES]]
     if len(lines) > MOST_LINES:
@@ -30,7 +30,7 @@ def _escaped(letter: str) -> str:
 
 
 class PrintableFormatter(logging.Formatter):
-    """Formatter for log records that indents continuation lines, which then cannot be mistaken for new messages."""
+    """Log formatter that indents continuation lines, so that they cannot be mistaken for new messages."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = printable(record.message).replace("\n", "\n    ")
@@ -38,5 +38,5 @@ class PrintableFormatter(logging.Formatter):
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun in the singular or plural, such as "1 cycle" or "2 cycles"."""
+    """Return a number followed by its noun in the singular or plural, such as "1 cycle" or "2 cycles"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

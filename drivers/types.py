@@ -4,23 +4,24 @@ from typing import Literal, NamedTuple
 
 FaultKind = Literal["silent", "corrupt", "late", "refused", "reset", "no_time"]
 """``silent``: there was no reply. ``corrupt``: the reply is invalid. ``late``: the reply belongs to an earlier request.
-``refused``: the servo refuses the request. ``reset``: the servo was reset, so its torque is disabled and its goal is
+``refused``: the servo rejects the request. ``reset``: the servo was reset, so its torque is disabled and its goal is
 lost. ``no_time``: the cycle ended before a reply was possible, which is not the servo's fault."""
 
 TEXTS: dict[FaultKind, str] = {
-    "silent": "does not answer",
-    "corrupt": "answered with a wrong checksum",
-    "late": "answers too late",
-    "refused": "refuses the read request",
-    "reset": "has lost the map of its indirect registers, as after a reboot: its reply was discarded",
+    "silent": "does not respond",
+    "corrupt": "replied with a wrong checksum",
+    "late": "responds too late",
+    "refused": "rejects the read request",
+    "reset": "has lost the mapping of its indirect registers, as after a reboot: its reply was discarded",
     "no_time": "was not measured: the cycle had no time left",
 }
 
 
 class ServoState(NamedTuple):
-    """State of one servo from one reply. ``alarms`` holds the names of the status bits that are set.
+    """State of one servo, taken from one reply. ``alarms`` holds the names of the status bits that are set.
 
-    This is a tuple because each cycle creates one for every servo, and a frozen dataclass takes four times as long.
+    This is a tuple because each cycle creates one for every servo, and creating a frozen dataclass takes four times as
+    long.
     """
 
     position_counts: int
@@ -31,7 +32,7 @@ class ServoState(NamedTuple):
     temperature_c: float
     alarms: tuple[str, ...] = ()
     current_a: float | None = None
-    """Motor current, in A, negative when the motor drives backward. None if the current is not read."""
+    """Motor current, in A; negative when the motor drives backward. None if the current is not read."""
 
 
 class ServoFault(NamedTuple):

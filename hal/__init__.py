@@ -1,1 +1,2 @@
-"""Hardware layer: joints in SI units with life cycle, calibration, limits and safety gate. Does not depend on ROS."""
+"""Hardware layer: joints in SI units with life cycle, calibration, limits and a safety gate. This layer does not depend
+on ROS."""

@@ -7,7 +7,7 @@ HalError
 ├── LifecycleError     the life cycle state does not allow the call
 └── ActivationError    torque must not be enabled now
 
-PartLost is a subclass of the drivers' PortLost: one of several buses is lost.
+PartLost is a subclass of the driver layer's PortLost: one of several buses is lost.
 """
 
 from drivers.errors import PortLost

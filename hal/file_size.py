@@ -1,4 +1,4 @@
-"""Size limits of files that are specified by a user or by another file."""
+"""Size limits for files that are specified by a user or by another file."""
 
 import stat
 from contextlib import suppress
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 LARGEST_BYTES: Final = 2_000_000
-"""Maximum size of a text file. A URDF with a hundred joints takes a tenth of this size."""
+"""Maximum size of a text file. A URDF with a hundred joints is a tenth of this size."""
 LARGEST_SHAPE_BYTES: Final = 20_000_000
 """Maximum size of a mesh or an image. A binary STL file of this size has 400,000 triangles."""
 SHORTEN: Final = "shorten it, or choose another file"
@@ -18,9 +18,9 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
 
     Args:
         path: The file.
-        error: Class of the error.
-        largest_bytes: Maximum size.
-        remedy: Remedy for a file that is too large, for the message.
+        error: Class of the error to raise.
+        largest_bytes: Maximum size, in bytes.
+        remedy: How to fix a file that is too large, for the message.
 
     Raises:
         error: The file is too large, or is a device or a pipe, which has no size.
@@ -35,7 +35,7 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
 
 
 def check_existing(path: Path, error: type[Exception]) -> None:
-    """Check the size of a text file if it exists. A missing file is reported by the library that reads it."""
+    """Check the size of a text file if it exists. A missing file is reported by the library that reads the file."""
     with suppress(OSError, ValueError):
         check_size(path, error)
 

@@ -1,12 +1,12 @@
 """The safety gate checks and limits every command before it reaches the hardware.
 
-The gate does not trust the controllers. The output of the gate depends only on its arguments and satisfies these rules:
+The gate does not trust the controllers. The gate's output depends only on its arguments and satisfies these rules:
 
-- All values are finite and within the limits of the joints.
-- A position differs from the last command by at most the distance that the joint may travel in one period. A joint that
-  starts outside its limits returns at a tenth of that speed.
+- All values are finite and within the joint limits.
+- A position differs from the last command by no more than the distance that the joint may travel in one period. A joint
+  that starts outside its limits returns at a tenth of that speed.
 - A velocity changes no faster than the acceleration limit allows.
-- A velocity toward the end of a joint's range is low enough for the joint to brake before that end.
+- A velocity toward the end of a joint's range is low enough for the joint to brake before it reaches that end.
 """
 
 import math
@@ -45,11 +45,11 @@ class Gated:
 
 
 class SafetyGate:
-    """Limiter for the commands of m command interfaces (rad, m, N m, N, and per second).
+    """Limiter for the commands of m command interfaces (in rad, m, N m, N, and per second).
 
     Args:
         limits: Limits of each interface's joint.
-        kinds: Kind of each interface: "position" (the default), "velocity" or "effort".
+        kinds: Type of each interface: "position" (the default), "velocity" or "effort".
     """
 
     def __init__(self, limits: Sequence[JointLimits], kinds: Sequence[str] | None = None) -> None:
@@ -57,8 +57,8 @@ class SafetyGate:
 
         Args:
             limits: Limits of each command interface's joint, length m.
-            kinds: Kind of each interface, length m: ``position``, ``velocity`` or ``effort``. By default all are
-                positions.
+            kinds: Type of each interface, length m: ``position``, ``velocity`` or ``effort``. By default, all
+                interfaces are position interfaces.
         """
         kinds = kinds or ["position"] * len(limits)
         bounds = [_bounds(kind, limit) for kind, limit in zip(kinds, limits, strict=True)]
@@ -66,7 +66,7 @@ class SafetyGate:
         self._held = np.array([kind == "position" for kind in kinds], dtype=bool)
         self._speeds = [i for i, kind in enumerate(kinds) if kind == "velocity"]
         self._each = [] if self._speeds else bounds
-        """Lower limit, upper limit and rate of each interface. Empty if there are velocity interfaces."""
+        """Lower limit, upper limit and rate of each interface. The list is empty if there are velocity interfaces."""
         self._ends = np.array([(limits[i].lower, limits[i].upper) for i in self._speeds]).reshape(-1, 2)
 
     def limit(self, wanted: FloatArray, last: FloatArray, period_s: float, measured: FloatArray | None = None) -> Gated:
@@ -93,8 +93,8 @@ class SafetyGate:
         if outside.any():
             reach = np.where(outside, RETURN_SHARE * reach, reach)
         safe = np.clip(inside, last - reach, last + reach)
-        # The tolerance of 1e-9 is needed because a command exactly at a limit may differ from it by rounding. The
-        # comparison is also true for NaN.
+        # The tolerance of 1e-9 is needed because rounding may move a command slightly away from a limit that it should
+        # equal. The comparison is also true for NaN.
         if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:
             returning = {
                 i: f"position {self._outside(i, last[i])}: returning slowly" for i in np.flatnonzero(outside).tolist()
@@ -103,7 +103,8 @@ class SafetyGate:
         return Gated(safe, {})
 
     def _within(self, wanted: FloatArray, last: FloatArray, period_s: float) -> bool:
-        """Return whether no rule changes a command, the usual case. Plain floats are faster here than arrays."""
+        """Return whether no rule changes a command, which is the usual case. Plain floats are faster here than
+        arrays."""
         for value, former, (lower, upper, rate) in zip(wanted.tolist(), last.tolist(), self._each, strict=False):
             reach = rate * period_s
             inside = lower <= value <= upper and lower <= former <= upper
@@ -112,7 +113,7 @@ class SafetyGate:
         return bool(self._each)
 
     def _braked(self, wanted: FloatArray, period_s: float, measured: FloatArray) -> FloatArray:
-        """Reduce velocities so that each joint can still brake within its range after one more period."""
+        """Reduce velocities so that each joint can still brake within its range one period later."""
         rate = self._rate[self._speeds]
         room = np.stack([measured - self._ends[:, 0], self._ends[:, 1] - measured])
         down, up = _brakable(np.maximum(room, 0.0), rate, period_s)

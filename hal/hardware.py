@@ -1,4 +1,4 @@
-"""Interfaces of hardware components, with the life cycle of ros2_control."""
+"""Interfaces of hardware components, with the life cycle used by ros2_control."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -8,7 +8,7 @@ from hal.types import JointCommand, JointState
 
 
 class Hardware(Protocol):
-    """Hardware component. All methods are called from one thread."""
+    """Hardware component. All methods are called from the same thread."""
 
     @property
     def name(self) -> str:
@@ -31,19 +31,20 @@ class Hardware(Protocol):
         ...
 
     def configure(self) -> None:
-        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and no torque is enabled or disabled.
+        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and torque is neither enabled nor
+        disabled.
 
         Raises:
-            DriverError: The hardware cannot be opened, or differs from its description.
+            DriverError: The hardware cannot be opened, or does not match its description.
         """
         ...
 
     def activate(self) -> None:
-        """Enable torque with each goal at the measured position: INACTIVE → ACTIVE.
+        """Enable torque after setting each goal to the measured position: INACTIVE → ACTIVE.
 
         Raises:
             ActivationError: A joint cannot be activated safely.
-            DriverError: The hardware does not answer.
+            DriverError: The hardware does not respond.
         """
         ...
 
@@ -54,7 +55,7 @@ class Hardware(Protocol):
             relax: Whether to disable the torque. If False, the joints hold their positions.
 
         Returns:
-            Messages about errors, each with the name of the servo.
+            Error messages, each with the name of the servo.
         """
         ...
 
@@ -90,26 +91,26 @@ class Hardware(Protocol):
 class Requesting(Protocol):
     """Hardware that can send its request before it is read.
 
-    All components send their requests first, so that they wait for the answers at the same time.
+    All components send their requests first, so that they wait for the replies at the same time.
     """
 
     def request(self, deadline_s: float | None) -> None:
         """Send the requests whose replies the next ``read`` returns.
 
         Args:
-            deadline_s: Time until which ``read`` waits, in seconds on the component's clock. None lets the component
-                decide.
+            deadline_s: Time until which ``read`` waits, in seconds on the component's clock. If None, the component
+                decides.
         """
         ...
 
 
 @runtime_checkable
 class WithOutputs(Protocol):
-    """Hardware with command interfaces that move no joint, such as the LED of a servo."""
+    """Hardware with command interfaces that do not move a joint, such as the LED of a servo."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of these interfaces, such as ``lamp/led``."""
+        """Names of these command interfaces, such as ``lamp/led``."""
         ...
 
 
@@ -120,9 +121,9 @@ def outputs_of(hardware: Hardware) -> tuple[str, ...]:
 
 @runtime_checkable
 class DoubtingLeaps(Protocol):
-    """Hardware with its own check of whether a joint can have reached the measured position.
+    """Hardware that checks by itself whether a joint can have reached the measured position.
 
-    For all other hardware, ``LeapFilter`` makes this check with the velocity limits of the joints.
+    For all other hardware, ``LeapFilter`` performs this check with the joints' velocity limits.
     """
 
     doubts_leaps: bool
@@ -130,7 +131,7 @@ class DoubtingLeaps(Protocol):
 
 @runtime_checkable
 class Reactivating(Protocol):
-    """Active hardware that can enable the torque of single joints again."""
+    """Active hardware that can re-enable the torque of single joints."""
 
     @property
     def without_torque(self) -> frozenset[str]:
@@ -148,22 +149,22 @@ class Reactivating(Protocol):
 
         Raises:
             ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay limp.
-            DriverError: The hardware does not answer. The state is the same as after ActivationError.
+            DriverError: The hardware does not answer. The state is the same as after an ActivationError.
         """
         ...
 
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Hardware that must poll its joints to detect disabled torque, a few joints in each cycle."""
+    """Hardware that must poll its joints, a few in each cycle, to detect disabled torque."""
 
     def ask_for_torque(self) -> frozenset[str]:
         """Poll all joints of the active hardware, and update ``without_torque``.
 
-        This is called between two cycles and may take as long as a late cycle.
+        This method is called between two cycles and may take as long as a late cycle.
 
         Returns:
-            The names of the joints that did not answer.
+            The names of the joints that did not respond.
         """
         ...
 
@@ -173,7 +174,7 @@ class Holding(Protocol):
     """Hardware whose torque may be enabled while it is not active, for example after another program crashed."""
 
     def holds(self) -> bool:
-        """Return whether the torque of at least one joint of the configured hardware is enabled.
+        """Return whether torque is enabled for at least one joint of the configured hardware.
 
         Raises:
             DriverError: The hardware cannot be read.

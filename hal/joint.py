@@ -21,41 +21,43 @@ class Joint:
     zero_counts: int = 2048
     """Servo counts at joint position 0."""
     transmission: float = 1.0
-    """Joint units per radian of the servo's shaft: 1.0 for a revolute joint without gear, m/rad if it is prismatic."""
+    """Joint units per radian of the servo shaft: 1.0 for a revolute joint without a gear, m/rad for a prismatic
+    joint."""
     reduction: float = 1.0
-    """Gear ratio: servo turns per turn of the gear's output. ``transmission`` includes this reduction."""
+    """Gear ratio: turns of the servo per turn of the gear output. ``transmission`` already includes this reduction."""
     homing_offset: int | None = None
     """Homing offset that the servo must have for ``zero_counts`` to be valid; None if the offset is not checked."""
     extended: bool = False
-    """Whether the servo, a Dynamixel X, must be in extended position mode because the joint passes the last count."""
+    """Whether the servo, a Dynamixel X, must be in extended position mode because the joint moves past the last
+    count."""
     seam_inside: bool = False
-    """Whether the joint may pass from the servo's last count to the first, as is possible before a calibration."""
+    """Whether the joint may move from the servo's last count to the first, which is possible before a calibration."""
     torque_limit: float = 1.0
-    """Fraction (0 to 1) of full drive that the servo may use."""
+    """Fraction of full drive that the servo may use, from 0 to 1."""
     bus: str = ""
     """Name of the servo's bus; empty if there is only one bus."""
     position_p: int | None = None
     """Position P gain of the servo, if the robot file sets one."""
     firmware: int | None = None
-    """Firmware version of the virtual servo, a Dynamixel X; None for the usual version."""
+    """Firmware version of the virtual servo, a Dynamixel X; None to use the usual version."""
     settings: tuple[tuple[str, int], ...] = ()
     """Names and values of the EEPROM registers that the robot file sets."""
     gravity_compensation: bool = True
-    """Whether goals may differ from commands to compensate the servo's compliance."""
+    """Whether goals may differ from commands to compensate for the servo's compliance."""
 
     stops: tuple[float, float] | None = None
     """Ends of the joint's travel, in rad or m, if soft limits or a <command_interface> narrow ``limits``."""
 
     _units_per_count: float = field(init=False, repr=False, compare=False)
     _counts_range: tuple[int, int] | None = field(init=False, repr=False, compare=False, default=None)
-    """Cached range of the servo within the limits, because each cycle needs it."""
+    """Cached servo range within the limits, because each cycle needs it."""
 
     def __post_init__(self) -> None:
         units = self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn
         object.__setattr__(self, "_units_per_count", units)
 
     def between_stops(self) -> "Joint":
-        """Return the joint with limits that cover its whole travel, as calibration measures it.
+        """Return the joint with limits that cover its whole travel, as measured by calibration.
 
         Returns:
             A joint whose limits are its stops; the joint itself if it has no ``stops``.
@@ -66,7 +68,7 @@ class Joint:
 
     @property
     def address(self) -> str:
-        """Address of the servo in the robot: its ID, or bus and ID if buses have names (``hand/1``)."""
+        """Address of the servo in the robot: its ID, or the bus and ID if buses have names (``hand/1``)."""
         return f"{self.bus}/{self.servo_id}" if self.bus else str(self.servo_id)
 
     @property
@@ -81,7 +83,7 @@ class Joint:
 
     @property
     def full_effort(self) -> float:
-        """Torque or force at full drive and standstill, in N m or N."""
+        """Torque or force at full drive and at standstill, in N m or N."""
         return self.model.stall_torque_nm / self.transmission
 
     @property
@@ -90,7 +92,7 @@ class Joint:
         return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def turns(self, counts: int) -> int:
-        """Return the number of whole turns in a reading. A servo counts turns from its power-on.
+        """Return the number of whole turns in a reading. A servo counts turns from the time it is powered on.
 
         Args:
             counts: Reading of the servo, in counts.
@@ -129,10 +131,10 @@ class Joint:
         return min(max(round(inside / self.units_per_count) + self.zero_counts, lower), upper)
 
     def counts_range(self) -> tuple[int, int]:
-        """Return the range of the servo within the joint's limits.
+        """Return the servo's range within the joint limits.
 
         Returns:
-            The lowest and the highest count within the limits.
+            The lowest and highest counts within the limits.
         """
         if self._counts_range is None:
             ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)

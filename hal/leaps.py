@@ -1,6 +1,6 @@
 """Detect jumps in position readings: a joint cannot move further than its servo can drive it.
 
-One in 256 corrupted replies passes an 8-bit checksum. A reading that jumps is therefore rejected until the next
+One in 256 corrupt replies passes an 8-bit checksum. A reading that jumps is therefore rejected until the next
 reading confirms it.
 """
 
@@ -17,13 +17,13 @@ If the servo is unknown, the speed is a multiple of the velocity limit. The marg
 falling arm and a late sample.
 """
 BY_HAND_RAD_S: Final = 20.0
-"""Highest plausible speed of a limp joint that is moved by hand, in rad/s."""
+"""Highest plausible speed of a limp joint when moved by hand, in rad/s."""
 SAMPLING_S: Final = 0.02
 """Uncertainty of the time between two readings. Servos sample on their own clock, and reads may be repeated."""
 LONGEST_S: Final = 0.25
-"""Maximum elapsed time that counts toward the plausible distance, however long the servo was silent."""
+"""Maximum elapsed time used to compute the plausible distance, no matter how long the servo was silent."""
 SLACK_COUNTS: Final = 8
-"""Distance that is always plausible, because of noise and backlash, in counts."""
+"""Distance that is always plausible because of noise and backlash, in counts."""
 SLACK_SHARE: Final = 2.0 * AT_LIMIT
 """Distance that is always plausible if the servo is unknown, as a fraction of the joint's range (at most one turn)."""
 
@@ -77,7 +77,8 @@ class Plausibility:
         """
         speed = self._driven_speed if driven else self._limp_speed
         away = position - self._accepted if self._straight else self._distance(self._accepted, position)
-        # The first reading is accepted, because its distance from NaN is NaN, and NaN is not above the reach.
+        # The first reading is accepted, because its distance from NaN is NaN, and NaN does not compare as greater than
+        # the reach.
         plausible = not abs(away) > self._reach(speed, now_s - self._accepted_s)
         if plausible or abs(self._distance(self._rejected, position)) <= self._reach(speed, now_s - self._rejected_s):
             self._accepted, self._accepted_s, self._rejected = position, now_s, math.nan

@@ -15,7 +15,7 @@ class LifecycleState(Enum):
 
 
 def require(state: LifecycleState, wanted: LifecycleState, action: str) -> None:
-    """Raise LifecycleError unless the component is in the required state. ``action`` is a verb for the message."""
+    """Raise LifecycleError unless the component is in the required state. ``action`` is a verb used in the message."""
     if state is not wanted:
         raise LifecycleError(f"cannot {action} while {state.name.lower()}: the component must be {wanted.name.lower()}")
 

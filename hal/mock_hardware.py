@@ -16,7 +16,7 @@ KINDS = ("position", "velocity", "effort")
 class MockHardware:
     """Mock joints that reach each command immediately.
 
-    Each command is copied to the state interface of the same name. The parameters are those of GenericSystem:
+    Each command is copied to the state interface of the same name. The parameters are the same as for GenericSystem:
 
     - ``calculate_dynamics``: The velocity is the difference quotient of the position commands, and a velocity command
       moves the joint.
@@ -37,7 +37,7 @@ class MockHardware:
             name: Name of the component.
             joints: Names of the joints.
             clock: Clock for the time stamps.
-            calculate_dynamics: Whether positions and velocities follow from each other.
+            calculate_dynamics: Whether velocities are computed from positions, and positions from velocity commands.
             command_interfaces: Names of the command interfaces; by default the position of each joint.
         """
         self.name = name
@@ -60,12 +60,12 @@ class MockHardware:
 
     @classmethod
     def of(cls, component: HardwareInfo, clock: Clock, outputs: Outputs | None = None) -> "MockHardware":
-        """Create the mock that a ``<ros2_control>`` block describes.
+        """Create the mock hardware that a ``<ros2_control>`` block describes.
 
         Args:
             component: The block.
             clock: Clock for the time stamps.
-            outputs: Values of the outputs. Each is copied to the state interface of the same name.
+            outputs: Values of the outputs. Each output is copied to the state interface of the same name.
         """
         made = cls(
             component.name,
@@ -82,7 +82,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """Set the initial values. By default position and velocity are 0 and all other states are NaN."""
+        """Set the initial values. By default, positions and velocities are 0 and all other states are NaN."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):
@@ -93,7 +93,7 @@ class MockHardware:
                     arrays[kind][index] = value
 
     def _commanded(self, kind: str) -> tuple[list[int], list[int]]:
-        """Return the indices of the joints with a command of this kind, and the indices of these commands."""
+        """Return the indices of the joints with a command of this type, and the indices of these commands."""
         pairs = [
             (self.joints.index(joint), place)
             for place, (joint, own) in enumerate(map(Interface.parse, self.command_interfaces))
@@ -143,7 +143,7 @@ class MockHardware:
             self._velocity = (self._position - before) / command.period_s
 
     def _move(self, command: JointCommand) -> None:
-        """Move the joints. A position command overrides the motion that follows from a velocity command."""
+        """Move the joints. A position command overrides the motion that results from a velocity command."""
         if self._calculate_dynamics:
             driven, places = self._joints_of["velocity"]
             self._position[driven] += command.values[places] * command.period_s

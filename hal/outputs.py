@@ -1,4 +1,4 @@
-"""Values of the outputs of a robot, which controllers set and hardware components send."""
+"""Values of a robot's outputs, which controllers set and hardware components send."""
 
 import math
 from collections.abc import Mapping
@@ -7,7 +7,8 @@ from hal.robot_description.outputs import OutputInfo
 
 
 class Outputs:
-    """Requested value of each output, keyed by interface (``lamp/led``). Only the loop's thread uses this class."""
+    """Requested value of each output, keyed by interface (``lamp/led``). This class is used only by the loop's
+    thread."""
 
     def __init__(self, infos: Mapping[str, OutputInfo] | None = None) -> None:
         """Start with the initial values of the outputs."""
@@ -17,7 +18,7 @@ class Outputs:
         """Requested values, keyed by interface; NaN before the first command."""
 
     def set(self, name: str, value: float) -> None:
-        """Request a value. The value is clamped to the range of the output."""
+        """Request a value. The value is clamped to the output's range."""
         info = self.infos[name]
         self.values[name] = min(max(value, info.lowest), info.highest)
 

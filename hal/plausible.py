@@ -1,4 +1,4 @@
-"""Plausible ranges of all numbers in the files of an arm. A boolean does not count as a number."""
+"""Plausible ranges of all numbers in the files of an arm. A boolean is not accepted as a number."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -61,11 +61,12 @@ RANGES: Final = {
     "multiplier": Range(-100_000.0, 100_000.0, "(1 is usual)"),
     "initial_value": Range(-1_000_000.0, 1_000_000.0, "in units of the interface"),
 }
-"""Plausible ranges, keyed by kind of number."""
+"""Plausible ranges, keyed by type of number."""
 
 
 def range_mistake(kind: str, value: float) -> str | None:
-    """Return a message about an implausible value, worded to follow its name, or None if the value is plausible."""
+    """Return a message about an implausible value, worded to follow the name of the value, or None if the value is
+    plausible."""
     known = RANGES[kind]
     if known.lowest <= value <= known.highest:  # false for NaN
         return None

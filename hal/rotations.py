@@ -1,4 +1,4 @@
-"""Rotations as matrices, quaternions (x, y, z, w) and rotation vectors, for single rotations and batches of them."""
+"""Rotations as matrices, quaternions (x, y, z, w) and rotation vectors, either single or in batches."""
 
 from typing import Final
 
@@ -7,13 +7,13 @@ import numpy as np
 from hal.types import FloatArray
 
 SMALL_RAD: Final = 1e-4
-"""Angle below which power series replace quotients of small numbers. The error of the series is below 1e-8."""
+"""Angle below which power series replace quotients of small numbers, in rad. The error of the series is below 1e-8."""
 NEARLY_HALF_TURN: Final = -0.9
-"""Cosine of the angle above which the sine is too inaccurate to find the axis of a rotation."""
+"""Cosine of the angle above which the sine is too inaccurate for finding the axis of a rotation."""
 
 
 def matrices(quaternions: FloatArray) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    """Return the rotation matrices (..., 3, 3) for unit quaternions (..., 4)."""
     x, y, z, w = np.moveaxis(quaternions, -1, 0)
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -24,7 +24,7 @@ def matrices(quaternions: FloatArray) -> FloatArray:
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), with w at least 0."""
+    """Return the unit quaternions (..., 4) for rotation matrices (..., 3, 3), with w at least 0."""
     r = np.asarray(rotations)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     x_y, x_z, y_z = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
@@ -43,7 +43,7 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 def rotation_vectors(rotations: FloatArray) -> FloatArray:
-    """Return the rotation vectors (k, 3) of rotation matrices (k, 3, 3): axis times angle, in rad, up to pi."""
+    """Return the rotation vectors (k, 3) for rotation matrices (k, 3, 3): axis times angle, in rad, up to pi."""
     double = rotations - rotations.swapaxes(1, 2)
     sines = 0.5 * double.reshape(-1, 9)[:, (7, 2, 3)]
     sine = np.sqrt((sines * sines).sum(axis=1))
@@ -73,7 +73,7 @@ def vector_rates(vectors: FloatArray) -> FloatArray:
 
 
 def euler_angles(rotations: FloatArray) -> FloatArray:
-    """Return the angles (k, 3) about x, the new y and the new z axis that make up rotations (k, 3, 3), in rad."""
+    """Return the angles (k, 3) about x, the new y and the new z axis that compose the rotations (k, 3, 3), in rad."""
     r = rotations
     about_y = np.arcsin(np.clip(r[:, 0, 2], -1.0, 1.0))
     locked = np.abs(r[:, 0, 2]) > 1.0 - SMALL_RAD**2
@@ -99,7 +99,7 @@ def euler_rates(angles: FloatArray) -> FloatArray:
 
 
 def skew(vectors: FloatArray) -> FloatArray:
-    """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
+    """Return the matrices (..., 3, 3) that represent cross products with vectors (..., 3)."""
     found = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
@@ -108,7 +108,7 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def slerp(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
-    """Return the quaternion (4,) at a fraction from 0 to 1 of the shortest rotation between two quaternions (4,)."""
+    """Return the quaternion (4,) at a fraction from 0 to 1 along the shortest rotation between two quaternions (4,)."""
     cosine = float(start @ end)
     target = -end if cosine < 0.0 else end
     angle_rad = np.arctan2(np.linalg.norm(target - start), np.linalg.norm(target + start)) * 2.0

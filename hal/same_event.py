@@ -5,18 +5,19 @@ from collections.abc import Sequence
 from typing import Final
 
 _FIGURE: Final = re.compile(r"(?<![\w.-])[+-]?\d+(?:\.\d+)?(?!\w|\.\d)")
-"""Pattern of a separate number. Digits in the name of a model or a port do not match."""
+"""Pattern for a number that stands alone. Digits within a model or port name do not match."""
 
 
 def event_of(text: str) -> tuple[str, ...]:
-    """Return the parts of a message between its numbers. Messages with equal parts belong to the same event."""
+    """Return the parts of a message between its numbers. Messages whose other parts are equal belong to the same
+    event."""
     return tuple(_FIGURE.split(text))
 
 
 def as_one(texts: Sequence[str]) -> str:
-    """Merge all messages of an event into one, with the range of each number that differs.
+    """Merge all messages about an event into one, with a range for each number that differs.
 
-    ``has 4.1 V`` and ``has 4.3 V`` become ``has 4.1 to 4.3 V``.
+    For example, ``has 4.1 V`` and ``has 4.3 V`` become ``has 4.1 to 4.3 V``.
     """
     between = event_of(texts[0])
     figures = [_range(column) for column in zip(*map(_FIGURE.findall, texts), strict=True)]

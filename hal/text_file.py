@@ -1,4 +1,4 @@
-"""Read text files from users, with detection of the encoding and a size limit."""
+"""Read text files from users, detecting the encoding and limiting the size."""
 
 import codecs
 import json
@@ -15,26 +15,27 @@ _DECLARE: Final = ', or declare its encoding in line 1: <?xml version="1.0" enco
 
 
 def read_text(path: Path, error: type[Exception]) -> str:
-    """Read a text file in UTF-8, or in UTF-16 or UTF-32 if its first bytes indicate that.
+    """Read a text file encoded in UTF-8, or in UTF-16 or UTF-32 if its first bytes indicate this.
 
     Args:
         path: The file.
         error: Class of the error.
 
     Raises:
-        error: The file cannot be read, is too large or is not text. The message contains file, line and remedy.
+        error: The file cannot be read, is too large or is not text. The message contains the file, the line and a
+            remedy.
     """
     data = _read(path, error)
     return _decoded(data, _encoding(data), path, error)
 
 
 def read_xml(path: Path, error: type[Exception], kind: str = "") -> str:
-    """Read an XML file in the encoding that it declares. The returned text declares UTF-8.
+    """Read an XML file in the encoding that the file declares. The returned text declares UTF-8.
 
     Args:
         path: The file.
         error: Class of the error.
-        kind: Kind of file, which precedes the path in a message.
+        kind: Type of file, which precedes the path in a message.
 
     Raises:
         error: The file cannot be read (see ``read_text``), or the declared encoding is unknown.
@@ -62,7 +63,7 @@ def _read(path: Path, error: type[Exception], kind: str = "") -> bytes:
 
 
 def _encoding(data: bytes) -> str:
-    """Detect the encoding from a byte order mark or from zeros among the first bytes; by default UTF-8."""
+    """Detect the encoding from a byte order mark or from zeros among the first bytes; the default is UTF-8."""
     return json.detect_encoding(data[:4])
 
 
@@ -71,7 +72,7 @@ def _declared(data: bytes, encoding: str, path: Path, error: type[Exception]) ->
         name = codecs.lookup(encoding).name
     except LookupError as reason:
         raise error(f"{path}, line 1: the encoding {encoding} is unknown: {_SAVE_AS_UTF_8}") from reason
-    if name.startswith(("utf-16", "utf-32")):  # the first bytes would have shown these encodings
+    if name.startswith(("utf-16", "utf-32")):  # the first bytes would have indicated these encodings
         raise error(f"{path}, line 1: the file declares {encoding} but has a different encoding: {_SAVE_AS_UTF_8}")
     return _decoded(data, "utf-8-sig" if name == "utf-8" else name, path, error)
 
@@ -85,6 +86,6 @@ def _decoded(data: bytes, encoding: str, path: Path, error: type[Exception], rem
             f"{path} is not text in {encoding.upper()} (line {line}, byte 0x{data[reason.start]:02x}): "
             f"{_SAVE_AS_UTF_8}{remedy}"
         ) from reason
-    except (LookupError, UnicodeError) as reason:  # some codecs of Python, such as rot13, do not encode text
+    except (LookupError, UnicodeError) as reason:  # some Python codecs, such as rot13, do not encode text
         raise error(f"{path}, line 1: {encoding} is not a text encoding: {_SAVE_AS_UTF_8}") from reason
     return text.replace("\r\n", "\n").replace("\r", "\n").removeprefix("\ufeff")

@@ -1,4 +1,4 @@
-"""Types that the layers exchange. Values are in SI units, arrays in joint order."""
+"""Types that the layers exchange. Values are in SI units, and arrays are in joint order."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -45,39 +45,39 @@ def joints_of(interfaces: Iterable[str]) -> list[str]:
 
 
 def position_interfaces(joints: Iterable[str]) -> tuple[str, ...]:
-    """Return the name of the position interface of each joint."""
+    """Return the name of each joint's position interface."""
     return tuple(str(Interface(joint, "position")) for joint in joints)
 
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of one joint. Units are rad and s for a revolute joint, m and s for a prismatic joint."""
+    """Limits of one joint. Units are rad and s for a revolute joint, and m and s for a prismatic joint."""
 
     lower: float
     """Lowest position, in rad or m."""
     upper: float
     """Highest position, in rad or m."""
     velocity: float
-    """Highest speed, in rad/s or m/s."""
+    """Maximum speed, in rad/s or m/s."""
     acceleration: float
-    """Highest acceleration, in rad/s² or m/s²."""
+    """Maximum acceleration, in rad/s² or m/s²."""
     jerk: float
-    """Highest jerk, in rad/s³ or m/s³."""
+    """Maximum jerk, in rad/s³ or m/s³."""
     effort: float = math.inf
-    """Highest torque in N m, or force in N."""
+    """Maximum torque in N m, or maximum force in N."""
     velocity_range: tuple[float, float] | None = None
     """Lowest and highest velocity command, if the two directions differ."""
     effort_range: tuple[float, float] | None = None
     """Lowest and highest effort command, if the two directions differ."""
 
     def command_range(self, kind: str) -> tuple[float, float]:
-        """Return the range of one kind of command.
+        """Return the range of one type of command.
 
         Args:
             kind: "position", "velocity" or "effort".
 
         Returns:
-            The lowest and the highest command, in rad, rad/s or N m (m, m/s or N for a prismatic joint).
+            The lowest and highest commands, in rad, rad/s or N m (m, m/s or N for a prismatic joint).
         """
         if kind == "position":
             return self.lower, self.upper
@@ -87,22 +87,24 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """Report on a servo that presses without moving. If the joint has a torque limit, the drive is reduced."""
+    """Report on a servo that pushes without moving. If the joint has a torque limit, the drive is reduced."""
 
     text: str
-    """Description with the servo's ID."""
+    """Description that includes the servo's ID."""
     warns: bool
-    """Whether to show a warning. A gripper that has held an object for some time is normal and causes no warning."""
+    """Whether to show a warning. It is normal for a gripper to hold an object for some time, so this causes no
+    warning."""
 
 
 OUTSIDE_TOLERANCE: Final = 0.05
-"""Maximum distance of a joint outside its limits at activation, as a fraction of its range. This distance covers
-backlash, soft end stops and sag.
+"""Maximum distance that a joint may be outside its limits at activation, as a fraction of its range. This distance
+covers backlash, soft end stops and sag.
 """
 
 
 def apart(value: float, limit: float) -> tuple[str, str]:
-    """Format a value and its limit with at least four decimals, and with more if the two would look equal or like 0."""
+    """Format a value and its limit with at least four decimals, and with more if the two would otherwise look equal or
+    like 0."""
     for digits in range(4, 16):
         shown, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
         vanish = any(number and not float(text) for text, number in ((shown, value), (end, limit)))
@@ -118,7 +120,7 @@ def _trimmed(text: str) -> str:
 
 
 def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """Format a value outside a range and both ends of the range, as ``apart`` does."""
+    """Format a value outside a range and both ends of the range, like ``apart``."""
     if value < lower:
         return *apart(value, lower), f"{upper:.4f}"
     shown, end = apart(value, upper)
@@ -126,7 +128,8 @@ def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, st
 
 
 def far_outside(position: float, limits: JointLimits) -> str:
-    """Describe a position that is too far outside the limits to activate the joint; empty if it is acceptable.
+    """Describe a position that is too far outside the limits for the joint to be activated; empty if the position is
+    acceptable.
 
     Args:
         position: Joint position, in rad or m.
@@ -146,15 +149,15 @@ class ServoHealth(NamedTuple):
     temperature_c: float
     alarms: tuple[str, ...] = ()
     counters: ServoCounters | None = None
-    """Counters of communication faults since the start."""
+    """Counters of communication faults since startup."""
     load: float = math.nan
-    """Drive as a fraction of full drive, -1 to 1, in the joint's direction."""
+    """Drive in the joint's direction, as a fraction of full drive from -1 to 1."""
     current_a: float = math.nan
     """Motor current in the joint's direction, in A; NaN if the servo does not report it."""
     supply: VoltageFault | None = None
-    """Fault of the supply voltage."""
+    """Supply voltage fault."""
     stall: Stall | None = None
-    """Stall report if the servo presses without moving."""
+    """Stall report if the servo pushes without moving."""
 
 
 class JointFault(NamedTuple):
@@ -164,12 +167,12 @@ class JointFault(NamedTuple):
     """Kind of fault.
 
     - ``implausible``: the measured position was rejected.
-    - ``no_torque``: the servo answers, but its torque may be disabled.
+    - ``no_torque``: the servo responds, but its torque may be disabled.
     - ``component``: the component is lost, in a transition or inactive.
-    - Other kinds are communication faults of the servo.
+    - Other types are communication faults of the servo.
     """
     text: str
-    """Description with the joint and the servo's ID."""
+    """Description that includes the joint and the servo's ID."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +183,7 @@ class JointState:
     """
 
     stamp_s: float
-    """Time of the measurement on the clock of the control loop, in seconds."""
+    """Time of the measurement on the control loop's clock, in seconds."""
     position: FloatArray
     """Positions, in rad or m."""
     velocity: FloatArray
@@ -204,7 +207,7 @@ class JointCommand:
     values: FloatArray
     """Commands of shape (m,), in the order of the hardware's ``command_interfaces``.
 
-    Positions (rad, m) apply to the end of the period. Velocities are in rad/s or m/s, efforts in N m or N.
+    Positions (in rad or m) apply to the end of the period. Velocities are in rad/s or m/s, and efforts in N m or N.
     """
     period_s: float
     """Length of the period, in seconds."""

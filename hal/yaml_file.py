@@ -1,4 +1,4 @@
-"""Read YAML files as pydantic models. All errors in a file are reported together, each with file and line."""
+"""Read YAML files as pydantic models. All errors in a file are reported together, each with its file and line."""
 
 import re
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _TEXTS: Final = {
     "missing": "is missing: add the key",
     "extra_forbidden": "is not a known key: correct or remove it",
 }
-"""Messages by type of a pydantic error."""
+"""Messages, keyed by the type of pydantic error."""
 _SHOULD_BE: Final = "Input should be "
 _CAUSE: Final = re.compile(r", (unable to parse|got a number) .*$| or instance of \w+$")
 """Parts of pydantic's messages that ``error_text`` omits."""
@@ -40,7 +40,7 @@ _SHOWN: Final = 50
 
 
 class YamlPlaces(Protocol):
-    """Lookup of the file and line of a value."""
+    """Lookup of a value's file and line."""
 
     def place(self, location: Sequence[int | str]) -> str:
         """Return the file and line of the innermost part of ``location`` that exists in the file."""
@@ -52,7 +52,7 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
 
 
 def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> tuple[Model, YamlFile]:
-    """Read a file as a model and as nodes with line numbers. Raises ``error`` as ``load`` does."""
+    """Read a file as a model and as nodes with line numbers. Raises ``error`` in the same cases as ``load``."""
     file, content = read(path, error)
     try:
         return model.model_validate(content), file
@@ -61,10 +61,10 @@ def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> t
 
 
 def mistakes(file: YamlPlaces, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
-    """List the errors in a model, each with file and line.
+    """List the errors in a model, each with its file and line.
 
     Args:
-        file: The file, for the line numbers.
+        file: The file, used to look up line numbers.
         error: The error that pydantic raised.
         within: Location of the model in the file.
         name: Name that precedes the keys in each message.

@@ -1,4 +1,5 @@
-"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading it takes only seconds."""
+"""Limits on the number of values, the nesting depth and the aliases of a YAML file, so that reading it takes only a few
+seconds."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -14,18 +15,18 @@ _ENDS: Final = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 
 
 class TooLarge(Exception):
-    """The file has too many values. The message continues a sentence that starts with the file name."""
+    """The file has too many values. The message completes a sentence that starts with the file name."""
 
 
 class TooDeep(Exception):
-    """Values are nested too deeply or contain themselves. The message holds only the line number."""
+    """Values are nested too deeply or contain themselves. The message contains only the line number."""
 
 
 def check_size(events: Iterable[yaml.Event]) -> list[int]:
     """Check the number of values and the depth of a document before its nodes are built.
 
     Returns:
-        Line numbers of the aliases.
+        Line numbers of the aliases in the document.
 
     Raises:
         TooLarge: The document has too many values.
@@ -46,17 +47,18 @@ def check_size(events: Iterable[yaml.Event]) -> list[int]:
 
 
 def check_expanded(root: yaml.Node | None) -> None:
-    """Check the number of values and the depth of a document with expanded aliases. Raises TooLarge or TooDeep."""
+    """Check the number of values and the depth of a document after its aliases have been expanded. Raises TooLarge or
+    TooDeep."""
     if root is not None and _counted(root, {}, DEEPEST)[0] > MOST_VALUES:
         raise TooLarge(f"has more than {MOST_VALUES} values after its aliases (*) are expanded: shorten it")
 
 
 def _counted(node: yaml.Node, known: dict[int, tuple[int, int]], allowed: int) -> tuple[int, int]:
-    """Return the number of values in a node and its depth.
+    """Return the number of values in a node and the node's depth.
 
     Args:
         node: The node.
-        known: Results for nodes that were already counted, keyed by ID of the node object.
+        known: Results for nodes that have already been counted, keyed by ID of the node object.
         allowed: Maximum depth.
     """
     if allowed < 0:

@@ -15,9 +15,9 @@ from hal.text_file import read_text
 from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
 
 _FASTEST: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The C loader if PyYAML was built with it (about eight times as fast), otherwise the Python loader."""
+"""The C loader if PyYAML was built with it (about eight times as fast), and otherwise the Python loader."""
 MOST_MISTAKES: Final = 50
-"""Maximum number of errors that a message lists."""
+"""Maximum number of errors listed in a message."""
 _BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
 """Errors that PyYAML raises for a value that does not match its tag, such as ``!!bool maybe``."""
 
@@ -59,7 +59,8 @@ class YamlFile:
     def _reached(
         self, node: yaml.Node | None, location: tuple[str, ...], depth: int, line: int
     ) -> Iterator[tuple[int, int]]:
-        """Yield the depth and line of every match along ``location``. Parameter files may name a node several times."""
+        """Yield the depth and line of every match along ``location``. Parameter files may contain the same node name
+        several times."""
         yield depth, line
         if not location:
             return
@@ -103,9 +104,10 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
 
 
 def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
-    """Read a file as nodes and as values. Raises ``error`` as ``compose`` does, and for a duplicate key."""
+    """Read a file both as nodes and as values. Raises ``error`` in the same cases as ``compose``, and for a duplicate
+    key."""
     file = compose(path, error)
-    duplicates = list(_duplicates(file.root))  # must precede the constructor, which expands merge keys (<<)
+    duplicates = list(_duplicates(file.root))  # must be called before the constructor, which expands merge keys (<<)
     try:
         content = None if file.root is None else Loader("").construct_document(file.root)
     except yaml.YAMLError as reason:
@@ -116,14 +118,14 @@ def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
 
 
 def listed(lines: Sequence[str | partial[str]]) -> list[str]:
-    """Return the first ``MOST_MISTAKES`` lines, followed by the number of omitted lines."""
+    """Return the first ``MOST_MISTAKES`` lines, followed by a line with the number of omitted errors."""
     shown = [line if isinstance(line, str) else line() for line in lines[:MOST_MISTAKES]]
     more = len(lines) - len(shown)
     return [*shown, f"and {more} more errors"] if more else shown
 
 
 def _problem(error: yaml.YAMLError, text: str = "") -> str:
-    """Return the message of the parser with the line number, as one line. ``text`` is the content of the file."""
+    """Return the parser's message with the line number, as one line. ``text`` is the content of the file."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         context = f"{error.context}: " if error.context else ""
         return f"{context}{error.problem} (line {error.problem_mark.line + 1})"
@@ -134,7 +136,7 @@ def _problem(error: yaml.YAMLError, text: str = "") -> str:
 
 
 def _duplicates(node: yaml.Node | None) -> Iterator[str]:
-    """Yield a message for each duplicate key in a mapping. PyYAML itself would silently use the last value."""
+    """Yield a message for each duplicate key in a mapping. By itself, PyYAML would silently use the last value."""
     if isinstance(node, yaml.SequenceNode):
         for item in node.value:
             yield from _duplicates(item)

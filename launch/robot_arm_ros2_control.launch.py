@@ -24,7 +24,7 @@ ARGUMENTS = {
     "robot": ("", "Robot file (default: the one named in the URDF)."),
     "hardware": ("", "servos, mujoco or mock (default: the plugin named in the URDF)."),
     "port": ("", "Serial port; NAME=PATH, separated by spaces, for several buses (default: virtual servos)."),
-    "namespace": ("", "Namespace of all nodes, so that several arms can share one domain."),
+    "namespace": ("", "Namespace of all nodes, so that several arms can share one ROS domain."),
     "pick_place": ("false", "Also start the pick-and-place node."),
 }
 

@@ -1,1 +1,1 @@
-"""The ROS 2 interface of the stack. Only this package imports rclpy, and it contains no control logic."""
+"""ROS 2 interface of the control stack. Only this package imports rclpy, and it does not contain any control logic."""

@@ -9,7 +9,7 @@ from typing import Final
 from hal.types import JointState
 
 KEPT_CYCLES: Final = 100
-"""Maximum number of cycles that wait to be published. Older cycles are discarded without being published."""
+"""Maximum number of cycles that can wait to be published. Older cycles are discarded without being published."""
 STOP_S: Final = 1.0
 """Maximum time to wait for the thread to end, in seconds."""
 
@@ -26,8 +26,8 @@ class CyclePublisher:
         """Numbers of posted and published cycles. Each counter is written by only one thread."""
         self._caught_up = threading.Condition()
         self._idle = threading.Lock()
-        """Lock that is held until a cycle is posted. The loop thread only releases this lock, so it never waits for
-        this thread."""
+        """Lock that is held until a cycle is posted. The loop thread only releases this lock, so it never waits for the
+        publishing thread."""
         self._idle.acquire()
         self._ended = False
         self._thread = threading.Thread(target=self._work, name="cycle publisher", daemon=True)
@@ -43,8 +43,8 @@ class CyclePublisher:
         self._wake()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all posted cycles are published. Return whether they were published
-        in time."""
+        """Wait up to ``longest_s`` seconds for all posted cycles to be published. Return whether all of them were
+        published in time."""
         with self._caught_up:
             return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
 

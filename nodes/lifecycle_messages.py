@@ -12,7 +12,7 @@ _VERBS = {
     (LifecycleState.INACTIVE, LifecycleState.ACTIVE): ("activate", "activating"),
     (LifecycleState.ACTIVE, LifecycleState.INACTIVE): ("deactivate", "deactivating"),
 }
-"""Label of each transition and of its intermediate state."""
+"""Labels of each transition and of its intermediate state."""
 
 
 def state_message(state: LifecycleState) -> State:

@@ -1,4 +1,4 @@
-"""Namespaces of ROS, in which the nodes of several stacks share one domain. Imports no ROS package."""
+"""ROS namespaces, which allow the nodes of several stacks to share one domain. Imports no ROS package."""
 
 import re
 from typing import Final, Protocol
@@ -16,16 +16,16 @@ _PART: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def parse_namespace(text: str) -> str:
-    """Return the namespace that a user specifies, as rcl reads the namespace of a node.
+    """Return the namespace that a user specifies, interpreted as rcl interprets a node's namespace.
 
     Args:
-        text: The namespace, with or without the slash at its start.
+        text: The namespace, with or without a leading slash.
 
     Returns:
         The absolute namespace, such as ``/left``; empty for the root namespace.
 
     Raises:
-        DriverError: The text is not a valid namespace.
+        DriverError: The string is not a valid namespace.
     """
     parts = text.removeprefix("/").split("/")
     if parts == [""]:
@@ -33,13 +33,13 @@ def parse_namespace(text: str) -> str:
     if not all(_PART.fullmatch(part) and "__" not in part for part in parts):
         raise DriverError(
             f"{text!r} is not a namespace: use letters, digits and single underscores, such as left or lab/left. "
-            "A part cannot start with a digit or be empty"
+            "The parts between slashes cannot be empty or start with a digit"
         )
     return "/" + "/".join(parts)
 
 
 def namespace_arguments(namespace: str) -> list[str]:
-    """Return the ROS arguments that put all nodes of a process into an absolute namespace."""
+    """Return the ROS arguments that put all nodes of a process in an absolute namespace."""
     return ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
 
 
@@ -50,5 +50,5 @@ def namespace_of(node: _Named) -> str:
 
 
 def frame_prefix(namespace: str) -> str:
-    """Return the prefix that distinguishes the frames of a namespace from those of other namespaces on /tf."""
+    """Return the prefix that distinguishes the frames of one namespace from those of other namespaces on /tf."""
     return f"{namespace[1:]}/" if namespace else ""

@@ -1,5 +1,5 @@
-"""Detect other programs' nodes that have the name of a node of this program, so that two programs do not move one
-arm."""
+"""Detect nodes of other programs that have the same name as a node of this program, so that two programs do not move
+the same arm."""
 
 import os
 import time
@@ -18,23 +18,23 @@ from nodes.ros_environment import RosError
 from nodes.ros_process import exit_watchdog, rcl_errors
 
 DISCOVERY_S: Final = 0.8
-"""Time to discover other nodes before the start, in seconds.
+"""Time to discover other nodes before startup, in seconds.
 
-On an idle machine, discovery took 0.1 to 0.7 s, because a program often misses the first answer and waits for the next
-announcement.
+On an idle machine, discovery took 0.1 to 0.7 s, because a program often misses the first response and waits for the
+next announcement.
 """
 PATIENT_DISCOVERY_S: Final = 2.5
 """Time to discover other nodes if another node is likely to be missed, in seconds.
 
-With a discovery server of Fast DDS on the same machine, discovery took 0.9 to 1.2 s.
+With a Fast DDS discovery server on the same machine, discovery took 0.9 to 1.2 s.
 """
 POLL_S: Final = 0.02
 CHECK_S: Final = 1.0
 """Period of the search for other nodes while a node runs, in seconds."""
 NEW_CHECKS: Final = 5
-"""Number of checks after the start during which a node counts as new."""
+"""Number of checks after startup during which a node counts as new."""
 PATIENT_CHECKS: Final = 6
-"""Number of consecutive checks that must discover another node before a node that has run for longer reports it."""
+"""Number of consecutive checks that must discover another node before a longer-running node reports it."""
 
 STATUS: Final = "servoloop: other stacks"
 """Name of the diagnostic status that reports another node with the same name."""
@@ -44,15 +44,15 @@ class Discovery(Enum):
     """Result of one check."""
 
     ALONE = auto()
-    """No other node exists, or the other node has not been visible for long enough."""
+    """There is no other node, or the other node has not been visible for long enough."""
     NEWCOMER = auto()
     """There is another node, and this node is new."""
     RIVAL = auto()
-    """There is another node, and this node has run for longer."""
+    """There is another node, and this node has been running longer."""
 
 
 class Seniority:
-    """Check that decides which of two nodes is newer, even if it discovers the older node late.
+    """Check that determines which of two nodes is newer, even if this node discovers the older node late.
 
     DDS discovers nodes late on a loaded machine, so a second node can start. A new node reports another node
     immediately. An older node gives the newer node time to exit.
@@ -66,7 +66,7 @@ class Seniority:
         """Count one check and return its result.
 
         Args:
-            nodes: Number of nodes with the name in the ROS graph, including the node of this program.
+            nodes: Number of nodes with this name in the ROS graph, including this program's node.
         """
         self._checks += 1
         self._in_a_row = self._in_a_row + 1 if nodes > 1 else 0
@@ -76,27 +76,27 @@ class Seniority:
 
 
 def nodes_in_graph(node: Node, name: str) -> int:
-    """Return the number of nodes with a name in the namespace of ``node``."""
+    """Return the number of nodes with a given name in the namespace of ``node``."""
     wanted = (name, node.get_namespace())
     return sum(found == wanted for found in node.get_node_names_and_namespaces())
 
 
 class OtherNodes:
-    """Checks once per second for another node that has the name of a node of this program.
+    """Checks once per second for another node with the same name as a node of this program.
 
-    A new stack exits when it discovers another stack. An old stack, whose arm may be in motion, only reports the other
-    stack.
+    A new stack exits when it discovers another stack. A longer-running stack, whose arm may be in motion, only reports
+    the other stack.
     """
 
     def __init__(self, node: Node, message: str) -> None:
-        """Start checking. The braces in ``message`` stand for the full name of the node."""
+        """Start checking. The braces in ``message`` are replaced by the full name of the node."""
         self.must_end = False
         """Whether this stack must exit because it is the newer stack."""
         self.message = message.format(node.get_fully_qualified_name())
         self._node = node
         self._seniority = Seniority()
         self._reported = False
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # The clock of the node may be simulated.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # The node's clock may be simulated.
         node.create_timer(CHECK_S, self._check, clock=steady)
 
     def status(self, hardware_id: str) -> Status:
@@ -118,10 +118,10 @@ class OtherNodes:
 
 
 class Search:
-    """Search for a node of another program before this program creates a node with the same name.
+    """Search for another program's node before this program creates a node with the same name.
 
     The search uses its own ROS context, because a new context discovers only running programs. A program that was
-    killed stays in the graphs of other programs for up to 20 s, but no longer announces itself.
+    killed remains in the graphs of other programs for up to 20 s, but no longer announces itself.
     """
 
     def __init__(self, name: str, namespace: str, message: str, patient: bool = False) -> None:
@@ -130,8 +130,8 @@ class Search:
         Args:
             name: Name of the node.
             namespace: Namespace of the node; empty for the root namespace.
-            message: Error message if there is such a node. The braces stand for its full name.
-            patient: Whether to wait longer, because such a node probably exists.
+            message: Error message to use if there is such a node. The braces are replaced by the node's full name.
+            patient: Whether to wait longer because such a node is likely to exist.
         """
         self._name = name
         self._message = message.format(f"{namespace}/{name}")
@@ -140,7 +140,7 @@ class Search:
         with rcl_errors():
             self._context.init(namespace_arguments(namespace), initialize_logging=False)
             self._node: Node | None = Node(
-                f"_servoloop_search_{os.getpid()}",  # The underscore hides the node from lists.
+                f"_servoloop_search_{os.getpid()}",  # The underscore hides the node from node lists.
                 context=self._context,
                 enable_rosout=False,
                 start_parameter_services=False,
@@ -149,7 +149,7 @@ class Search:
         self._end_s = time.monotonic() + (PATIENT_DISCOVERY_S if patient else DISCOVERY_S)
 
     def finish(self) -> None:
-        """Wait until the discovery time has passed since the start of the search, and leave the ROS graph.
+        """Wait until the discovery time has passed since the search started, and leave the ROS graph.
 
         Raises:
             RosError: Another node has this name.

@@ -22,17 +22,18 @@ each wait."""
 
 
 class ParameterNode(Node):
-    """A node whose parameters respond like those of rclcpp and whose clock follows the control loop.
+    """A node whose parameters behave like those of rclcpp and whose clock follows the control loop.
 
-    The parameter ``use_sim_time`` reports whether the time of the loop is simulated. Setting ``use_sim_time`` has no
-    effect, because stamps of another clock would not match those of the loop.
+    The parameter ``use_sim_time`` reports whether the loop's time is simulated. Setting ``use_sim_time`` has no effect,
+    because stamps from another clock would not match those of the loop.
     """
 
     def __init__(self, name: str, ros_time: RosTime, allow_undeclared_parameters: bool = False, **more: Any) -> None:
         self._ros_time = ros_time
         self._undeclared_allowed = allow_undeclared_parameters
         self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
-        """Parameter callbacks of the node, stored as pairs: the method that removes the callback, and the callback."""
+        """Parameter callbacks of the node, stored as pairs of the method that removes the callback and the callback
+        itself."""
         super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
         if ros_time.simulated:
             self.set_parameters([Parameter(USE_SIM_TIME_NAME, value=True)])
@@ -62,7 +63,7 @@ class ParameterNode(Node):
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         if self._ros_time.simulated and isinstance(getattr(callback, "__self__", None), TimeSource):
-            return  # The parameter would subscribe every node to the /clock of this process.
+            return  # The parameter would subscribe every node to the /clock topic of this process.
         super().add_on_set_parameters_callback(callback)
         self.parameter_callbacks.append((self.remove_on_set_parameters_callback, callback))
 
@@ -89,12 +90,13 @@ class ParameterNode(Node):
         new = [parameter.name for parameter in parameter_list if not self.has_parameter(parameter.name)]
         result: SetParametersResult = super().set_parameters_atomically(parameter_list)
         for name in new if result.successful else ():
-            if self.has_parameter(name):  # Its type was not declared, so the next value may have a different type.
+            if self.has_parameter(name):  # The type was not declared, so the next value may have a different type.
                 self.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
         return result
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Return the descriptor of a parameter, with name and type even if it was never declared (unlike rclpy)."""
+        """Return the descriptor of a parameter, including its name and type even if the parameter was never declared
+        (unlike rclpy)."""
         known = super().describe_parameter(name)
         return known if known.name else ParameterDescriptor(name=name, type=self.get_parameter_type(name))
 

@@ -11,12 +11,13 @@ from hal.types import FloatArray
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Publisher profile of ros2_control. A late subscriber immediately receives the latest message."""
 LATCHED_WHILE_NEW: Final = QoSProfile(depth=1, durability=LATCHED.durability, lifespan=Duration(seconds=0.5))
-"""Profile like LATCHED for topics published only while there are subscribers. An old message expires after 0.5 s."""
+"""Profile like LATCHED, for topics that are published only while they have subscribers. An old message expires after
+0.5 s."""
 ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Subscriber profile of ros2_control. The subscriber also accepts best-effort publishers, because the next command
 replaces a lost command."""
 EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""Service profile that keeps every request of a burst."""
+"""Service profile that keeps every request in a burst."""
 
 
 def numbers(values: FloatArray) -> "array[float]":
@@ -25,7 +26,7 @@ def numbers(values: FloatArray) -> "array[float]":
 
 
 EARLY = 0.25
-"""Fraction of the interval by which a cycle may come early, because cycles are not spaced exactly evenly."""
+"""Fraction of the interval by which a message may be early, because cycles are not spaced exactly evenly."""
 
 
 class RateLimiter:

@@ -1,7 +1,7 @@
 """Publish ``robot_description``, ``/tf`` and ``/tf_static`` for the links of the arm and the objects in the scene.
 
 The node behaves like ROS 2's robot_state_publisher, with four differences. The node reads the joint states within the
-process instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The default of
+process instead of subscribing to a topic. Changing ``frame_prefix`` also affects the fixed links. The default of
 ``frame_prefix`` is the namespace, because all namespaces share ``/tf``. The ``robot_description`` cannot be changed,
 because the stack drives the robot with which it was started.
 """
@@ -31,12 +31,13 @@ NAME: Final = "robot_state_publisher"
 
 _BASE: Final = "base_link"
 _IDLE_SCENE_HZ: Final = 1.0
-"""Rate at which the scene is read while /tf has no subscriber, in Hz. The scene feed disconnects if it is not read."""
+"""Rate at which the scene is read while /tf has no subscribers, in Hz. The scene feed disconnects if no program reads
+it."""
 
 
 class RobotStateParameters(BaseModel):
-    """Parameters of the node, with the names of ROS 2. The controllers file may set the parameters in a section
-    ``robot_state_publisher``."""
+    """Parameters of the node, with the same names as in ROS 2. The controllers file may set these parameters in a
+    ``robot_state_publisher`` section."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 

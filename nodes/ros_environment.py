@@ -1,6 +1,6 @@
 """Check the ROS 2 installation and its environment variables before rclpy is imported.
 
-rclpy, rcl and Fast DDS report a missing or wrong setting with a traceback, or terminate the process.
+rclpy, rcl and Fast DDS respond to a missing or wrong setting with a traceback, or terminate the process.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 RCLPY: Final = "7.1."
-"""Version prefix of rclpy in ROS 2 Jazzy. The patches in nodes/rclpy_patches/ replace parts that differ in other
+"""Version prefix of rclpy in ROS 2 Jazzy. The patches in nodes/rclpy_patches/ replace code that differs in other
 versions."""
 PACKAGES: Final = (
     "rclpy",
@@ -27,18 +27,18 @@ PACKAGES: Final = (
 PLANNING_PACKAGES: Final = ("moveit_msgs", "object_recognition_msgs", "octomap_msgs", "shape_msgs")
 """Additional packages that the planning server requires."""
 INSTALL: Final = "run 'make setup' and use .venv/bin/servoloop, or source the workspace that contains the package"
-"""Remedy if a package is missing."""
+"""What to do if a package is missing."""
 LAST_DOMAIN: Final = 232
 """Highest domain ID for which UDP ports exist (DDSI-RTPS, 9.6.1.1)."""
 
 
 class RosError(Exception):
-    """Error if ROS 2 is missing, belongs to another distribution, or has invalid settings. The message contains the
+    """Error if ROS 2 is missing, comes from another distribution, or has invalid settings. The message states the
     remedy."""
 
 
 class RosMissing(RosError):
-    """rclpy is not installed. Programs that can work without ROS continue after this error."""
+    """rclpy is not installed. Programs that can work without ROS catch this error and continue."""
 
 
 def require_ros(further: Sequence[str] = ()) -> None:
@@ -49,7 +49,7 @@ def require_ros(further: Sequence[str] = ()) -> None:
 
     Raises:
         RosMissing: rclpy is not installed.
-        RosError: A part of ROS 2 is missing, it belongs to another distribution, or it has invalid settings.
+        RosError: A part of ROS 2 is missing, comes from another distribution, or has invalid settings.
     """
     if missing := [name for name in (*PACKAGES, *further) if find_spec(name) is None]:
         raise (RosMissing if missing[0] == PACKAGES[0] else RosError)(
@@ -67,7 +67,7 @@ def require_ros(further: Sequence[str] = ()) -> None:
 def _check_distribution() -> None:
     try:
         found = version("rclpy")
-    except PackageNotFoundError:  # An rclpy that was built from source has no metadata.
+    except PackageNotFoundError:  # An rclpy that was built from source has no package metadata.
         return
     if not found.startswith(RCLPY):
         raise RosError(
@@ -92,7 +92,7 @@ def _check_middleware(environment: Mapping[str, str]) -> None:
 
 
 def _check_log_folder(environment: Mapping[str, str]) -> None:
-    """Check the folder in which rcl opens its log file. rcl does not start without a writable folder."""
+    """Check the folder in which rcl creates its log file, because rcl does not start without a writable folder."""
     if text := environment.get("ROS_LOG_DIR"):
         variable, folder = "ROS_LOG_DIR", Path(text).expanduser()
     elif text := environment.get("ROS_HOME"):

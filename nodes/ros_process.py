@@ -24,21 +24,21 @@ from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
 STDERR: Final = 2
-"""File descriptor of the standard error. ``sys.stderr`` may be replaced by an object without one."""
+"""File descriptor of standard error. ``sys.stderr`` may be replaced by an object that has no file descriptor."""
 _TURN_S: Final = 0.1
 MIXED_LIST: Final = "Sequence should be of same type"
-"""Error text of rcl for a parameter list that mixes integers and decimal numbers."""
+"""Error message from rcl for a parameter list that mixes integers and decimal numbers."""
 
 
 def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> str:
-    """Initialize rclpy with the discovery range of this process.
+    """Initialize rclpy, and set the discovery range of this process.
 
-    The caller remains responsible for signal handling. rclpy's handlers would close the middleware
-    immediately, and running goals could not be finished.
+    The caller remains responsible for signal handling, because rclpy's handlers would close the middleware immediately,
+    before running goals can finish.
 
     Args:
         arguments: Arguments in the form of ``sys.argv``, which is the default.
-        namespace: Namespace of all nodes of this process; empty if the arguments may specify it.
+        namespace: Namespace of all nodes in this process, or empty if the arguments may specify it.
 
     Returns:
         A sentence that states which programs can command the arm.
@@ -54,7 +54,8 @@ def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> s
 
 
 def read_network_option(args: Sequence[str], name: str, description: str, network: str) -> None:
-    """Read the option ``--network`` of a node's process. If it is given, open the process to other machines.
+    """Read the ``--network`` option of a node's process. If it is given, make the process reachable from other
+    machines.
 
     Args:
         args: Arguments in the form of ``sys.argv``.
@@ -75,8 +76,7 @@ def read_network_option(args: Sequence[str], name: str, description: str, networ
 
 @contextmanager
 def rcl_errors() -> Iterator[None]:
-    """Convert errors of rcl to RosError, without file positions in its sources. Other errors are passed on
-    unchanged."""
+    """Convert rcl errors to RosError, without the source file positions. Other errors are passed on unchanged."""
     try:
         yield
     except (RuntimeError, NameValidationException) as error:
@@ -95,10 +95,10 @@ def _refused(error: Exception) -> bool:
 def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:
     """Spin an executor until a future is done or the timeout has passed, and return whether the future is done.
 
-    rclpy's ``spin_until_future_complete`` adds a callback to the future for every event it handles and finally turns
-    each callback into a task. A node that has run for a day then has millions of tasks, and a burst of responses takes
-    minutes. All turns use the same timeout, because rclpy restarts its task queue when the timeout changes. With other
-    timeouts, a waiting task would block the other tasks.
+    rclpy's ``spin_until_future_complete`` adds a callback to the future for every event that it handles, and finally
+    turns each callback into a task. After a day, a node then has millions of tasks, and a burst of responses takes
+    minutes. All iterations use the same timeout, because rclpy restarts its task queue when the timeout changes. With
+    different timeouts, a waiting task would block the other tasks.
     """
     end_s, turn_s = (inf, None) if timeout_s is None else (monotonic() + timeout_s, _TURN_S)
     while not future.done() and monotonic() < end_s:
@@ -110,7 +110,7 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
 def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
     """Terminate the process with status 1 and a traceback if the body takes longer than ``seconds``.
 
-    Fast DDS (2.14) can deadlock if two participants leave at the same moment, for example on Ctrl-C in a launch file.
+    Fast DDS (2.14) can deadlock if two participants leave at the same time, for example after Ctrl-C in a launch file.
     ``DomainParticipant::set_listener`` then waits for a lock that it already holds. Because the GIL may be held during
     the deadlock, the watchdog is a thread in C.
     """

@@ -11,7 +11,8 @@ from drivers.clock import Clock, wall_offset_s
 
 
 class RosTime:
-    """ROS time shared by all nodes of a stack. ``advance`` sets simulated time, so the nodes need not read /clock."""
+    """ROS time shared by all nodes of a stack. ``advance`` sets simulated time, so the nodes do not need to read
+    /clock."""
 
     def __init__(self, loop: Clock, simulated: bool) -> None:
         self.clock = ROSClock()
@@ -24,7 +25,7 @@ class RosTime:
             self.advance(self.stamp(loop.now()))
 
     def offset_s(self) -> float:
-        """Return the offset from the loop's time to ROS time, in seconds."""
+        """Return the offset that converts the loop's time to ROS time, in seconds."""
         return 0.0 if self.simulated else wall_offset_s(self._loop, time)
 
     def stamp(self, since_epoch_s: float) -> Time:

@@ -1,4 +1,4 @@
-"""Respond to every call that sets parameters, including calls that make rclpy raise an error."""
+"""Respond to every call that sets parameters, even if rclpy raises an error."""
 
 import logging
 from collections.abc import Callable
@@ -18,7 +18,8 @@ _TYPES: Final = {kind.value for kind in Parameter.Type}
 
 
 def answering(kind: Any, callback: Callback) -> Callback:
-    """Wrap the callback of a parameter service so that it always responds. Other callbacks are returned unchanged.
+    """Wrap the callback of a service that sets parameters, so that the service always responds. Callbacks of other
+    services are returned unchanged.
 
     rclpy's callback raises an error if a value's type does not exist or if a plug-in's callback fails. In both cases,
     the client would not receive a response.

@@ -1,4 +1,4 @@
-"""Publish ``/clock`` and offer the services of mujoco_ros2_control that pause and step simulated time."""
+"""Publish ``/clock``, and provide the services of mujoco_ros2_control that pause and step simulated time."""
 
 from typing import Any, Final
 
@@ -16,7 +16,7 @@ from nodes.ros_time import RosTime
 from nodes.stack import Simulation
 
 NAME: Final = "ros2_control_node"
-"""Node name of mujoco_ros2_control."""
+"""Name of the mujoco_ros2_control node."""
 REPEAT_S: Final = 0.1
 """Wall-clock period at which a paused simulation publishes its time for new subscribers, in seconds."""
 
@@ -31,7 +31,7 @@ class SimulationNode:
         self._pending = pending
         self._clock = self.node.create_publisher(ClockMessage, "/clock", 10)
         self.node.create_timer(REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        group = ReentrantCallbackGroup()  # Other requests are served while one request waits for steps.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request waits for its steps to finish.
         for kind, name, serve in (
             (SetPause, "set_pause", self._set_pause),
             (StepSimulation, "step_simulation", self._step),

@@ -15,9 +15,9 @@ from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.ros_process import init_rclpy
 
 FINISH_S: Final = 0.2
-"""Time clients are still served after the control loop has stopped, in seconds."""
+"""Time for which clients are still served after the control loop has stopped, in seconds."""
 WAKE_S: Final = 0.1
-"""Interval, in seconds, at which the executor wakes to check whether to end and to send delayed answers."""
+"""Interval at which the executor wakes to send delayed responses and check whether to stop, in seconds."""
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -25,7 +25,7 @@ CycleExecutor = cycle_executor.CycleExecutor | PlainExecutor
 
 
 def start_rclpy(namespace: str) -> Callable[[], None]:
-    """Initialize rclpy with all nodes in a namespace, and return the function that sends delayed answers."""
+    """Initialize rclpy with all nodes in a namespace, and return the function that sends delayed responses."""
     patched = gil_release.PATCH in usable_patches()
     if patched:
         gil_release.release_gil_in_middleware()
@@ -41,7 +41,7 @@ def executor_of(node: Node, turn: AbstractContextManager[object]) -> CycleExecut
 
 
 def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> None:
-    """Run the steps in turn until ``stop`` returns True or rclpy shuts down. An error in a step is logged."""
+    """Run the steps in turn until ``stop`` returns True or rclpy shuts down. Errors in a step are logged."""
     while not stop() and rclpy.ok():
         try:
             for step in steps:
@@ -53,7 +53,7 @@ def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> No
 
 @contextmanager
 def errors_logged() -> Iterator[None]:
-    """Log errors instead of raising them, so that an unusual request of one client does not end the service for other
+    """Log errors instead of raising them, so that one client's unusual request does not interrupt the service for other
     clients."""
     try:
         yield

@@ -11,7 +11,7 @@ from hal.robot_description.description import Description, HardwareInfo, Vector
 from hal.robot_description.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), keyed by name.
+"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), keyed by object name.
 
 The result is empty for a real arm.
 """
@@ -28,7 +28,7 @@ class Simulation(Protocol):
         ...
 
     def step(self, cycles: int) -> Request[None]:
-        """Run a number of cycles of a paused simulation. The request is done after the last of these cycles."""
+        """Run a number of cycles in a paused simulation. The request completes after the last of these cycles."""
         ...
 
 
@@ -44,14 +44,14 @@ class Stack:
     """Servo ID of each joint, prefixed with the bus name if buses are named (``hand/1``). Empty without servos."""
     scene: Scene
     set_compensation: Mapping[str, Callable[[bool], None]]
-    """Functions that switch gravity compensation on or off, keyed by the name of a component with servos."""
+    """Functions that switch gravity compensation on or off, keyed by component name, for components with servos."""
     factory: Factory
-    """Factory of the controllers that clients load."""
+    """Factory for the controllers that clients load."""
     relax: bool
     """Whether deactivating a component disables its torque, as ``on_exit`` in the robot file specifies."""
     publish_transforms: bool = True
-    """Whether to publish ``robot_description`` and the transforms of the links."""
+    """Whether to publish ``robot_description`` and the link transforms."""
     simulation: Simulation | None = None
-    """Control of simulated time. This attribute is None if the loop runs in real time."""
+    """Control of simulated time. None if the loop runs in real time."""
     namespace: str = ""
-    """Namespace of all nodes of the stack, such as ``/left``; empty for the root namespace."""
+    """Namespace of all nodes of the stack, such as ``/left``, or empty for the root namespace."""

@@ -12,14 +12,14 @@ LAST_S: Final = 1.0
 
 
 def on_stop_signal(call: Callable[[], object]) -> None:
-    """Run ``call`` at the first signal, and exit at the second signal. This function must be called in the main
+    """Run ``call`` on the first signal, and exit on the second signal. This function must be called in the main
     thread.
 
-    A SIGHUP never counts as the second signal, because the kernel and the shell both send one when a terminal is
-    closed. If SIGHUP is ignored, as under nohup, the signal remains ignored.
+    A SIGHUP is never treated as the second signal, because the kernel and the shell both send one when a terminal is
+    closed. If SIGHUP is ignored, for example under nohup, it remains ignored.
 
-    An ordinary handler would run only when the main thread returns to Python, but that thread sleeps in the middleware.
-    The wake-up descriptor is written immediately, regardless of the thread that receives the signal.
+    An ordinary handler would run only when the main thread returns to Python, but that thread is blocked in the
+    middleware. Python writes to the wake-up descriptor immediately, regardless of which thread receives the signal.
     """
     reader, writer = os.pipe()  # The pipe stays open until the process exits.
     os.set_blocking(writer, False)

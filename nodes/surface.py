@@ -1,7 +1,7 @@
 """Run all ROS nodes of a stack on one executor, and publish the cycles of the control loop in a second thread.
 
-The executor wakes only when a client sends something or expects an answer. The executor's callbacks and the
-publisher of cycles take turns, so that both can use the nodes.
+The executor wakes only when a client sends something or is waiting for a response. The executor's callbacks and the
+cycle publisher take turns, so that both can use the nodes.
 """
 
 import threading
@@ -39,14 +39,14 @@ class Surface:
         self._send_delayed = start_rclpy(stack.namespace)
         self._stack = stack
         self._turn = threading.Lock()
-        """Lock that is held by the thread that uses the nodes: the executor in its callbacks, or the publisher of
-        cycles."""
+        """Lock that is held by the thread that is using the nodes: the executor during callbacks, or the cycle
+        publisher."""
         self._publisher = CyclePublisher(self._publish_cycles)
         self._woken = False
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        with rcl_errors():  # If the first node starts, the other nodes start too.
+        with rcl_errors():  # If the first node can be created, the other nodes can be created too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         self._executor = executor_of(self._manager.node, self._turn)
         HardwareServices(self._manager.node, stack, self._pending)
@@ -63,7 +63,7 @@ class Surface:
         self._publisher.start()
 
     def post(self, state: JointState) -> None:
-        """Pass a completed cycle to its publisher without blocking."""
+        """Pass a completed cycle to the publisher without blocking."""
         self._publisher.post(state)
 
     def wake(self) -> None:
@@ -80,17 +80,17 @@ class Surface:
         return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end this loop.
+        """Serve clients until ``stop`` returns True. Errors in a callback are logged and do not end this loop.
 
         Raises:
-            RosError: This stack has just started, and another controller manager with the same name is running.
+            RosError: This stack has just started, but another controller manager with the same name is running.
         """
         others = self._manager.others
         self._serve(lambda: stop() or others.must_end)
         others.require_none()
 
     def finish(self) -> None:
-        """Send results and responses to clients after the control loop has stopped."""
+        """Send the remaining results and responses to clients after the control loop has stopped."""
         self._publisher.stop()
         with self._turn:
             self._controllers.publish(self._manager.node.get_clock().now().to_msg())
@@ -112,7 +112,7 @@ class Surface:
         serve(stop, (partial(self._executor.serve, WAKE_S), self._respond, self._send_delayed))
 
     def _publish_cycles(self, states: Sequence[JointState]) -> None:
-        """Publish cycles, and wake the executor if clients expect an answer or nodes must be created."""
+        """Publish cycles, and wake the executor if clients are waiting for a response or nodes must be created."""
         with errors_logged(), self._turn:
             self._publish(states)
         with errors_logged(), self._turn:
@@ -142,7 +142,7 @@ class Surface:
                 self._synchronize()
 
     def _synchronize(self) -> None:
-        """Create the node of a loaded controller before its client receives the response."""
+        """Create the node of a loaded controller before the client that loaded it receives the response."""
         complete = True
         try:
             complete = self._controllers.synchronize()
@@ -152,6 +152,6 @@ class Surface:
                 for c in self._controllers.controllers
                 if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
             ]
-        finally:  # Clients wait for their responses even if one of the steps above has failed.
+        finally:  # Clients are waiting for their responses even if one of the steps above has failed.
             if complete:
                 self._pending.resume_done()

@@ -10,11 +10,12 @@ from hal.robot_description.description import Mimic, UrdfJoint, Vector
 from hal.robot_description.kinematics import Quaternion, child_pose, from_rpy, multiply, rotate
 
 Place = Callable[[Transform, float], None]
-"""Function that updates a transform for the position of its joint (rad or m)."""
+"""Function that updates a transform for its joint's position (rad or m)."""
 
 
 class MovingTransforms:
-    """Transforms of the moving links. Each joint reuses one message, because publishing serializes it immediately."""
+    """Transforms of the moving links. Each joint reuses one message, because the message is serialized immediately when
+    it is published."""
 
     def __init__(self, joints: Iterable[UrdfJoint], prefix: str) -> None:
         self._joints = [joint for joint in joints if joint.kind in ("revolute", "continuous", "prismatic")]
@@ -23,7 +24,7 @@ class MovingTransforms:
         self._messages: list[tuple[int, Mimic | None, Place, TransformStamped]] = []
 
     def transforms(self, names: Sequence[str], positions: Sequence[float], stamp: Time) -> list[TransformStamped]:
-        """Return the transforms of the joints in ``names`` and of the joints that mimic them, except for NaN
+        """Return the transforms of the joints in ``names`` and of the joints that mimic them, omitting joints with NaN
         positions."""
         if names is not self._names:
             self._names, self._messages = names, list(self._among(names))
@@ -41,7 +42,8 @@ class MovingTransforms:
     def _among(self, names: Sequence[str]) -> Iterable[tuple[int, Mimic | None, Place, TransformStamped]]:
         at = {name: index for index, name in enumerate(names)}
         for joint in self._joints:
-            mimic = None if joint.name in at else joint.mimic  # A joint's own position takes precedence.
+            # A joint's own position takes precedence over a mimicked position.
+            mimic = None if joint.name in at else joint.mimic
             source = mimic.joint if mimic else joint.name
             if source in at:
                 yield at[source], mimic, _place(joint), joint_transform(joint, self._prefix, Time())
@@ -53,7 +55,7 @@ def fixed_transforms(joints: Mapping[str, UrdfJoint], prefix: str, stamp: Time) 
 
 
 def joint_transform(joint: UrdfJoint, prefix: str, stamp: Time) -> TransformStamped:
-    """Return the transform from parent to child link with the joint at position 0."""
+    """Return the transform from the parent link to the child link with the joint at position 0."""
     return transform_message(prefix + joint.parent, prefix + joint.child, *child_pose(joint, 0.0), stamp)
 
 
@@ -79,7 +81,7 @@ def _slide(start: Sequence[float], along: Sequence[float]) -> Place:
 
 
 def _turn(at_rest: Sequence[float], turned: Sequence[float]) -> Place:
-    """Rotate by an angle: the result is cos(angle/2) times the quaternion at rest plus sin(angle/2) times the turned
+    """Rotate by an angle. The result is cos(angle/2) times the quaternion at rest plus sin(angle/2) times the turned
     quaternion."""
     (ax, ay, az, aw), (bx, by, bz, bw) = at_rest, turned
 

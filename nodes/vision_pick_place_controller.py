@@ -1,4 +1,4 @@
-"""Run the node ``vision_pick_place_controller``, which picks an apple and puts it into the bin of its grade.
+"""Run the ``vision_pick_place_controller`` node, which picks an apple and puts it into the bin for its grade.
 
 Usage: ``python -m nodes.vision_pick_place_controller [--network] --ros-args …``. The node itself is in pick_place/.
 """

@@ -1,1 +1,1 @@
-"""Camera sources, camera calibration and grading of apples. This package does not use ROS."""
+"""Camera sources, camera calibration and apple grading. This package does not use ROS."""

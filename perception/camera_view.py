@@ -16,12 +16,12 @@ from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
 
 LOWEST_SLOPE: Final = 0.05
-"""Minimum downward slope of a ray that is intersected with the plane. A flatter ray meets the plane too far away."""
+"""Minimum downward slope of a ray that is intersected with the plane. A shallower ray meets the plane too far away."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
-    """Pose of a camera in base_link, and the plane that it looks at."""
+    """Pose of a camera in base_link, and the plane that the camera observes."""
 
     rotation: FloatArray
     """Rotation (3, 3) from the optical frame (x right, y down, z forward) to base_link."""
@@ -41,7 +41,7 @@ class CameraView:
     pose: CameraPose
 
     def rays(self, pixels: FloatArray) -> FloatArray:
-        """Return the unit vectors (n, 3) in base_link from the camera toward pixels (n, 2)."""
+        """Return the unit vectors (n, 3) in base_link that point from the camera toward pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(points, self.intrinsics.matrix, self.intrinsics.distortion).reshape(-1, 2)
         rays = np.column_stack([flat, np.ones(len(flat))]) @ self.pose.rotation.T
@@ -99,8 +99,8 @@ def read_pose(path: Path, camera: str) -> CameraPose:
     """Read the pose of a camera.
 
     Args:
-        path: The file, as ``servoloop camera plane`` writes it.
-        camera: Name of the camera in its intrinsics.
+        path: File written by ``servoloop camera plane``.
+        camera: Name of the camera, as stated in its intrinsics.
 
     Raises:
         CameraFileError: The file has errors, or belongs to a different camera.
@@ -108,8 +108,8 @@ def read_pose(path: Path, camera: str) -> CameraPose:
     file = load(path, _PoseFile, CameraFileError)
     if file.camera_name != camera:
         raise CameraFileError(
-            f"{path} is the pose of camera {file.camera_name}, but the intrinsics are those of {camera}: specify "
-            f"two files of the same camera"
+            f"{path} contains the pose of camera {file.camera_name}, but the intrinsics are those of {camera}: specify "
+            f"two files for the same camera"
         )
     quaternion = np.array(file.orientation_xyzw)
     return CameraPose(
@@ -121,7 +121,7 @@ def read_pose(path: Path, camera: str) -> CameraPose:
 
 
 def pose_text(pose: CameraPose) -> str:
-    """Return the content of the file that ``read_pose`` reads."""
+    """Return the content of a file that ``read_pose`` can read."""
     content = {
         "camera_name": pose.camera,
         "position_m": [round(float(value), 6) for value in pose.position_m],
@@ -132,7 +132,7 @@ def pose_text(pose: CameraPose) -> str:
 
 
 def looking_at(position_m: FloatArray, target_m: FloatArray, plane_height_m: float) -> CameraPose:
-    """Return the pose of a camera that looks at a target. The far side of the plane is at the top of the image.
+    """Return the pose of a camera that is aimed at a target. The far side of the plane is at the top of the image.
 
     Args:
         position_m: Position (3,) of the camera in base_link, in m.

@@ -63,8 +63,8 @@ class CameraFileError(PerceptionError):
 
 
 class GradesFileError(PerceptionError):
-    """A file of thresholds or classes has errors. The message lists all of them."""
+    """A file that contains thresholds or classes has errors. The message lists all of them."""
 
 
 class DetectorError(PerceptionError):
-    """The file of the detector cannot be used."""
+    """The detector file cannot be used."""

@@ -1,4 +1,4 @@
-"""Frames of a camera, and the interface of all camera sources."""
+"""Frames from a camera, and the interface of all camera sources."""
 
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Picture: TypeAlias = NDArray[np.uint8]
-"""An RGB image (height, width, 3); red comes first."""
+"""An RGB image (height, width, 3), with the red channel first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a camera."""
+    """One image from a camera."""
 
     rgb: Picture
-    """The image (height, width, 3), which its owner must no longer change."""
+    """The image (height, width, 3), which must no longer be modified."""
     stamp_s: float
-    """Time of capture, in seconds on the clock of the source."""
+    """Capture time on the clock of the source, in seconds."""
     number: int
-    """Sequence number of the frame since the source was opened. A gap means that frames were lost."""
+    """Sequence number of the frame since the source was opened. A gap in the numbers means that frames were lost."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -28,16 +28,16 @@ class Frame:
 
 
 class CameraSource(Protocol):
-    """A camera, a recording or a virtual camera. Only one thread may use it."""
+    """A camera, a recording or a virtual camera. Only one thread may use a source."""
 
     @property
     def name(self) -> str:
-        """Name of the source for messages."""
+        """Name of the source, for use in messages."""
         ...
 
     @property
     def rate_hz(self) -> float:
-        """Measured rate of new frames, in Hz; 0.0 before the second frame."""
+        """Measured rate of new frames, in Hz, or 0.0 before the second frame."""
         ...
 
     def open(self) -> None:
@@ -59,7 +59,7 @@ class CameraSource(Protocol):
 
         Raises:
             CameraSilent: No new frame arrived in time. The next call tries again.
-            CameraError: The source cannot be used any more.
+            CameraError: The source can no longer be used.
         """
         ...
 

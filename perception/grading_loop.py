@@ -1,4 +1,4 @@
-"""Read frames from a camera and grade them in a loop. The camera is opened again after a failure."""
+"""Read frames from a camera and grade them in a loop. The camera is reopened after a failure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -21,19 +21,19 @@ class Seen:
 
     frame: Frame
     apples: tuple[GradedApple, ...] | None
-    """The apples in the image; None if the image could not be graded."""
+    """The apples in the image, or None if the image could not be graded."""
 
 
 @dataclass(frozen=True, slots=True)
 class GradingStatus:
-    """State of the camera and of the grading."""
+    """State of the camera and of grading."""
 
     working: bool
     """Whether the last frame was graded."""
     message: str
-    """One sentence about the state."""
+    """One sentence that describes the state."""
     values: dict[str, str] = field(default_factory=dict)
-    """Values, keyed by name."""
+    """Diagnostic values, keyed by name."""
 
 
 class GradingLoop:
@@ -48,11 +48,11 @@ class GradingLoop:
         self._grading_s = 0.0
         self._state = (False, f"{source.name} is not open yet")
         self.ended = False
-        """Whether a recording has no more frames."""
+        """Whether the source is a recording that has no more frames."""
 
     @property
     def status(self) -> GradingStatus:
-        """State after the last step."""
+        """State after the most recent step."""
         values = {
             "source": self._source.name,
             "rate_hz": f"{self._source.rate_hz if self._open else 0.0:.1f}",
@@ -71,7 +71,7 @@ class GradingLoop:
             timeout_s: Maximum time to wait, in seconds.
 
         Returns:
-            The frame, or None if there is no frame. In this case, ``status`` contains the reason.
+            The frame, or None if there is no frame. If there is no frame, ``status`` contains the reason.
         """
         if not self._open and not self._opened(timeout_s):
             return None
@@ -89,7 +89,7 @@ class GradingLoop:
         return Seen(frame, self._graded(frame))
 
     def close(self) -> None:
-        """Release the camera. The next step opens the camera again."""
+        """Release the camera. The next step reopens the camera."""
         if self._open:
             self._source.close()
         self._open = False

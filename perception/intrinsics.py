@@ -1,4 +1,4 @@
-"""Read and write the intrinsics of a camera in the file layout of camera_calibration (camera.yaml)."""
+"""Read and write camera intrinsics in the file format of camera_calibration (camera.yaml)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,17 +25,17 @@ class Intrinsics:
     matrix: FloatArray
     """Camera matrix K (3, 3), in pixels."""
     distortion: FloatArray
-    """Coefficients of OpenCV: k1, k2, p1, p2, k3 (5,), and also k4, k5, k6 (8,) for the rational model."""
+    """OpenCV coefficients: k1, k2, p1, p2, k3 (5,), and also k4, k5, k6 (8,) for the rational model."""
     width: int
-    """Width of the images, in pixels."""
+    """Image width, in pixels."""
     height: int
-    """Height of the images, in pixels."""
+    """Image height, in pixels."""
     name: str = "camera"
     """Name of the camera, which distinguishes the calibrations of several cameras."""
 
     @classmethod
     def pinhole(cls, focal_px: float, width: int, height: int, name: str = "camera") -> "Intrinsics":
-        """Return the intrinsics of a camera without distortion. Its principal point is the center of the image."""
+        """Return the intrinsics of a camera without distortion. The principal point is the center of the image."""
         matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
         return cls(matrix, np.zeros(5), width, height, name)
 
@@ -101,7 +101,7 @@ def read_intrinsics(path: Path) -> Intrinsics:
     """Read a camera.yaml.
 
     Args:
-        path: File that camera_calibration or ``servoloop camera calibrate`` has written.
+        path: File written by camera_calibration or ``servoloop camera calibrate``.
 
     Raises:
         CameraFileError: The file has errors. The message lists all errors with their line numbers.
@@ -132,12 +132,12 @@ def _matrix(values: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def check_size(intrinsics: Intrinsics, size: Sequence[int], source: str) -> None:
-    """Check that images have the resolution of the calibration.
+    """Check that images have the calibration resolution.
 
     Args:
         intrinsics: Calibration of the camera.
         size: Width and height of the images, in pixels.
-        source: Name of the source of the images.
+        source: Name of the image source.
 
     Raises:
         CameraFileError: The resolutions differ.
@@ -145,5 +145,5 @@ def check_size(intrinsics: Intrinsics, size: Sequence[int], source: str) -> None
     if tuple(size) != intrinsics.size:
         raise CameraFileError(
             f"{source} delivers {size[0]} × {size[1]} pixels, but the calibration of {intrinsics.name} is for "
-            f"{intrinsics.width} × {intrinsics.height}: calibrate at this resolution, or change that of the camera"
+            f"{intrinsics.width} × {intrinsics.height}: calibrate at the camera's resolution, or change this resolution"
         )

@@ -1,6 +1,6 @@
 """Run one pick-and-place job step by step.
 
-The module imports no ROS package: the caller provides motions and a state callback.
+The module does not import ROS packages: the caller provides the motions and a state callback.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Sequence
@@ -45,7 +45,7 @@ class State:
 
     @property
     def ok(self) -> bool:
-        """False only in the final state of an unsuccessful job."""
+        """Whether the state is not the final state of an unsuccessful job."""
         return self.phase is not JobPhase.ERROR
 
 
@@ -67,10 +67,10 @@ class JobOutcome:
 
 
 class JobArm(Protocol):
-    """Interface with which a job moves the arm to joint positions."""
+    """Interface through which a job moves the arm to joint positions."""
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
-        """Move to a pose and return the outcome. A failure is returned and never raised."""
+        """Move to a pose and return the outcome. Failures are returned, never raised."""
         ...
 
     def hand(self, position_m: float) -> None:
@@ -78,12 +78,12 @@ class JobArm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop the running ``move`` soon, with the arm at its current position."""
+        """Stop the running ``move`` soon, leaving the arm at its current position."""
         ...
 
 
 Run = Callable[[], Awaitable[JobOutcome]]
-"""Function that carries out a step and returns its outcome. It returns failures and never raises them."""
+"""Function that carries out a step and returns its outcome. The function returns failures and never raises them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class JobMove:
 
 @dataclass(frozen=True, slots=True)
 class JobHand:
-    """A command to the fingers."""
+    """A command for the fingers."""
 
     phase: JobPhase
     what: str
@@ -105,11 +105,11 @@ class JobHand:
 
 
 class JobMotions(Protocol):
-    """Motions of a job, either to joint positions or planned to poses of the tool."""
+    """Motions of a job, either to joint positions or planned to tool poses."""
 
     @property
     def grades(self) -> Collection[str]:
-        """Grades that have a bin."""
+        """Grades for which there is a bin."""
         ...
 
     def steps(self, grade: str) -> Sequence[JobMove | JobHand]:
@@ -117,7 +117,7 @@ class JobMotions(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop the running step soon, with the arm at its current position."""
+        """Stop the running step soon, leaving the arm at its current position."""
         ...
 
 
@@ -146,23 +146,23 @@ class PickPlaceJob:
         self._cancel_reason: str | None = None
 
     def cancel(self, reason: str = "canceled") -> None:
-        """Stop the job soon, with the arm and the fingers at their current positions.
+        """Stop the job soon, leaving the arm and the fingers at their current positions.
 
-        Only the reason of the first call is kept.
+        Only the reason passed in the first call is kept.
         """
         if self._cancel_reason is None:
             self._cancel_reason = reason
             self._motions.stop()
 
     async def run(self) -> Result:
-        """Run the job. Every failure is reported as a state and returned; no failure is raised."""
+        """Run the job. Every failure is reported as a state and returned, never raised."""
         try:
             await self._run()
         except _EndedError as end:
             return self._failed(end.ending, str(end))
         except Exception as error:  # Unexpected errors must also be reported as a state.
             return self._failed(JobEnding.ABORTED, f"internal error: {error!r}")
-        # No sensor confirms that the apple has dropped.
+        # There is no sensor to confirm that the apple has dropped.
         message = f"gripper opened over bin {self.grade}; the arm is back at the ready pose"
         self._report(JobPhase.DONE, message)
         return Result(JobEnding.SUCCEEDED, self.request_id, message)
@@ -180,7 +180,7 @@ class PickPlaceJob:
                 await self._command_hand(step)
 
     async def _move(self, step: JobMove) -> None:
-        # The phase "done" is reported only at the ready pose. The motion back belongs to the phase "release".
+        # The "done" phase is reported only at the ready pose. The return motion belongs to the "release" phase.
         if step.phase is not JobPhase.DONE:
             self._report(step.phase, f"moving to {step.where}", feedback=True)
         outcome = await step.run()

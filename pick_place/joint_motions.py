@@ -1,4 +1,4 @@
-"""Steps of a job that moves to joint positions, one goal after the other. The module imports no ROS package."""
+"""Steps of a job that moves to joint positions, one goal after another. The module does not import ROS packages."""
 
 from collections.abc import Collection, Sequence
 
@@ -7,7 +7,7 @@ from pick_place.settings import JobSettings
 
 
 class JointMotions:
-    """Motions of ``motion: joints``. Each step is a single goal of the arm or a single command to the fingers."""
+    """Motions of ``motion: joints``. Each step is a single goal for the arm or a single command for the fingers."""
 
     def __init__(self, settings: JobSettings, arm: JobArm) -> None:
         self._settings = settings
@@ -32,7 +32,7 @@ class JointMotions:
         )
 
     def stop(self) -> None:
-        """Stop the running motion soon, with the arm at its current position."""
+        """Stop the running motion soon, leaving the arm at its current position."""
         self._arm.stop()
 
     def _move(self, positions_rad: Sequence[float]) -> Run:

@@ -1,7 +1,6 @@
-"""Steps of a job whose motions are planned to poses of the tool. The module imports no ROS package.
+"""Steps of a job whose motions are planned to tool poses. The module imports no ROS package.
 
-The planner finds a path to a pose above the pick pose or the bin. From there, the tool moves down and back up in a
-straight line.
+The planner finds a path to a pose above the pick pose or the bin. From there, the tool moves straight down and back up.
 """
 
 from collections.abc import Collection, Sequence
@@ -12,7 +11,7 @@ from pick_place.pose_settings import PoseSettings, ToolPose, above
 
 
 class JobPlanner(Protocol):
-    """Interface through which a job plans and executes its motions. Failures are returned and never raised."""
+    """Interface through which a job plans and executes its motions. Failures are returned, never raised."""
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         """Plan a motion to joint positions and execute it."""
@@ -27,15 +26,15 @@ class JobPlanner(Protocol):
         ...
 
     async def hand(self, position_m: float) -> JobOutcome:
-        """Send a position to the fingers and give them time to reach it."""
+        """Send a finger position, and give the fingers time to reach it."""
         ...
 
     async def lay_object(self) -> JobOutcome:
-        """Add the object to the scene, at its position before the pick."""
+        """Add the object to the scene at its position before picking."""
         ...
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool, at the position that it has in the gripper at the pick pose."""
+        """Attach the object to the tool at the object's position in the gripper at the pick pose."""
         ...
 
     async def remove_object(self) -> JobOutcome:
@@ -43,11 +42,11 @@ class JobPlanner(Protocol):
         ...
 
     async def drop_object(self) -> JobOutcome:
-        """Remove the object if it is attached to the tool. Otherwise, keep the scene."""
+        """Remove the object if it is attached to the tool. Otherwise, leave the scene unchanged."""
         ...
 
     def stop(self) -> None:
-        """Stop the running call soon, with the arm at its current position."""
+        """Stop the running call soon, leaving the arm at its current position."""
         ...
 
 
@@ -100,7 +99,7 @@ class PoseMotions:
         self._planner.stop()
 
     def _all(self, *parts: Run) -> Run:
-        """Return a step that runs its parts in order, until one fails or the job is stopped."""
+        """Return a step that runs its substeps in order until one fails or the job is stopped."""
 
         async def run() -> JobOutcome:
             for part in parts:

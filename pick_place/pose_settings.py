@@ -1,4 +1,4 @@
-"""Settings of ``motion: poses``: poses of the tool, the planner's parameters and the object.
+"""Settings of ``motion: poses``: tool poses, planner parameters and the object.
 
 The module imports no ROS package.
 """
@@ -12,9 +12,9 @@ from hal.plausible import range_mistake
 from pick_place.settings import ArmSettings, grade_mistakes, seconds_mistakes
 
 ToolPose = tuple[float, ...]
-"""Position x, y, z in m and quaternion x, y, z, w of the tool in the frame of the settings."""
+"""Position x, y, z in m and quaternion x, y, z, w of the tool in the configured frame."""
 NORMALIZED_WITHIN: Final = 1e-3
-"""Largest accepted deviation of a quaternion's length from 1. Configuration files have about five digits."""
+"""Maximum accepted deviation of a quaternion's length from 1. Numbers in configuration files have about five digits."""
 
 
 def above(pose: ToolPose, height_m: float) -> ToolPose:
@@ -25,17 +25,17 @@ def above(pose: ToolPose, height_m: float) -> ToolPose:
 
 @dataclass(frozen=True, slots=True)
 class PickObject:
-    """The object that the job picks, as a box in the planning scene."""
+    """The object to pick, as a box in the planning scene."""
 
     name: str = "cube"
-    """Name in the scene. The object replaces an existing object with the same name."""
+    """Name of the object in the scene. The object replaces any existing object with the same name."""
     size_m: tuple[float, ...] = (0.04, 0.04, 0.04)
-    """Lengths of the edges, in m.
+    """Edge lengths, in m.
 
-    The box is a few mm smaller than the real object, so that it does not touch the surface below.
+    The box is a few millimeters smaller than the real object, so that it does not touch the surface below.
     """
     position_m: tuple[float, ...] = (0.291, 0.0, 0.088)
-    """Center of the object before the pick, in m, in the frame of the settings."""
+    """Center of the object before picking, in m, in the configured frame."""
     touch_links: tuple[str, ...] = ("gripper_base_link", "hand_right_link", "hand_left_link")
     """Links that may touch the object while it is gripped."""
 
@@ -63,9 +63,9 @@ class PoseSettings(ArmSettings):
     """Settings of ``motion: poses``."""
 
     pick: ToolPose = (0.24894, 0.0, 0.23205, 0.69229, 0.70684, 0.10165, 0.10379)
-    """Pose of the tool in which the open fingers surround the object."""
+    """Tool pose in which the open fingers surround the object."""
     bins: Mapping[str, ToolPose] = field(default_factory=_bins)
-    """Pose above the bin of each grade, keyed by grade (stripped, upper case)."""
+    """Tool pose above the bin for each grade, keyed by grade (stripped, upper case)."""
     frame: str = "base_link"
     """Frame of all poses."""
     group: str = "arm"
@@ -73,7 +73,7 @@ class PoseSettings(ArmSettings):
     tool_link: str = "gripper_base_link"
     """Link to which the poses apply."""
     approach_m: float = 0.06
-    """Height above the pick pose and the bins from which the tool moves down in a straight line, in m."""
+    """Height above the pick pose and the bins from which the tool moves straight down, in m."""
     speed: float = 0.5
     """Fraction of the arm's velocity and acceleration limits, above 0 and at most 1."""
     planning_time_s: float = 5.0

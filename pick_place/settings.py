@@ -28,7 +28,8 @@ def _bins() -> dict[str, Pose]:
 
 @dataclass(frozen=True, slots=True)
 class ArmSettings:
-    """Settings of every kind of motion. Poses are in rad in the order of ``joints``. Hand positions are in meters."""
+    """Settings shared by both types of motion. Poses contain joint positions in rad, in the order of ``joints``. Hand
+    positions are in meters."""
 
     joints: tuple[str, ...] = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
     ready_rad: Pose = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
@@ -41,18 +42,18 @@ class ArmSettings:
     move_time_s: float = 2.0
     """Duration of each arm motion to joint positions, in seconds."""
     server_timeout_s: float = 2.0
-    """Maximum wait for the action server of the arm, in seconds."""
+    """Maximum time to wait for the arm's action server, in seconds."""
     goal_timeout_s: float = 3.0
-    """Maximum wait until the arm accepts or rejects a goal, in seconds."""
+    """Maximum time to wait until the arm accepts or rejects a goal, in seconds."""
     result_timeout_s: float = 10.0
-    """Maximum wait for the result of a goal, in seconds."""
+    """Maximum time to wait for the result of a goal, in seconds."""
     cancel_timeout_s: float = 2.0
-    """Maximum wait for the confirmation that the arm has stopped, in seconds."""
+    """Maximum time to wait for confirmation that the arm has stopped, in seconds."""
     vision_max_age_s: float = 1.0
     """Age above which a vision message is ignored, in seconds."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError, which lists all errors."""
+        """Raise a ValueError that lists all errors, if any."""
         if mistakes := list(self.mistakes()):
             raise ValueError("; ".join(mistakes))
 
@@ -96,14 +97,14 @@ def normal_grade(text: str) -> str:
 
 
 def grade_mistakes(grades: Iterable[str]) -> Iterator[str]:
-    """Yield a message for each grade that no request can match."""
+    """Yield a message for each grade that cannot match any request."""
     for grade in grades:
         if grade != normal_grade(grade) or not grade:
             yield f"grade {grade!r} matches no request: write {normal_grade(grade)!r}"
 
 
 def seconds_mistakes(name: str, value_s: float) -> Iterator[str]:
-    """Yield a message if a setting is not a plausible duration above 0."""
+    """Yield a message if a setting is not a plausible positive duration."""
     if not (math.isfinite(value_s) and value_s > 0.0):
         yield f"{name} is {value_s}: it must be a positive, finite number of seconds"
     elif mistake := range_mistake("duration", value_s):
@@ -111,7 +112,7 @@ def seconds_mistakes(name: str, value_s: float) -> Iterator[str]:
 
 
 def pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[str]:
-    """Yield a message for each error in a pose. A pose needs one plausible position per joint."""
+    """Yield a message for each error in a pose. A pose must contain one plausible position per joint."""
     if len(pose) != joints:
         yield f"{name} has {len(pose)} numbers for {joints} joints"
     elif not all(map(math.isfinite, pose)):

@@ -6,7 +6,8 @@ from pick_place.job import State
 
 
 def state_json(seq: int, time_s: float, state: State) -> str:
-    """Format a state as JSON. ``seq`` counts states from 1. ``ts`` is the time of the node, in seconds since 1970."""
+    """Format a state as JSON. ``seq`` counts the states, starting at 1. ``ts`` is the time on the node's clock, in
+    seconds since 1970."""
     return json.dumps(
         {
             "seq": seq,

@@ -1,4 +1,4 @@
-"""Check the apples and the age of a vision message. The module imports no ROS package."""
+"""Check the apples in a vision message and the message's age. The module imports no ROS package."""
 
 from collections.abc import Iterable
 
@@ -6,12 +6,12 @@ from pick_place.settings import normal_grade
 
 
 def candidate(grades: Iterable[str]) -> str | None:
-    """Return the grade of the first apple that has a grade, because the camera sorts the apples by rank."""
+    """Return the grade of the first apple that has one, because the camera sorts the apples by rank."""
     return next((grade for grade in map(normal_grade, grades) if grade), None)
 
 
 def reason_not_fresh(stamp_s: float, now_s: float, max_age_s: float) -> str | None:
-    """Return the reason why a message with this stamp is too old or invalid, or None.
+    """Return the reason why a message with this timestamp is too old or invalid, or None.
 
     Times are in seconds on the node's clock.
     """
@@ -20,6 +20,6 @@ def reason_not_fresh(stamp_s: float, now_s: float, max_age_s: float) -> str | No
         return "its header has no stamp (in `ros2 topic pub`, use header: auto)"
     if age_s >= max_age_s:
         return f"it is {age_s:.1f} s old; the maximum age is {max_age_s:g} s"
-    if age_s <= -max_age_s:  # If accepted, such a message would remain valid as long as the clocks differ.
+    if age_s <= -max_age_s:  # If it were accepted, such a message would remain valid as long as the clocks differ.
         return f"its stamp is {-age_s:.1f} s in the future: synchronize the clocks"
     return None

@@ -1,4 +1,4 @@
-"""Motion planning: search, collision checks and timing.
+"""Motion planning: path search, collision checks and timing.
 
-This package does not use ROS, and has no threads and no clock of its own.
+This package does not use ROS, and it does not create threads or have its own clock.
 """

@@ -1,7 +1,8 @@
-"""The arm of a MuJoCo scene, for planning: its links, planned joints and geometry.
+"""The arm in a MuJoCo scene, for planning: its links, planned joints and geometry.
 
-The arm is the tree of bodies that contains the planned joints. Every other body of the scene, and every geom of the
-worldbody, is a world object. A world object is an obstacle in its initial pose, unless the planning scene removes it.
+The arm is the tree of bodies that contains the planned joints. Every other body in the scene, and every geom of the
+worldbody, is a world object. A world object is an obstacle in its initial pose, unless the planning scene removes the
+object.
 """
 
 import builtins
@@ -28,24 +29,24 @@ def pair(one: str, other: str) -> Pair:
 
 
 class Follower(NamedTuple):
-    """Coupling of a mimic joint, from a joint equality of the scene."""
+    """Coupling of a mimic joint, from a joint equality constraint in the scene."""
 
     joint: int
-    """Number of the mimic joint in the model."""
+    """ID of the mimic joint in the model."""
     leader: int
-    """Number of the joint that the mimic joint follows."""
+    """ID of the joint that the mimic joint follows."""
     coefficients: FloatArray
-    """Polynomial (5,), lowest power first. It converts the leader's distance from its initial position to the
-    follower's distance.
+    """Polynomial coefficients (5,), lowest power first. The polynomial converts the leader's offset from its initial
+    position to the follower's offset.
     """
 
 
 class ArmModel:
-    """The arm of a compiled scene, with its own MuJoCo model and data.
+    """The arm in a compiled scene, with its own MuJoCo model and data.
 
     Args:
-        model: Compiled scene (mujoco.MjModel), which this object keeps.
-        limits: Limits of the planned joints, keyed by name. All joint vectors (n,) have the same order. A
+        model: Compiled scene (mujoco.MjModel), to which this object keeps a reference.
+        limits: Limits of the planned joints, keyed by name. All joint vectors (n,) use the order of the limits. A
             continuous joint has infinite position limits.
 
     Raises:
@@ -60,20 +61,20 @@ class ArmModel:
         self.limits = tuple(limits.values())
         """Limits of the planned joints (n)."""
         self.followers = _followers(model)
-        """Mimic joints. A leader comes before its followers."""
+        """Mimic joints. A leader precedes its followers."""
         self.joint_ids = tuple(self._planned(name) for name in self.joints)
-        """Numbers of the planned joints in the model (n)."""
+        """IDs of the planned joints in the model (n)."""
         roots = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in self.joint_ids}
         self.bodies = tuple(body for body in range(1, model.nbody) if int(model.body_rootid[body]) in roots)
-        """Numbers of the arm's bodies. A parent comes before its children."""
+        """IDs of the arm's bodies. A parent precedes its children."""
         self.links = tuple(str(model.body(body).name) or f"body {body}" for body in self.bodies)
         """Names of the arm's bodies."""
         self._check_joints()
         self._addresses = [int(model.jnt_qposadr[joint]) for joint in self.joint_ids]
         self.lower = np.array([limit.lower for limit in self.limits])
-        """Lowest positions (n,), in rad or m."""
+        """Lower position limits (n,), in rad or m."""
         self.upper = np.array([limit.upper for limit in self.limits])
-        """Highest positions (n,), in rad or m."""
+        """Upper position limits (n,), in rad or m."""
         self._follow()
         mujoco.mj_kinematics(self.model, self.data)
 
@@ -94,7 +95,8 @@ class ArmModel:
         mujoco.mj_kinematics(self.model, self.data)
 
     def set_others(self, positions: Mapping[str, float]) -> None:
-        """Move joints that are not planned, such as those of the hand. Raise PlanningError for an unknown name."""
+        """Move joints that are not planned, such as the joints of the hand. Raises PlanningError if a name is
+        unknown."""
         for name, position in positions.items():
             self.data.qpos[self.model.jnt_qposadr[self._joint(name)]] = position
         self._follow()
@@ -106,7 +108,7 @@ class ArmModel:
         return np.array(self.data.xpos[body]), np.array(self.data.xmat[body]).reshape(3, 3)
 
     def body(self, link: str) -> int:
-        """Return the number of a link's body. Raises PlanningError for an unknown link."""
+        """Return the ID of a link's body. Raises PlanningError if the link is unknown."""
         if link not in self.links:
             raise PlanningError(
                 "INVALID_LINK_NAME", f'the arm has no link "{link}": choose one of {", ".join(self.links)}'
@@ -114,17 +116,18 @@ class ArmModel:
         return self.bodies[self.links.index(link)]
 
     def colliding_geoms(self, bodies: Iterable[int]) -> list[int]:
-        """Return the geoms of bodies that can collide (contype or conaffinity)."""
+        """Return the geoms of the given bodies that can collide (contype or conaffinity)."""
         wanted, model = set(bodies), self.model
         collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         return [geom for geom in range(model.ngeom) if collides[geom] and int(model.geom_bodyid[geom]) in wanted]
 
     def link_geoms(self) -> dict[str, list[int]]:
-        """Return the colliding geoms of each link."""
+        """Return the collision geoms of each link."""
         return {link: self.colliding_geoms([body]) for link, body in zip(self.links, self.bodies, strict=True)}
 
     def world_geoms(self) -> dict[str, list[int]]:
-        """Return the colliding geoms of each world object: a body with its children, or one geom of the worldbody."""
+        """Return the collision geoms of each world object, which is a body with its children or one geom of the
+        worldbody."""
         model, objects = self.model, dict[str, list[int]]()
         for geom in self.colliding_geoms(set(range(model.nbody)) - set(self.bodies)):
             root = int(model.body_rootid[model.geom_bodyid[geom]])
@@ -133,7 +136,7 @@ class ArmModel:
         return objects
 
     def adjacent(self) -> frozenset[Pair]:
-        """Return the pairs of links that a single joint connects, directly or through links welded to them.
+        """Return the pairs of links that are connected by a single joint, directly or through links welded to them.
 
         Such links may touch each other. MuJoCo also excludes these pairs.
         """
@@ -148,12 +151,12 @@ class ArmModel:
         return frozenset(pairs)
 
     def everything(self) -> frozenset[Pair]:
-        """Return all pairs of links and world objects, to ignore all contacts in a scene."""
+        """Return all pairs of links and world objects, so that all contacts in a scene can be ignored."""
         names = [*self.links, *self.world_geoms()]
         return frozenset(pair(one, other) for one in self.links for other in names if one != other)
 
     def outside(self, positions: FloatArray) -> str:
-        """Describe the first joint whose position is not finite or outside its limits.
+        """Describe the first joint whose position is not finite or is outside its limits.
 
         Return "" if there is no such joint.
         """
@@ -191,7 +194,7 @@ class ArmModel:
             if int(self.model.jnt_bodyid[joint]) in owned and int(self.model.jnt_type[joint]) not in (SLIDE, HINGE):
                 name = self.model.joint(joint).name
                 raise PlanningError(
-                    "INVALID_ROBOT_STATE", f"joint {name} of the arm is neither a hinge nor a slide: fix its body"
+                    "INVALID_ROBOT_STATE", f"joint {name} of the arm is neither a hinge nor a slide: remove the joint"
                 )
 
 
@@ -212,7 +215,7 @@ def _leaders_first(followers: Sequence[Follower]) -> tuple[Follower, ...]:
         open_joints = {follower.joint for follower in waiting}
         ready = [follower for follower in waiting if follower.leader not in open_joints]
         if not ready:
-            raise PlanningError("INVALID_ROBOT_STATE", "mimic joints of the scene follow each other in a circle")
+            raise PlanningError("INVALID_ROBOT_STATE", "mimic joints of the scene depend on each other in a loop")
         ordered += ready
         waiting = [follower for follower in waiting if follower not in ready]
     return tuple(ordered)

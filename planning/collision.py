@@ -1,4 +1,4 @@
-"""Compute the clearances of an arm in a scene, at poses and along edges (straight lines in joint space)."""
+"""Compute the clearances of an arm in a scene, both at poses and along edges (straight lines in joint space)."""
 
 import itertools
 import math
@@ -19,12 +19,12 @@ from planning.scene import Scene
 PADDING_M: Final = 2e-3
 """Default minimum clearance of a pose, in m. The padding between links of the arm is never larger than this value."""
 TOLERANCE_M: Final = 1e-3
-"""Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this value.
+"""Resolution of the edge check, in m. An accepted edge has a clearance of at least the padding minus this value.
 """
 ROUNDING_M: Final = 1e-6
-"""Rounding of positions along an edge, in m."""
+"""Rounding tolerance of positions along an edge, in m."""
 CONTACT_M: Final = 1e-5
-"""Clearance below which a pose counts as in contact, in m."""
+"""Clearance below which a pose is considered in contact, in m."""
 INFINITE_M: Final = 1e9
 
 
@@ -32,15 +32,15 @@ class Clearance(NamedTuple):
     """Smallest distance at a pose."""
 
     distance_m: float
-    """Distance in m; infinite if nothing can touch. In contact, the value is 0 or negative, but not the depth of the
-    contact.
+    """Distance in m, or infinity if nothing can touch. In contact, the value is 0 or negative, but it does not
+    represent the penetration depth.
     """
     pair: tuple[str, str]
-    """Names of the two links or objects, the link first."""
+    """Names of the two links or objects, with the link first."""
 
 
 class Contact(NamedTuple):
-    """Point of an edge at which the arm comes too close to something."""
+    """Point on an edge at which the arm comes too close to a link or object."""
 
     part: float
     """Position on the edge, from 0 to 1."""
@@ -50,10 +50,10 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Distances that the checks use.
+    """Distances used by the checks.
 
-    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. Each step of
-    the check covers at least the part of the edge on which links move by ``tolerance_m``.
+    Every point of an accepted edge has a clearance of at least ``padding_m - tolerance_m``. Each step of the check
+    covers at least the segment of the edge on which links move by ``tolerance_m``.
     """
 
     padding_m: float = PADDING_M
@@ -67,32 +67,34 @@ class Margins:
             )
 
     def within(self, clearance_m: float) -> "Margins":
-        """Return margins for a pose with this clearance. Edges from the pose keep at least half of the clearance."""
+        """Return margins for a pose with the given clearance. Edges that start at the pose keep at least half of the
+        clearance."""
         padding_m = min(self.padding_m, clearance_m)
         return self if padding_m == self.padding_m else Margins(padding_m, min(self.tolerance_m, padding_m / 2.0))
 
     def for_parts(self) -> "Margins":
-        """Return margins that every part of an accepted edge has.
+        """Return margins that every segment of an accepted edge satisfies.
 
-        Between its checked poses, an accepted edge may be closer to something than the padding. A second check of a
-        part with the same margins could therefore reject the part.
+        Between its checked poses, an accepted edge may come closer to an obstacle than the padding. A second check of a
+        segment with the same margins could therefore reject the segment.
         """
         padding_m = max(self.padding_m - self.tolerance_m - ROUNDING_M, ROUNDING_M)
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
 MARGINS: Final = Margins()
-"""Default distances of all checks."""
+"""Default distances for all checks."""
 
 
 class Collisions:
     """Collision checks of an arm in a scene.
 
-    The object stores the present positions of joints that are not planned. Only one thread at a time may use it.
+    The object stores the current positions of joints that are not planned. Only one thread at a time may use the
+    object.
 
     Args:
         arm: The arm.
-        scene: Objects and pairs that may touch.
+        scene: Objects, and pairs that may touch each other.
 
     Raises:
         PlanningError: An object is attached to an unknown link, or a geom of the arm has an unsupported shape.
@@ -105,7 +107,7 @@ class Collisions:
         world = self._pairs.frame < 0
         self._to_world = world[self._pairs.one] | world[self._pairs.other]
         self.levers_m = planned_levers(self._chains, self._pairs)
-        """Largest motion of any geometry per motion of each joint (n,), in m/rad; 1 for a slide."""
+        """Maximum motion of any geometry per motion of each joint (n,), in m/rad, with 1 for a slide."""
         self.poses_checked = 0
         """Number of poses checked so far."""
 
@@ -117,7 +119,7 @@ class Collisions:
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether the arm keeps ``padding_m`` from objects, and its links keep their padding from each other."""
+        """Return whether the arm keeps ``padding_m`` from objects and its links keep their padding from each other."""
         return self.contact(positions, padding_m) is None
 
     def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
@@ -128,7 +130,7 @@ class Collisions:
         return Contact(0.0, self._named(pair)) if pair >= 0 else None
 
     def nearer(self, positions: FloatArray, below_m: float) -> list[Clearance]:
-        """Return the pairs of names that are closer than ``below_m`` at positions (n,), closest pair first."""
+        """Return the pairs of names that are closer than ``below_m`` at positions (n,), with the closest pair first."""
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
@@ -139,7 +141,8 @@ class Collisions:
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
     def room_m(self, positions: FloatArray, padding_m: float) -> float:
-        """Return the largest padding that positions (n,) satisfy, at most ``padding_m``, in m; negative in contact."""
+        """Return the largest padding that positions (n,) satisfy, up to ``padding_m``, in m, which is negative in
+        contact."""
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
@@ -147,9 +150,11 @@ class Collisions:
         return min(padding_m, float(distances[counts].min(initial=np.inf)))
 
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
-        """Return where an edge comes closer to something than the padding, or None if the edge is free.
+        """Return the position at which an edge comes closer to an object or link than the padding, or None if the edge
+        is free.
 
-        An edge that needs more than 2,000 poses, because it stays very close to something, counts as not free.
+        An edge that requires more than 2,000 poses, because it remains very close to an obstacle, is not considered
+        free.
 
         Args:
             start: Positions at the start (n,), in rad or m.
@@ -158,7 +163,8 @@ class Collisions:
         """
         ends = np.array([start, end], dtype=float)
         padding_m, tolerance_m = self._pad(margins.padding_m), margins.tolerance_m
-        if padding_m < margins.padding_m:  # the tolerance suits the padding of objects, but not the padding of links
+        # The tolerance is appropriate for the padding of objects, but not for the padding of links.
+        if padding_m < margins.padding_m:
             tolerance_m = min(tolerance_m, padding_m / 2.0)
         part, pair, checked = edge_contact(self._chains, self._pairs, self._now, ends, padding_m, tolerance_m)
         self.poses_checked += checked
@@ -167,7 +173,7 @@ class Collisions:
     def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
         """Return the first contact of the edges between points (m, n), or None.
 
-        ``part`` is the index of the edge plus the position on this edge.
+        ``part`` is the index of the edge plus the position on the edge.
         """
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
@@ -175,11 +181,11 @@ class Collisions:
         return None
 
     def deviation_m(self, moved: FloatArray) -> float:
-        """Return the largest change of a distance if the joints move by ``moved`` (n,), each in rad or m."""
+        """Return the largest change in any distance if the joints move by ``moved`` (n,), each in rad or m."""
         return float(np.abs(moved) @ self.levers_m)
 
     def _pad(self, padding_m: float) -> float:
-        """Set the padding of pairs with objects, and return the padding of pairs of links."""
+        """Set the padding between links and objects, and return the padding between links."""
         own_m = min(padding_m, PADDING_M)
         self._pairs.extra[:] = (padding_m - own_m) * self._to_world
         return own_m
@@ -189,7 +195,8 @@ class Collisions:
 
 
 def warm_up() -> None:
-    """Compile the checks, which takes about 20 s once for each installation. Call this before a time limit starts."""
+    """Compile the checks, which takes about 20 s once per installation. Call this function before a time limit
+    starts."""
     one = '<geom size="0.1"/><body name="b"><joint name="j"/><geom type="box" size="0.1 0.1 0.1" pos="1 0 0"/></body>'
     scene = f'<mujoco><worldbody><body name="a">{one}</body></worldbody></mujoco>'
     arm = ArmModel.from_string(scene, {"j": JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)})

@@ -1,4 +1,4 @@
-"""Constraints that a motion satisfies at each of its points: ranges of joints, and regions of the poses of links."""
+"""Constraints that a motion satisfies at every point: joint ranges, and regions for link poses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,23 +16,23 @@ from planning.kinematics.goals import PoseGoal
 from planning.scene import Pose, Scene
 
 STEP_RAD: Final = 0.02
-"""Largest motion of a joint between two checked points of an edge, in rad or m. Between these points, a pose may leave
-its region by as much as this motion can cause.
+"""Maximum motion of a joint between two checked points of an edge, in rad or m. Between these points, a pose may leave
+its region by as much as this joint motion can cause.
 """
 CONSTRAINT: Final = "path constraint"
-"""Name used in place of the other object if a link leaves its region."""
+"""Name used instead of the other object if a link leaves its region."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRegion:
-    """Region in which a link stays.
+    """Region in which a link must stay.
 
-    To constrain only the orientation, make the region of positions wide, and vice versa.
+    To constrain only the orientation, make the position region large, and vice versa.
     """
 
     goal: PoseGoal
     link: str | None = None
-    """Link or site; the tip of the group if None."""
+    """Link or site, or the tip of the group if None."""
     offset: Pose = field(default_factory=Pose)
     """Frame that stays in the region, relative to the link to which it is fixed."""
 
@@ -42,17 +42,17 @@ class PathConstraints:
     """Constraints of a motion."""
 
     joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Lowest and highest positions, keyed by joint name, in rad or m. If both ends of an edge are within these
+    """Lower and upper limits, keyed by joint name, in rad or m. If both ends of an edge are within these
     ranges, the whole edge is within them.
     """
     regions: Sequence[LinkRegion] = ()
-    """Regions of links, checked at steps of ``STEP_RAD``."""
+    """Link regions, checked at steps of ``STEP_RAD``."""
 
     def limits(self, limits: Mapping[str, JointLimits]) -> dict[str, JointLimits]:
-        """Return limits that are narrowed to the ranges of the joints.
+        """Return limits that are narrowed to the joint ranges.
 
         Raises:
-            PlanningError: A range does not overlap the limits.
+            PlanningError: A range does not overlap the joint's limits.
         """
         narrowed = dict(limits)
         for joint, (lower, upper) in self.joints.items():
@@ -63,7 +63,7 @@ class PathConstraints:
             if not lowest < highest or not math.isfinite(lower + upper):
                 raise PlanningError(
                     "INVALID_MOTION_PLAN",
-                    f"the path constraint of {joint}, {lower:g} to {upper:g}, leaves no motion within its limits "
+                    f"the path constraint of {joint}, {lower:g} to {upper:g}, allows no motion within its limits "
                     f"{limit.lower:g} to {limit.upper:g}: widen the constraint",
                 )
             narrowed[joint] = replace(limit, lower=lowest, upper=highest)
@@ -79,22 +79,22 @@ class PathConstraints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A region of one link, with the kinematics of the link."""
+    """A region for one link, with the kinematics of the link."""
 
     chain: Chain
     goal: PoseGoal
     own: Sequence[int]
-    """Index of each joint of the chain in the positions of the group."""
+    """Index of each joint of the chain in the group's positions."""
 
     def broken(self, positions: FloatArray) -> int:
-        """Return the index of the first of several positions (k, n) outside the region, or -1."""
+        """Return the index of the first of several positions (k, n) that is outside the region, or -1."""
         inside = self.goal.contains(self.chain.transforms(positions[:, self.own]))
         return -1 if inside.all() else int(np.argmin(inside))
 
     def text(self, positions: FloatArray) -> str:
         """Describe how far the link is outside the region at positions (n,).
 
-        The text is empty if the link is inside.
+        The string is empty if the link is inside.
         """
         if self.broken(positions[None]) < 0:
             return ""
@@ -106,18 +106,19 @@ class Region:
 
 
 class ConstrainedCollisions(Collisions):
-    """Collision checks that also reject poses and edges outside the regions of links."""
+    """Collision checks that also reject poses and edges with links outside their regions."""
 
     def __init__(self, arm: ArmModel, scene: Scene, regions: Sequence[Region]) -> None:
         super().__init__(arm, scene)
         self._regions = regions
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether positions (n,) have a clearance of ``padding_m`` and all links are in their regions."""
+        """Return whether positions (n,) have a clearance of at least ``padding_m`` and all links are in their
+        regions."""
         return not self.broken_region(positions) and super().is_clear(positions, padding_m)
 
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
-        """Return where an edge comes closer to something than the padding or leaves a region, or None."""
+        """Return the position at which an edge comes too close to an obstacle or leaves a region, or None."""
         count = max(1, math.ceil(float(np.abs(np.subtract(end, start)).max()) / STEP_RAD))
         shares = np.linspace(0.0, 1.0, count + 1)
         points = np.asarray(start) + shares[:, None] * np.subtract(end, start)

@@ -1,4 +1,4 @@
-"""Errors of planning, with the names of MoveIt's error codes."""
+"""Planning errors, with the names of MoveIt's error codes."""
 
 from typing import Literal
 
@@ -23,7 +23,7 @@ Code = Literal[
 
 
 class PlanningError(Exception):
-    """There is no plan. The message names the joint, link or object, and tells the user what to do."""
+    """No plan was found. The message names the joint, link or object, and explains what to do."""
 
     def __init__(self, code: Code, message: str) -> None:
         super().__init__(message)

@@ -1,4 +1,4 @@
-"""Convert the goals of a request to positions of the joints of a group."""
+"""Convert the goals of a request to joint positions of a group."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -17,20 +17,21 @@ from planning.scene import Pose
 SAMPLES: Final = 16
 """Number of random positions, in addition to the goal itself, that represent a joint goal with tolerances."""
 WIDE: Final = 1e-3
-"""Minimum tolerance at which a joint goal counts as a range of positions, in rad or m."""
+"""Minimum tolerance at which a joint goal is treated as a range of positions, in rad or m."""
 
 ChainOf = Callable[[str | None, Pose], Chain]
-"""Function that returns the chain of a frame, given its pose relative to a link, or to the group's tip if None."""
+"""Function that returns the chain to a frame, given the frame's pose relative to a link, or to the group's tip if
+None."""
 
 
 class GroupGoals:
-    """Positions of the joints of a group that reach a goal.
+    """Joint positions of a group that reach a goal.
 
     Args:
         joints: Names of the joints (n).
-        ends: Lowest and highest positions, each (n,), in rad or m.
-        chain_of: Function that returns the chain of a link.
-        seed: Seed of all random numbers.
+        ends: Lower and upper position limits, each (n,), in rad or m.
+        chain_of: Function that returns the chain to a link.
+        seed: Seed for all random numbers.
         remaining_s: Function that returns the remaining time, in seconds. If None, the time is not limited.
     """
 
@@ -51,10 +52,10 @@ class GroupGoals:
     ) -> list[FloatArray]:
         """Return positions (n,), each of which reaches one of the goals.
 
-        A goal that cannot be reached is omitted if another goal can be reached.
+        An unreachable goal is omitted if another goal can be reached.
 
         Raises:
-            PlanningError: No goal can be reached. The error of the first goal is raised.
+            PlanningError: None of the goals can be reached. The error of the first goal is raised.
         """
         found: list[FloatArray] = []
         errors: list[PlanningError] = []
@@ -79,10 +80,10 @@ class GroupGoals:
         checks: tuple[Collisions, Margins] | None,
         kept: Valid = lambda _: True,
     ) -> list[FloatArray]:
-        """Return positions (n,) of the group's joints that bring a link to a pose, closest positions first.
+        """Return joint positions (n,) of the group that move a link to a pose, closest positions first.
 
-        Solutions that are closer to something than the padding are used only if there are no others. ``kept`` returns
-        whether positions are allowed apart from contacts. Raises PlanningError.
+        Solutions whose clearance is below the padding are used only if there are no others. ``kept`` returns whether
+        positions are allowed, apart from contacts. Raises PlanningError.
         """
         own = [self._joints.index(name) for name in chain.names]
 
@@ -115,8 +116,8 @@ class GroupGoals:
                 raise
             one, other = contacts[0].pair
             raise CollidingError(
-                f"every position found for the goal is in contact, for example {one} touches {other}: move the goal "
-                f"or the obstacle",
+                f"every joint position found for the goal is in collision (for example, {one} touches {other}): move "
+                f"the goal or the obstacle",
                 error.positions,
             ) from error
 
@@ -126,11 +127,11 @@ class GroupGoals:
             if name not in self._joints:
                 raise PlanningError(
                     "INVALID_GOAL_CONSTRAINTS",
-                    f"the goal names joint {name}, which is not in the group: choose from {', '.join(self._joints)}",
+                    f"the goal contains joint {name}, which is not in the group: choose from {', '.join(self._joints)}",
                 )
             if not np.isfinite(position):
                 raise PlanningError(
-                    "INVALID_GOAL_CONSTRAINTS", f"the goal of {name} is {position}: send a finite number"
+                    "INVALID_GOAL_CONSTRAINTS", f"the goal for {name} is {position}: send a finite number"
                 )
             joint = self._joints.index(name)
             target[joint] = position
@@ -140,7 +141,7 @@ class GroupGoals:
     def _within(self, target: FloatArray, below: FloatArray, above: FloatArray) -> list[FloatArray]:
         """Return the goal and random positions within wide tolerances.
 
-        A goal outside the limits moves to the limits if its tolerances allow this.
+        A goal outside the limits is moved to the limits if its tolerances allow this.
         """
         lowest, highest = np.maximum(target - below, self._lower), np.minimum(target + above, self._upper)
         possible = lowest <= highest

@@ -1,4 +1,4 @@
-"""Plan for one group of joints: free motions, straight motions and inverse kinematics."""
+"""Planning for one group of joints: free motions, straight motions and inverse kinematics."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
@@ -34,42 +34,42 @@ from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Pose, Scene
 
 THINNING_M: Final = 2e-4
-"""Maximum deviation of the timed motion from a straight path, as motion of any geometry, in m."""
+"""Maximum deviation of the timed motion from a straight path, measured as motion of any geometry, in m."""
 ROUNDING_M: Final = 1e-6
-"""Maximum distance between a straight edge and a point that counts as on the edge. The distance is the motion of any
-geometry, in m.
+"""Maximum distance at which a point is considered to be on a straight edge. The distance is measured as the motion of
+any geometry, in m.
 """
 SLOWER: Final = 1.5
-"""Maximum factor by which a spline may be slower than blends. A spline follows the line of a straight motion more
-closely.
+"""Maximum factor by which a spline may be slower than blends and still be used. A spline follows the line of a straight
+motion more closely.
 """
 NEAR: Final = Margins(1e-3, 5e-4)
-"""Margins below which a motion in progress counts as being in contact."""
+"""Margins below which a motion in progress is considered to be in contact."""
 
 
 class GroupPlanner:
     """Planner for one group.
 
-    The object never changes, and each call has its own data. OMPL's random generator is global in a process, so only
-    one thread at a time may run ``plan``.
+    The planner never changes, and each call uses its own data. OMPL's random number generator is global in a process,
+    so only one thread at a time may run ``plan``.
 
     Args:
         model: Compiled scene (mujoco.MjModel).
         limits: Limits of all driven joints, keyed by name.
-        group: The group. All joints of the group are in ``limits``.
+        group: The group. All joints of the group must be in ``limits``.
     """
 
     def __init__(self, model: Any, limits: Mapping[str, JointLimits], group: Group) -> None:
         self.group = group
         self.joints = group.joints
-        """Names of the joints (n), in the order of all arrays."""
+        """Names of the joints (n), in the order used by all arrays."""
         self.limits = {joint: limits[joint] for joint in group.joints}
-        """Limits of the joints, keyed by name."""
+        """Joint limits, keyed by name."""
         self._model: Any = model
         self._others = tuple(joint for joint in limits if joint not in self.limits)
 
     def plan(self, request: MotionRequest) -> Motion:
-        """Plan a motion without contact, within the limits of velocity, acceleration and jerk.
+        """Plan a motion without contacts, within the velocity, acceleration and jerk limits.
 
         Raises:
             PlanningError: The start or all goals are invalid, or no motion was found in time.
@@ -138,15 +138,16 @@ class GroupPlanner:
         """Return a state in which a link is at a pose, near the given state if possible.
 
         Args:
-            goal: Link and region of poses.
-            state: Positions of all driven joints. The joints of other groups keep these positions.
-            scene: Scene in which the state must be free of contact. If None, contacts are ignored.
-            margins: Distances that the state keeps if possible.
-            accepts: Function that returns whether a state that reaches the pose is allowed; by default, all are.
+            goal: Link, and region of poses.
+            state: Positions of all driven joints. Joints of other groups keep these positions.
+            scene: Scene in which the state must be free of contacts. If None, contacts are ignored.
+            margins: Clearances that the state keeps if possible.
+            accepts: Function that returns whether a state that reaches the pose is allowed. By default, every state is
+                allowed.
 
         Raises:
-            UnreachableError: The pose cannot be reached. The error contains the nearest pose.
-            CollidingError: The pose can be reached only in contact or in states that are not accepted.
+            UnreachableError: The pose cannot be reached. The error contains the nearest reachable pose.
+            CollidingError: The pose can be reached only with contacts or in states that are not accepted.
             PlanningError: The link does not exist.
         """
         checks = None if scene is None else (Collisions(self._arm(state), scene), margins)
@@ -160,7 +161,7 @@ class GroupPlanner:
         return with_positions(state, self.joints, found[0])
 
     def narrowed(self, constraints: PathConstraints) -> "GroupPlanner":
-        """Return a planner whose limits are narrowed to the ranges of joints in constraints.
+        """Return a planner whose limits are narrowed to the joint ranges in the constraints.
 
         Raises:
             PlanningError: A range does not overlap the limits.
@@ -176,14 +177,14 @@ class GroupPlanner:
     def future_contact(
         self, path: TimedPath, from_s: float, state: State, scene: Scene, margins: Margins = NEAR
     ) -> FutureContact | None:
-        """Return the first contact of the rest of a motion of this group, or None.
+        """Return the first contact in the remainder of a motion of this group, or None.
 
         Args:
             path: The motion.
             from_s: Time at which the check begins, in seconds since the start of the motion.
-            state: Positions of all driven joints, for those of other groups.
+            state: Positions of all driven joints, used for joints of other groups.
             scene: The current scene.
-            margins: Distances that count as a contact.
+            margins: Distances below which links and objects are considered in contact.
         """
         collisions = Collisions(self._arm(state), scene)
         times_s, points = path.since(from_s)
@@ -200,9 +201,9 @@ class GroupPlanner:
         """Return the kinematics of a link or site, in the robot's frame, with the joints of the group that move it.
 
         Args:
-            link: Link or site; the tip of the group if None.
+            link: Link or site, or the tip of the group if None.
             state: Positions of all driven joints, for those of other groups.
-            offset: Frame that is fixed to the link and replaces the frame of the link, relative to the link.
+            offset: Frame to use instead of the link's frame. The frame is fixed to the link and given relative to it.
 
         Raises:
             PlanningError: The link does not exist, or the group does not move it.
@@ -233,7 +234,7 @@ class GroupPlanner:
         return self.narrowed(constraints)
 
     def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
-        """Return the checks of a request. Raise PlanningError if the start violates a constraint."""
+        """Return the collision checks for a request. Raises PlanningError if the start violates a constraint."""
         if not constraints.regions:
             return Collisions(arm, scene)
         collisions = ConstrainedCollisions(arm, scene, self._regions(constraints, start))
@@ -263,7 +264,8 @@ class GroupPlanner:
         )
 
     def _inside(self, state: State) -> FloatArray:
-        """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""
+        """Return positions in joint order (n,). A joint slightly outside its limits is considered to be at its
+        limit."""
         return np.array(
             [
                 at if far_outside(at, limit) else min(max(at, limit.lower), limit.upper)
@@ -276,7 +278,7 @@ class GroupPlanner:
 
 
 def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
-    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if no goal does."""
+    """Return the goals (n,) that satisfy the constraints. Raises PlanningError if none of the goals does."""
     if not isinstance(collisions, ConstrainedCollisions):
         return list(goals)
     texts = [collisions.broken_region(goal) for goal in goals]
@@ -289,4 +291,4 @@ def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArra
 
 
 def _text(contact: tuple[float, tuple[str, str]] | None) -> str:
-    return "" if contact is None else f"{contact[1][0]} comes too near to {contact[1][1]}"
+    return "" if contact is None else f"{contact[1][0]} comes too close to {contact[1][1]}"

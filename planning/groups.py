@@ -1,4 +1,4 @@
-"""Groups of joints, end effectors and named states of an arm, as in MoveIt's SRDF files."""
+"""Joint groups, end effectors and named states of an arm, as in MoveIt's SRDF files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +9,9 @@ from hal.types import AT_LIMIT
 from planning.errors import PlanningError
 
 ARM: Final = "arm"
-"""Name of the derived group with the joints that move the tool."""
+"""Name of the derived group that contains the joints that move the tool."""
 HAND: Final = "hand"
-"""Name of the derived group with all other joints, and of its end effector."""
+"""Name of the derived group that contains all other joints, and of the group's end effector."""
 
 States = Mapping[str, Mapping[str, float]]
 """Joint positions keyed by state and joint name, in rad or m."""
@@ -23,9 +23,10 @@ class Group:
 
     name: str
     joints: tuple[str, ...]
-    """Joints with a position of their own: all except fixed, passive and mimic joints."""
+    """Joints with independent positions: all joints except fixed, passive and mimic joints."""
     tip: str | None = None
-    """Last link of the group if its joints form a chain, otherwise the link that carries its end effector."""
+    """Last link of the group if the group's joints form a chain, otherwise the link that carries the group's end
+    effector."""
     states: States = field(default_factory=dict)
     """Named states."""
 
@@ -43,11 +44,11 @@ class EndEffector:
 
     name: str
     group: str
-    """Group of its joints."""
+    """Joint group of the hand."""
     parent_link: str
     """Link of the arm that carries the hand."""
     parent_group: str = ""
-    """Group of the arm. Empty if the SRDF does not specify it."""
+    """Group of the arm. Empty if the SRDF does not specify the group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,8 @@ def derive_groups(description: Description, driven: Sequence[str], tool: str, st
         driven: Names of the driven joints.
         tool: Link that carries the hand. The driven joints between the base and this link form the group ``arm``,
             and the others form the group ``hand``.
-        states: Poses of the arm, keyed by name. A pose with joints of both groups becomes a state of each group.
+        states: Poses of the arm, keyed by name. A pose that contains joints of both groups becomes a state of each
+            group.
 
     Raises:
         PlanningError: A name is not in the description, no joint moves the tool, or a position is outside its limits.
@@ -101,7 +103,7 @@ def derive_groups(description: Description, driven: Sequence[str], tool: str, st
 
 
 def _states_of(joints: Sequence[str], states: States) -> States:
-    """Return the states that have positions for all of these joints, with only these joints."""
+    """Return the states that contain positions for all of these joints, reduced to these joints."""
     return {
         name: {joint: positions[joint] for joint in joints}
         for name, positions in states.items()
@@ -114,14 +116,14 @@ def _check_states(description: Description, driven: Sequence[str], states: State
         for name, position in positions.items():
             if name not in driven:
                 raise PlanningError(
-                    "INVALID_ROBOT_STATE", f"state {state}: {name} is not driven: choose from {', '.join(driven)}"
+                    "INVALID_ROBOT_STATE", f"state {state}: joint {name} is not driven: choose from {', '.join(driven)}"
                 )
             if problem := outside(description.joints[name], position):
                 raise PlanningError("INVALID_ROBOT_STATE", f"state {state}: {problem}: correct the position")
 
 
 def outside(joint: UrdfJoint, position: float) -> str:
-    """Describe a position outside the limits of a joint, or return an empty string if it is inside."""
+    """Describe a position outside a joint's limits, or return an empty string if the position is within them."""
     slack = AT_LIMIT * (joint.upper - joint.lower)
     if joint.kind == "continuous" or joint.lower - slack <= position <= joint.upper + slack:
         return ""
@@ -134,7 +136,7 @@ def path_to(description: Description, link: str, base: str | None = None) -> lis
     Args:
         description: Robot description.
         link: Name of the last link.
-        base: Name of the first link; by default, the root.
+        base: Name of the first link. By default, this is the root.
 
     Raises:
         PlanningError: A link does not exist, or ``base`` is not between the root and the link.
@@ -147,7 +149,9 @@ def path_to(description: Description, link: str, base: str | None = None) -> lis
     if base is not None and base != link:
         parents = [joint.parent for joint in joints]
         if base not in parents:
-            raise PlanningError("INVALID_LINK_NAME", f"{base} does not carry {link}: swap the links or choose others")
+            raise PlanningError(
+                "INVALID_LINK_NAME", f"{link} does not descend from {base}: swap the links or choose other links"
+            )
         joints = joints[: parents.index(base) + 1]
     return [] if base == link else joints[::-1]
 

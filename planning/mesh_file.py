@@ -11,7 +11,7 @@ from planning.errors import PlanningError
 from planning.scene import Mesh
 
 KINDS: Final = (".stl", ".obj")
-"""Kinds of files that MuJoCo reads."""
+"""File types that MuJoCo can read."""
 
 
 class MeshFileError(PlanningError):
@@ -26,15 +26,15 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
 
     Args:
         path: Binary STL or OBJ file, in m.
-        scale: Factor for all lengths, such as 0.001 for a file in mm.
+        scale: Factor applied to all lengths, such as 0.001 for a file in mm.
 
     Raises:
-        MeshFileError: The file cannot be read, or has no triangles.
+        MeshFileError: The file cannot be read or contains no triangles.
     """
     if path.suffix.lower() not in KINDS:
-        raise MeshFileError(f"{path} is neither an STL nor an OBJ file: convert the mesh to one of them")
+        raise MeshFileError(f"{path} is neither an STL nor an OBJ file: convert the mesh to one of these formats")
     if not path.is_file():
-        raise MeshFileError(f"there is no mesh file {path}: correct the path")
+        raise MeshFileError(f"mesh file {path} does not exist: correct the path")
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(path.resolve()), scale=[scale] * 3)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
@@ -46,12 +46,12 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
 
 
 def _reason(error: ValueError) -> str:
-    """Return the first line of a message of MuJoCo, without the names of its elements."""
+    """Return the first line of a MuJoCo error message, without its prefix."""
     return str(error).splitlines()[0].removeprefix("Error: ").rstrip(".")
 
 
 def _original(model: Any) -> FloatArray:
-    """Return the vertices (v, 3) in the frame of the file. MuJoCo moves the origin to the center of mass."""
+    """Return the vertices (v, 3) in the file's frame. MuJoCo moves the mesh's origin to the center of mass."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, model.mesh_quat[0])
     vertices: FloatArray = np.array(model.mesh_vert, dtype=float) @ matrix.reshape(3, 3).T + model.mesh_pos[0]

@@ -1,4 +1,4 @@
-"""Requests for motions of a group of joints, and their results."""
+"""Motion requests for a group of joints, and their results."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class JointGoal:
     positions: Mapping[str, float]
     """Positions keyed by joint name, in rad or m."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Largest deviations below and above the position, keyed by joint name, in rad or m. Joints without an entry have
+    """Maximum deviations below and above the position, keyed by joint name, in rad or m. Joints without an entry have
     no tolerance.
     """
 
@@ -36,9 +36,9 @@ class ToolGoal:
 
     goal: PoseGoal
     link: str | None = None
-    """Link or site that is brought to the pose; the tip of the group if None."""
+    """Link or site to move to the pose, or the tip of the group if None."""
     offset: Pose = field(default_factory=Pose)
-    """Frame that is brought to the pose, relative to the link to which it is fixed."""
+    """Frame to move to the pose, relative to the link to which the frame is fixed."""
 
 
 Goal = JointGoal | ToolGoal
@@ -50,7 +50,7 @@ class Scaling:
 
     velocity: float = 1.0
     acceleration: float = 1.0
-    """Factor of the accelerations and of the jerks."""
+    """Factor applied to the accelerations and jerks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,30 +63,30 @@ class MotionRequest:
     remaining_s: Remaining
     """Function that returns the remaining planning time, in seconds."""
     constraints: PathConstraints = field(default_factory=PathConstraints)
-    """Constraints that the motion satisfies."""
+    """Constraints that the motion must satisfy."""
     planner_id: str = ""
-    """MoveIt's planner id; RRT-Connect by default."""
+    """ID of MoveIt's planner, which is RRT-Connect by default."""
     searches: int = 2
     """Maximum number of searches. The shortest path found is used."""
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
-    """Distances that the motion keeps from obstacles."""
+    """Distances that the motion must keep from obstacles."""
     seed: int = 1
-    """Seed of all random numbers, at least 1."""
+    """Seed for all random numbers, at least 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineRequest:
-    """A straight motion of a link from waypoint to waypoint."""
+    """A straight motion of a link through waypoints."""
 
     start: State
     waypoints: Sequence[ToolPose]
     """Poses after the start, in the robot's frame."""
     scene: Scene
     link: str | None = None
-    """Link or site that moves along the line; the tip of the group if None."""
+    """Link or site that moves along the line, or the tip of the group if None."""
     offset: Pose = field(default_factory=Pose)
-    """Frame that moves along the line, relative to the link to which it is fixed."""
+    """Frame that moves along the line, relative to the link to which the frame is fixed."""
     steps: Steps = field(default_factory=Steps)
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
@@ -100,7 +100,7 @@ class Motion:
     """A timed motion of a group."""
 
     joints: tuple[str, ...]
-    """Names of the joints (n), in the order of the path."""
+    """Names of the joints (n), in the order used by the path."""
     path: TimedPath
     """Times, positions, velocities and accelerations."""
     end: State
@@ -108,7 +108,7 @@ class Motion:
     search_s: float = 0.0
     """Time spent on inverse kinematics and the search, in seconds."""
     timing_s: float = 0.0
-    """Time spent on computing the times along the path, in seconds."""
+    """Time spent on computing the timing of the path, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,11 +116,11 @@ class LineMotion:
     """A straight motion, which may end early."""
 
     motion: Motion | None
-    """The motion up to the point where it ends; None if not even the first step is possible."""
+    """The motion up to the point where it ends, or None if not even the first step is possible."""
     fraction: float
-    """Fraction of the path through the waypoints that was reached, from 0 to 1."""
+    """Fraction of the path through the waypoints that was completed, from 0 to 1."""
     reason: str = ""
-    """Reason why the motion ends early; empty if it is complete."""
+    """Reason why the motion ends early, or empty if the motion is complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,19 +140,19 @@ class Validity:
     touches: tuple[Touch, ...]
     """Pairs in contact, closest first."""
     outside: str
-    """Description of the first joint outside its limits; empty if there is none."""
+    """Description of the first joint outside its limits, or empty if there is no such joint."""
     clearance_m: float
-    """Smallest distance, in m; infinite if nothing can touch."""
+    """Smallest distance, in m, or infinity if nothing can touch."""
 
     @property
     def is_valid(self) -> bool:
-        """Whether the state is inside the limits and without contact."""
+        """Whether the state is within the limits and free of contacts."""
         return not self.touches and not self.outside
 
 
 @dataclass(frozen=True, slots=True)
 class FutureContact:
-    """Point of a timed motion at which the arm comes too close to something."""
+    """Point of a timed motion at which the arm comes too close to an obstacle."""
 
     time_s: float
     """Time since the start of the motion, in seconds."""
@@ -161,7 +161,7 @@ class FutureContact:
 
 
 def no_goal() -> PlanningError:
-    """Return the error of a request without goals."""
+    """Return the error for a request without goals."""
     return PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: specify joint positions or a pose")
 
 

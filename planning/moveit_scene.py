@@ -1,8 +1,8 @@
-"""Parse MoveIt's ``.scene`` files, which RViz's panel saves.
+"""Parse MoveIt's ``.scene`` files, which RViz's MotionPlanning panel saves.
 
-A file begins with the name of the scene. Each object begins with a line with ``*`` and its name. After this line come
-the object's pose, the number of its shapes, the shapes with their poses and colors, the number of its subframes, and
-the poses of the subframes. The older format has no poses of objects and no subframes.
+A file begins with the name of the scene. Each object begins with a line that contains ``*`` and the object's name.
+The next lines contain the object's pose, the number of its shapes, the shapes with their poses and colors, the number
+of its subframes, and the subframe poses. The older format does not contain object poses or subframes.
 """
 
 import math
@@ -19,7 +19,7 @@ MOST: Final = 1_000_000
 
 
 class SceneFileError(PlanningError):
-    """A scene file contains an error. The message contains the file and the line."""
+    """A scene file contains an error. The message contains the file name and the line number."""
 
     def __init__(self, message: str) -> None:
         super().__init__("INVALID_OBJECT_NAME", message)
@@ -42,7 +42,7 @@ def parse_moveit_scene(text: str, file: str) -> list[SceneObject]:
     objects: dict[str, SceneObject] = {}
     while (marker := reader.word("* or .")) != ".":
         if marker != "*":
-            raise reader.error(f"an object begins with *, and the file ends with ., not {marker}")
+            raise reader.error(f"expected * (an object) or . (the end of the file), not {marker}")
         name = reader.rest_of_line()
         if not name or name in objects:
             raise reader.error(
@@ -53,12 +53,12 @@ def parse_moveit_scene(text: str, file: str) -> list[SceneObject]:
 
 
 class _Reader:
-    """Words of a file with their line numbers."""
+    """Words of a file, with their line numbers."""
 
     def __init__(self, text: str, file: str) -> None:
         self._lines = text.splitlines()
         self._file = file
-        self._line = 1  # the first line is the name of the scene
+        self._line = 1  # the first line contains the name of the scene
         self._words: list[str] = self._split()
         markers = (number for number, line in enumerate(self._lines) if number and line.startswith("*"))
         first = next(markers, len(self._lines))
@@ -67,14 +67,14 @@ class _Reader:
         """Whether objects have poses and subframes."""
 
     def error(self, text: str) -> SceneFileError:
-        """Return an error at the current line."""
+        """Return an error for the current line."""
         return SceneFileError(f"{self._file}, line {min(self._line + 1, max(1, len(self._lines)))}: {text}")
 
     def word(self, what: str) -> str:
-        """Return the next word. ``what`` is its name in error messages."""
+        """Return the next word. ``what`` is the word's name in error messages."""
         while not self._words:
             if self._line + 1 >= len(self._lines):
-                raise self.error(f"the file ends where {what} is expected: complete the file")
+                raise self.error(f"the file ends before {what}: complete the file")
             self._line += 1
             self._words = self._split()
         return self._words.pop(0)
@@ -146,7 +146,7 @@ def _shape(reader: _Reader, name: str) -> Shape:
     if kind == "mesh":
         return _mesh(reader, name)
     remedy = "replace it with a box" if kind == "plane" else "use box, sphere, cylinder, cone or mesh"
-    raise reader.error(f"{name} has a shape {kind}, which is not supported: {remedy}")
+    raise reader.error(f"{name} has a shape of type {kind}, which is not supported: {remedy}")
 
 
 def _mesh(reader: _Reader, name: str) -> Mesh:

@@ -1,4 +1,4 @@
-"""A robot for planning: its scene, its driven joints, its groups and the pairs of links that may touch."""
+"""A robot for planning: its scene, driven joints, groups, and pairs of links that may touch."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,22 +19,22 @@ from planning.world_objects import world_objects
 
 
 class PlanningRobot:
-    """Data that all plans of one robot share.
+    """Data shared by all plans for one robot.
 
-    The object never changes, and several threads may use it. OMPL's random generator is global in a process, so only
-    one thread at a time may run ``GroupPlanner.plan``. Poses of links are in the frame of ``frame``, the body on which
-    the arm is mounted. Poses of objects of a ``Scene`` are in the world of the scene file. ``origin`` is the pose of
-    ``frame`` in this world.
+    The object never changes, and several threads may use it. OMPL's random number generator is global in a process, so
+    only one thread at a time may run ``GroupPlanner.plan``. Link poses are relative to ``frame``, the body on which the
+    arm is mounted. Object poses in a ``Scene`` are in the world frame of the scene file. ``origin`` is the pose of
+    ``frame`` in this world frame.
 
     Args:
         model: Compiled scene (mujoco.MjModel), which this object keeps.
         description: Robot description.
         limits: Limits of all driven joints, keyed by name.
         groups: Groups, end effectors and named states.
-        allowed: Pairs of links that may touch. Adjacent links may always touch.
+        allowed: Pairs of links that may touch. Adjacent links may always touch each other.
 
     Raises:
-        PlanningError: The scene does not have a joint.
+        PlanningError: A joint is missing from the scene.
     """
 
     def __init__(
@@ -48,21 +48,21 @@ class PlanningRobot:
         self.model: Any = model
         self.description = description
         self.limits = dict(limits)
-        """Limits of all driven joints, keyed by name, in the order of all states."""
+        """Limits of all driven joints, keyed by name, in the order used by all states."""
         self.groups = groups
         arm = self.arm()
         self.links = arm.links
         """Names of the robot's links."""
         self.objects = tuple(arm.world_geoms())
-        """Names of all objects of the scene file, including objects with shapes that ``scene`` does not support."""
+        """Names of all objects in the scene file, including objects with shapes that ``scene`` does not support."""
         root = int(model.body_rootid[arm.bodies[0]])
         self.frame = str(model.body(root).name)
-        """Frame in which poses of links are given."""
+        """Frame relative to which link poses are given."""
         self.origin = Pose(*arm.link_pose(self.frame))
         """Pose of ``frame`` in the world of the scene."""
         own = world_objects(arm)
         self.scene = Scene(objects=own, allowed=frozenset(allowed), removed=frozenset(own))
-        """Scene with the objects of the scene file, from which all other scenes are derived."""
+        """Scene with the objects from the scene file, from which all other scenes are derived."""
         self.rest: State = dict(zip(self.limits, arm.positions.tolist(), strict=True))
         """Positions of the driven joints in the scene file."""
         self._planners = {
@@ -74,7 +74,7 @@ class PlanningRobot:
         return self._planners[self.groups.group(name).name]
 
     def arm(self) -> ArmModel:
-        """Return a model of the robot with all driven joints as planned joints."""
+        """Return a model of the robot in which all driven joints are planned joints."""
         return ArmModel(self.model, self.limits)
 
     def state(self, positions: Mapping[str, float]) -> dict[str, float]:
@@ -96,11 +96,11 @@ class PlanningRobot:
                 )
         for name in self.limits:
             if name not in positions:
-                raise PlanningError("INVALID_ROBOT_STATE", f"the state has no position of {name}: add the position")
+                raise PlanningError("INVALID_ROBOT_STATE", f"the state has no position for {name}: add the position")
         return {name: float(positions[name]) for name in self.limits}
 
     def link_poses(self, links: Sequence[str], state: State) -> dict[str, Pose]:
-        """Return the poses of links in the frame of ``frame``. Raises PlanningError for an unknown link."""
+        """Return the poses of links relative to ``frame``. Raises PlanningError for an unknown link."""
         arm, back = self._placed(state), self.origin.inverse()
         return {link: back @ Pose(*arm.link_pose(link)) for link in links}
 
@@ -108,7 +108,7 @@ class PlanningRobot:
         """Return a link and all links that move with it. Raises PlanningError for an unknown link."""
         arm = self.arm()
         carried = {arm.body(link)}
-        for body in arm.bodies:  # a parent comes before its children
+        for body in arm.bodies:  # a parent precedes its children
             if int(self.model.body_parentid[body]) in carried:
                 carried.add(body)
         return tuple(name for name, body in zip(arm.links, arm.bodies, strict=True) if body in carried)
@@ -119,7 +119,7 @@ class PlanningRobot:
         Args:
             name: A link, an object of the scene, an attached object, or "world". An empty name means ``frame``.
             state: Positions of all driven joints.
-            scene: Scene with the objects. If None, there are no objects.
+            scene: Scene with the objects. If None, the scene contains no objects.
 
         Raises:
             PlanningError: The frame does not exist. The message lists the existing frames.
@@ -145,8 +145,8 @@ class PlanningRobot:
         Args:
             state: Positions of all driven joints.
             scene: Objects and pairs that may touch.
-            group: Group whose joints are checked for limits, and whose links and attached objects are checked for
-                contacts; the whole robot if empty.
+            group: Group whose joint limits are checked, and whose links and attached objects are checked for contacts.
+                If empty, the whole robot is checked.
 
         Raises:
             PlanningError: The group does not exist, or the scene has an error.
@@ -162,7 +162,7 @@ class PlanningRobot:
         return Validity(touches, outside, collisions.clearance(positions).distance_m)
 
     def _moved_by(self, joints: Iterable[str], scene: Scene) -> frozenset[str]:
-        """Return the links that joints move, and the objects that are attached to these links."""
+        """Return the links that the given joints move, and the objects attached to these links."""
         links = {link for name in joints for link in self.carried_links(self.description.joints[name].child)}
         return frozenset(links | {name for name, held in scene.attached.items() if held.link in links})
 

@@ -1,7 +1,7 @@
 """The planning scene: world objects, objects attached to links, and pairs that may touch.
 
-A scene never changes. All methods return changed copies, so that a plan keeps the scene with which it began. A mesh is
-replaced with its convex hull.
+A scene never changes. All methods return changed copies, so that a plan keeps the scene with which it began. Meshes are
+replaced by their convex hulls.
 """
 
 import math
@@ -18,7 +18,7 @@ from planning.arm_model import Pair, pair
 from planning.errors import PlanningError
 
 FLAT_M: Final = 1e-6
-"""Extent below which a mesh counts as flat, in m. A flat mesh has no volume and therefore no hull."""
+"""Extent below which a mesh is considered flat, in m. A flat mesh has no volume and therefore no hull."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Pose:
         """Return a pose from a position (3,) in m and a quaternion x, y, z, w.
 
         Raises:
-            PlanningError: A value is not finite, or the length of the quaternion is not 1.
+            PlanningError: A value is not finite, or the quaternion's length is not 1.
         """
         position, (x, y, z, w) = np.array([*position_m], dtype=float), (float(value) for value in quaternion)
         length = math.sqrt(x * x + y * y + z * z + w * w)
@@ -48,7 +48,7 @@ class Pose:
         return cls(position, matrices(np.array([x, y, z, w]) / length))
 
     def __matmul__(self, other: "Pose") -> "Pose":
-        """Return the pose of a frame from its pose relative to this frame (``other``)."""
+        """Return the pose of a frame, given its pose relative to this frame (``other``)."""
         return Pose(self.matrix @ other.position_m + self.position_m, self.matrix @ other.matrix)
 
     def inverse(self) -> "Pose":
@@ -58,7 +58,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box; its origin is its center."""
+    """A box, with its origin at its center."""
 
     x_m: float
     y_m: float
@@ -71,7 +71,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """A cylinder along z; its origin is its center."""
+    """A cylinder along z, with its origin at its center."""
 
     height_m: float
     radius_m: float
@@ -83,7 +83,7 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """A cone with its tip at +z; its origin is halfway up its axis."""
+    """A cone with its tip at +z and its origin halfway up the axis."""
 
     height_m: float
     radius_m: float
@@ -95,7 +95,7 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A sphere; its origin is its center."""
+    """A sphere, with its origin at its center."""
 
     radius_m: float
 
@@ -114,7 +114,7 @@ class Mesh:
     """Indices of the corners of each triangle (t, 3), used only for display."""
 
     def sides_m(self) -> tuple[float, ...]:
-        """Return the lengths that must be positive: the extents along the principal axes of the vertices."""
+        """Return the lengths that must be positive, which are the extents along the principal axes of the vertices."""
         if len(self.vertices_m) < 4 or not np.all(np.isfinite(self.vertices_m)):
             return (math.nan,)
         centered = self.vertices_m - self.vertices_m.mean(axis=0)
@@ -127,7 +127,7 @@ Shape = Box | Cylinder | Cone | Sphere | Mesh
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """An object of one or several shapes."""
+    """An object that consists of one or more shapes."""
 
     name: str
     shapes: tuple[tuple[Shape, Pose], ...]
@@ -150,17 +150,17 @@ class Attached:
 class Scene:
     """World objects, attached objects and pairs that may touch.
 
-    ``allowed`` holds pairs of names of links and objects, each pair in sorted order. Adjacent links may always touch.
+    ``allowed`` contains pairs of link and object names, each pair in sorted order. Adjacent links may always touch.
     """
 
     objects: Mapping[str, SceneObject] = field(default_factory=dict)
     attached: Mapping[str, Attached] = field(default_factory=dict)
     allowed: frozenset[Pair] = frozenset()
     removed: frozenset[str] = frozenset()
-    """Names of world objects of the arm's scene file that were removed and are not obstacles."""
+    """Names of world objects that were removed from the arm's scene file and are not obstacles."""
 
     def with_object(self, item: SceneObject) -> "Scene":
-        """Return a scene with an object, which replaces an object of the same name.
+        """Return a scene with an additional object, which replaces any object with the same name.
 
         Raises:
             PlanningError: The object has no shape, or a shape has a size that is not positive.
@@ -170,7 +170,7 @@ class Scene:
         return replace(self, objects={**self.objects, item.name: item}, attached=attached)
 
     def without(self, name: str) -> "Scene":
-        """Return a scene without an object of the scene or of the arm's scene file."""
+        """Return a scene without the given object, which may be from the scene or from the arm's scene file."""
         objects = {key: item for key, item in self.objects.items() if key != name}
         attached = {key: held for key, held in self.attached.items() if key != name}
         return replace(self, objects=objects, attached=attached, removed=self.removed | {name})
@@ -185,7 +185,7 @@ class Scene:
         """Return a scene in which an attached object becomes a world object at a pose in the world.
 
         Raises:
-            PlanningError: No object of this name is attached.
+            PlanningError: No object with this name is attached.
         """
         if name not in self.attached:
             known = ", ".join(self.attached) or "none"
@@ -193,23 +193,24 @@ class Scene:
         return self.with_object(replace(self.attached[name].item, pose=pose))
 
     def allow(self, one: str, other: str) -> "Scene":
-        """Return a scene in which two links or objects may touch."""
+        """Return a scene in which two links or objects may touch each other."""
         return replace(self, allowed=self.allowed | {pair(one, other)})
 
     def forbid(self, one: str, other: str) -> "Scene":
-        """Return a scene in which two links or objects must not touch. Adjacent links may still touch."""
+        """Return a scene in which two links or objects must not touch each other. Adjacent links may still touch each
+        other."""
         return replace(self, allowed=self.allowed - {pair(one, other)})
 
 
 def check_object(item: SceneObject) -> None:
-    """Check an object. Raise PlanningError if the object has no shape, or a size that is not positive and finite."""
+    """Check an object. Raises PlanningError if the object has no shape, or a size that is not positive and finite."""
     if not item.shapes:
         raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: add at least one shape')
     for shape, pose in item.shapes:
         kind = type(shape).__name__.lower()
         if isinstance(shape, Mesh) and len(shape.vertices_m) < 4:
             mesh = f'mesh of object "{item.name}" has {len(shape.vertices_m)} vertices'
-            raise PlanningError("INVALID_OBJECT_NAME", f"{mesh}: a mesh needs at least 4")
+            raise PlanningError("INVALID_OBJECT_NAME", f"{mesh}: a mesh must have at least 4")
         if not all(math.isfinite(side) and side > 0.0 for side in shape.sides_m()):
             sides = " x ".join(f"{side:g}" for side in shape.sides_m())
             raise PlanningError(

@@ -1,6 +1,6 @@
-"""Read objects from scene files: MoveIt's ``.scene``, and YAML.
+"""Read objects from scene files in MoveIt's ``.scene`` format or in YAML.
 
-A YAML file has one entry for each object::
+A YAML file contains one entry for each object::
 
     objects:
       shelf:
@@ -16,7 +16,7 @@ A YAML file has one entry for each object::
         - sphere: {radius_m: 0.02}
           position_m: [0.0, 0.0, 0.1]
 
-Poses of objects are in the planning frame. Poses of shapes are in the frame of their object.
+Object poses are in the planning frame. Shape poses are in the frame of their object.
 """
 
 import math
@@ -59,12 +59,12 @@ class SpherePart(_Part):
 
 
 class MeshPart(_Part):
-    """A mesh in a file, represented by its convex hull."""
+    """A mesh from a file, represented by its convex hull."""
 
     file: str
     """Path of an STL or OBJ file, relative to the scene file."""
     scale: Length = 1.0
-    """Factor for all lengths, such as 0.001 for a file in mm."""
+    """Factor applied to all lengths, such as 0.001 for a file in mm."""
 
 
 class Placed(_Part):
@@ -72,7 +72,7 @@ class Placed(_Part):
 
     position_m: Vector = (0.0, 0.0, 0.0)
     rpy_rad: Vector | None = None
-    """Rotations about the fixed x, y and z axes, in this order."""
+    """Rotations about the fixed x, y and z axes, in this order, in rad."""
     quaternion_xyzw: tuple[Number, Number, Number, Number] | None = None
 
     @model_validator(mode="after")
@@ -99,7 +99,7 @@ class ShapePart(Placed):
     mesh: MeshPart | None = None
 
     def kinds(self) -> list[str]:
-        """Return the kinds of the given shapes."""
+        """Return the types of the given shapes."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
@@ -109,7 +109,7 @@ class ShapePart(Placed):
         return self
 
     def shape(self, folder: Path) -> Shape:
-        """Return the shape. Paths of meshes are relative to ``folder``. Raises MeshFileError."""
+        """Return the shape. Mesh paths are relative to ``folder``. Raises MeshFileError."""
         if self.box is not None:
             return Box(*self.box)
         if self.cylinder is not None:
@@ -162,7 +162,7 @@ def read_scene_file(path: Path) -> list[SceneObject]:
     """Read the objects of a scene file.
 
     Args:
-        path: A ``.scene`` file of MoveIt, or a YAML file.
+        path: A MoveIt ``.scene`` file or a YAML file.
 
     Returns:
         The objects, with their poses in the planning frame.
@@ -184,7 +184,7 @@ def _item(name: str, part: ObjectPart, path: Path, lines: YamlFile) -> SceneObje
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return the matrix (3, 3) of rotations about the fixed x, y and z axes, in this order, in rad."""
+    """Return the matrix (3, 3) for rotations about the fixed x, y and z axes, in this order, in rad."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in (roll, pitch, yaw))
     return np.array(
         [

@@ -16,11 +16,11 @@ from planning.errors import PlanningError
 from planning.groups import EndEffector, Group, Groups, outside, path_to
 
 OWN_POSITION: Final = ("revolute", "continuous", "prismatic")
-"""Types of joints that have a position of their own."""
+"""Joint types with independent positions."""
 
 
 class SrdfError(PlanningError):
-    """An SRDF file contains errors. The message lists all of them with their lines."""
+    """An SRDF file contains errors. The message lists all errors with their line numbers."""
 
     def __init__(self, message: str) -> None:
         super().__init__("INVALID_ROBOT_STATE", message)
@@ -40,7 +40,7 @@ def parse_srdf(xml: str, description: Description, file: str = "the SRDF") -> Gr
     """Parse an SRDF. Virtual joints and disabled collisions are ignored.
 
     Args:
-        xml: The SRDF as text.
+        xml: The SRDF as a string.
         description: Description of the same robot.
         file: Name of the file, for messages.
 
@@ -77,10 +77,11 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
         file: Name of the file, for messages.
 
     Returns:
-        The reason for each pair of links, such as "Adjacent" or "Never". The reason is empty if the element has none.
+        The reason for excluding each pair of links, such as "Adjacent" or "Never". The reason is empty if the element
+        does not contain one.
 
     Raises:
-        SrdfError: The text is not XML, or an element names fewer than two links.
+        SrdfError: The string is not valid XML, or an element names fewer than two links.
     """
     found: dict[Pair, str] = {}
     for element in _root(xml, file).iter("disable_collisions"):
@@ -92,7 +93,7 @@ def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
 
 
 class _Reader:
-    """Reader of one document, which collects all errors."""
+    """Reader for one document, which collects all errors."""
 
     def __init__(self, robot: Element, description: Description) -> None:
         self._robot = robot
@@ -118,7 +119,7 @@ class _Reader:
         return Groups(groups, effectors)
 
     def _named(self, tag: str) -> dict[str, Element]:
-        """Return the elements with a tag, keyed by name."""
+        """Return the elements with the given tag, keyed by name."""
         found: dict[str, Element] = {}
         for element in self._robot.findall(tag):
             name = element.get("name", "")
@@ -146,7 +147,7 @@ class _Reader:
         return joint.kind in OWN_POSITION and joint.mimic is None and name not in self._passive
 
     def _members(self, name: str, elements: Mapping[str, Element], inside: tuple[str, ...]) -> Iterator[str]:
-        """Yield the joints of a group and of its subgroups. ``inside`` holds the groups that contain this group."""
+        """Yield the joints of a group and of its subgroups. ``inside`` contains the groups that contain this group."""
         if name in inside:
             self._problem(elements[name], f"group {name} contains itself: remove it from {inside[-1]}")
             return
@@ -171,7 +172,7 @@ class _Reader:
             self._unknown(element, element.tag, name, known)
 
     def _unknown(self, element: Element, kind: str, name: str, known: Mapping[str, object]) -> None:
-        what = f"there is no {kind} {name}" if name else f"<{element.tag}> names no {kind}"
+        what = f"there is no {kind} {name}" if name else f"<{element.tag}> does not specify a {kind}"
         self._problem(element, f"{what}: choose one of {', '.join(known)}")
 
     def _chain(self, element: Element) -> Iterator[str]:
@@ -206,7 +207,7 @@ class _Reader:
             if name not in self._description.joints:
                 self._unknown(joint, "joint", name, dict.fromkeys(group.joints))
             elif not self._has_own_position(name):
-                continue  # MoveIt also writes the mimic joints of a state
+                continue  # MoveIt also writes the mimic joints to a state
             elif name not in group.joints:
                 self._problem(joint, f"{name} is not in group {group.name}: remove it from the state")
             elif (position := self._position(joint)) is not None:
@@ -241,7 +242,7 @@ class _Reader:
 
 
 def _number(text: str) -> float:
-    """Return the number in a text; NaN if it is not a number."""
+    """Convert a string to a number, or to NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Convert the world objects of a scene file to objects of a planning scene."""
+"""Convert the world objects in a scene file to objects of a planning scene."""
 
 from typing import Any
 
@@ -10,9 +10,10 @@ from planning.scene import Box, Cylinder, Mesh, Pose, SceneObject, Shape, Sphere
 
 
 def world_objects(arm: ArmModel) -> dict[str, SceneObject]:
-    """Return the world objects of a scene file, keyed by name, in their initial poses.
+    """Return the world objects in a scene file, keyed by name, in their initial poses.
 
-    Objects with a plane, a capsule or an ellipsoid are omitted, because a planning scene does not support these shapes.
+    Objects that contain a plane, a capsule or an ellipsoid are omitted, because a planning scene does not support these
+    shapes.
     """
     data = mujoco.MjData(arm.model)
     mujoco.mj_kinematics(arm.model, data)

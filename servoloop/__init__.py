@@ -59,7 +59,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name of the Python interface on its first use."""
+    """Load a name from the Python interface when it is first used."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"servoloop.api.{_MODULES.get(name, 'errors')}"), name)

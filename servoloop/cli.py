@@ -62,7 +62,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "campaign": "campaign:campaign",
     },
 }
-"""Function of each command in each panel of ``servoloop --help``."""
+"""Functions of the commands in each panel of ``servoloop --help``."""
 GROUPS: Mapping[str, str] = {
     "arms": "arms:app",
     "bench": "bench:app",
@@ -75,7 +75,7 @@ GROUPS: Mapping[str, str] = {
 }
 """Groups of commands in the panel without a title."""
 NEGATIVE_NUMBERS = ("hand", "goto")
-"""Commands that accept negative numbers as arguments, although negative numbers look like options."""
+"""Commands that accept negative numbers as arguments, although these look like options."""
 ERRORS = (
     DriverError,
     HalError,
@@ -86,13 +86,13 @@ ERRORS = (
     CalibrationError,
     PlanningError,
 )
-"""Errors that a user can correct. They are printed without a traceback."""
+"""Errors that a user can correct. These errors are printed without a traceback."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
 
 def _places() -> dict[str, Place]:
-    """Return the places of all commands in the order of ``servoloop --help``."""
+    """Return where each command is defined, in the order of ``servoloop --help``."""
     found = {
         name: Place(path, panel, name in NEGATIVE_NUMBERS)
         for panel, commands in PANELS.items()
@@ -112,8 +112,8 @@ app = typer.Typer(
 )
 
 SERVO_MODELS: Final = Path("servo_models.yaml")
-"""File of servo models in the current folder. Its loader is imported only if the file exists, so that commands start
-quickly."""
+"""File with servo models in the current folder. The file's loader is imported only if the file exists, so that commands
+start quickly."""
 
 
 def _version(wanted: bool) -> None:

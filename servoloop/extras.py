@@ -1,4 +1,4 @@
-"""Optional parts (extras) of servoloop: their libraries, and the commands that install them."""
+"""Optional components (extras) of servoloop: their libraries, and the commands that install them."""
 
 import importlib.util
 import json
@@ -22,7 +22,7 @@ LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "xacro": {"xacro": "xacro"},
     "ray": {"ray": "ray"},
 }
-"""Modules of each extra, mapped to pip package names. nodes/ros_environment.py checks the extra ros."""
+"""Modules of each extra, mapped to pip package names. The ros extra is checked by nodes/ros_environment.py."""
 
 
 class ExtraError(DriverError):
@@ -33,7 +33,7 @@ def require_extras(purpose: str, *extras: str) -> None:
     """Check that all libraries of the given extras are installed.
 
     Args:
-        purpose: Part of servoloop that needs the extras, such as "the view".
+        purpose: Component of servoloop that needs the extras, such as "the view".
         extras: Names of the extras.
 
     Raises:
@@ -44,7 +44,7 @@ def require_extras(purpose: str, *extras: str) -> None:
 
 
 def missing_extras(purpose: str, *extras: str) -> str:
-    """Return a sentence with the missing libraries and the command that installs them, or an empty string."""
+    """Return a sentence that lists the missing libraries and the command that installs them, or an empty string."""
     absent = {extra: names for extra in extras if (names := _absent(LIBRARIES[extra]))}
     names = list(dict.fromkeys(name for libraries in absent.values() for name in libraries))
     return _sentence(purpose, names, list(absent)) if absent else ""
@@ -78,7 +78,7 @@ def _sentence(purpose: str, names: list[str], extras: list[str]) -> str:
 def install_command(*extras: str) -> str:
     """Return the command that installs extras in this program's environment.
 
-    servoloop is not on a package index, so the command contains the folder or URL from which servoloop was installed.
+    servoloop is not available on a package index, so the command contains the folder or URL it was installed from.
     """
     python, requirement = shlex.quote(sys.executable), shlex.quote(f"{_source()}[{','.join(extras)}]")
     if importlib.util.find_spec("pip") is None:  # uv creates environments without pip

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 WIDTH_IN: Final = 9.0
 """Width of a figure, in inches."""
 _STYLE: Final[dict[Any, Any]] = {
-    # Text elements, unlike paths, make files searchable and ten times smaller.
+    # Unlike paths, text elements make files searchable and ten times smaller.
     "svg.fonttype": "none",
     # Without a salt, the names of markers and clip paths are random.
     "svg.hashsalt": "servoloop",
@@ -29,12 +29,12 @@ _STYLE: Final[dict[Any, Any]] = {
     "grid.alpha": 0.3,
 }
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
-"""Color palette of Okabe and Ito, suitable for color-blind readers."""
+"""Okabe and Ito's color palette, which is suitable for color-blind readers."""
 NO_METADATA: Final = {"Creator": None, "Date": None, "Format": None, "Type": None}
 
 
 def style() -> AbstractContextManager[None]:
-    """Return a context in which figures are drawn in the style of servoloop."""
+    """Return a context in which figures are drawn in servoloop's style."""
     return mpl.rc_context(_STYLE)
 
 
@@ -46,7 +46,7 @@ def new_figure(height_in: float) -> Figure:
 
 
 def svg(figure: Figure) -> str:
-    """Return a figure as an ``<svg>`` element, without IDs that would repeat in a page with several figures."""
+    """Return a figure as an ``<svg>`` element, without IDs that would be duplicated on a page with several figures."""
     text = io.StringIO()
     with style():
         figure.savefig(text, format="svg", metadata=NO_METADATA)
@@ -60,7 +60,7 @@ PANEL_IN = 1.9
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Values over time. A NaN value leaves a gap. Curves with the same ``label`` share a color."""
+    """Values over time. A NaN value leaves a gap in the curve. Curves with the same ``label`` share a color."""
 
     label: str
     values: Sequence[float]
@@ -70,7 +70,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Curves with the same unit."""
+    """Curves that share a unit."""
 
     unit: str
     curves: tuple[Curve, ...]
@@ -78,7 +78,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Period of time that is shaded in all panels and labeled in the first panel."""
+    """Period that is shaded in all panels and labeled in the first panel."""
 
     label: str
     begin_s: float
@@ -88,10 +88,10 @@ class Stretch:
 def time_series(
     times_s: Sequence[float], panels: Sequence[Panel], stretches: Sequence[Stretch] = (), mark_s: float | None = None
 ) -> str:
-    """Return panels with a common time axis as SVG.
+    """Return panels with a shared time axis as SVG.
 
     Args:
-        times_s: Times of the values of all curves, in seconds.
+        times_s: Times of the values in all curves, in seconds.
         panels: Panels from top to bottom.
         stretches: Periods to shade.
         mark_s: Time to mark with a line, if any.
@@ -112,7 +112,8 @@ def time_series(
 def _draw(axes: Axes, times_s: Sequence[float], panel: Panel, colors: dict[str, str]) -> None:
     for curve in panel.curves:
         color = colors.setdefault(curve.label, PALETTE[len(colors) % len(PALETTE)])
-        label = f"_{curve.label}" if curve.dashed else curve.label  # matplotlib hides labels with _ from the legend
+        # matplotlib hides labels that start with _ from the legend.
+        label = f"_{curve.label}" if curve.dashed else curve.label
         # A command does not change until the next cycle, so commands are drawn as steps.
         (line,) = axes.plot(times_s, curve.values, color=color, linewidth=1.2, label=label)
         if curve.dashed:
@@ -158,7 +159,7 @@ def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], col
 def histogram(
     edges: Sequence[float], series: Mapping[str, Sequence[float]], colors: Sequence[str], axis: str, unit: str
 ) -> str:
-    """Return a stacked histogram as SVG. Each series has a count for each interval between two ``edges``."""
+    """Return a stacked histogram as SVG. Each series contains a count for each interval between two ``edges``."""
     with style():
         figure = new_figure(2.2)
         axes = figure.add_subplot()
@@ -175,7 +176,7 @@ def histogram(
 
 Points = Sequence[tuple[float, float]]
 MOST = 2000
-"""Maximum number of points in a group. Larger groups show only the lowest and highest point of each interval."""
+"""Maximum number of points in a group. Larger groups show only the lowest and highest points of each interval."""
 
 
 def points(groups: Mapping[str, Points], colors: Sequence[str], axis: str, unit: str) -> str:
@@ -193,7 +194,7 @@ def points(groups: Mapping[str, Points], colors: Sequence[str], axis: str, unit:
 
 
 def thinned(group: Points) -> Points:
-    """Return at most ``MOST`` points, reduced to the lowest and highest point of each interval of x if necessary."""
+    """Return at most ``MOST`` points, reduced to the lowest and highest points of each interval of x if necessary."""
     if len(group) <= MOST:
         return group
     ordered = sorted(group)

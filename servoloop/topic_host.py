@@ -1,4 +1,4 @@
-"""Implementation of ``servoloop topic-host``: run an arm under the controller manager of another program."""
+"""Implementation of ``servoloop topic-host``: run an arm under another program's controller manager."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,15 +28,15 @@ NAME: Final = "host_controller"
 
 @dataclass(slots=True)
 class ForeignControllers:
-    """Controllers of another controller manager, which two topics connect to the stack."""
+    """Controllers in another controller manager, which is connected to the stack by two topics."""
 
     topics: HostTopics
     record: Path | None = None
-    """File of the recording, if any."""
+    """Path of the recording, if any."""
     search: "Search | None" = None
     """Search for another topic-host. The search began before the hardware was opened."""
     controllers: list[HostController] = field(default_factory=list)
-    """List with the controller that follows the commands; empty before that controller is loaded."""
+    """List that contains the controller that follows the commands; empty until that controller is loaded."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load the controller that follows the commands. Raises DriverError if no joint accepts position commands."""
@@ -75,7 +75,7 @@ def topic_host(
     """Run an arm under another controller manager until a signal arrives or a fault occurs.
 
     Args:
-        kind: Hardware of all components. If None, each component uses its own ``<plugin>``.
+        kind: Hardware of all components. If None, each component uses the hardware specified by its own ``<plugin>``.
         ports: Devices, keyed by bus name; None for virtual servos.
         files: Files of the arm. The controllers in the controllers file are not used.
         ready: Function called with the stack's name and rate when the stack accepts commands.

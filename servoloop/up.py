@@ -92,7 +92,7 @@ def up(
         files: Files of the robot.
         ready: Function called with the stack's name and rate when clients can use the stack.
         options: Other options.
-        program: Source of the commands for the joints.
+        program: Source of the joint commands.
 
     Returns:
         Exit status.
@@ -111,7 +111,7 @@ def up(
 
 
 def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
-    """Return the simulated time of virtual servos in this process, or None if the stack runs in real time."""
+    """Return the simulated time used by virtual servos in this process, or None if the stack runs in real time."""
     if options.rtf is None and not options.step:
         return None
     from servoloop.simulation.pace import Pace, parse_factor
@@ -123,7 +123,7 @@ def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
 
 
 class _Up:
-    """One run of the stack, from the configuration of the hardware to the exit status."""
+    """One run of the stack, from configuring the hardware to the exit status."""
 
     def __init__(
         self,
@@ -141,10 +141,10 @@ class _Up:
         self._stack = ControlStack.build(setup, files, clock, worker, options.keep_alive)
         program.load_controllers(self._stack)
         self._must_end = False
-        """Whether an error in the ROS interface has stopped the stack."""
+        """Whether the stack was stopped because of an error in the ROS interface."""
 
     def run(self, signals: Signals, ready: Callable[[str], None]) -> int:
-        """Configure the hardware, serve clients until the end, and return the exit status."""
+        """Configure the hardware, serve clients until the run ends, and return the exit status."""
         thread = LoopThread(self._stack, signals)
         with self._stack.configured(self._initial.unconfigured, self._options.keep_alive, thread.hangs):
             ros = self._has_ros()
@@ -172,12 +172,12 @@ class _Up:
         except RosMissing:
             reason = f"because Python cannot find rclpy ({INSTALL})"
         if self._simulated is not None and self._simulated.pace.paused:
-            raise DriverError(f"--step needs ROS, but the stack runs without ROS {reason}: use --rtf instead")
+            raise DriverError(f"--step requires ROS, but the stack runs without ROS {reason}: use --rtf instead")
         LOG.warning("the stack runs without ROS %s. %s", reason, WORKS)
         return False
 
     def _planning(self) -> AbstractContextManager[None]:
-        """Return the context in which the planning server runs, if the options request it."""
+        """Return a context in which the planning server runs, if the options request the planning server."""
         if not self._options.plan:
             return nullcontext()
         return planning_server(self._stack.files, sim_time=self._simulated is not None)

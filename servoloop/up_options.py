@@ -1,4 +1,4 @@
-"""Options of ``servoloop up`` other than the arm and its hardware."""
+"""Options of ``servoloop up``, except for the arm and its hardware."""
 
 from dataclasses import dataclass
 from typing import Annotated

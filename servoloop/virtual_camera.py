@@ -1,6 +1,6 @@
-"""Virtual camera as a camera source.
+"""Camera source that provides images from a virtual camera.
 
-The camera draws the world of an emulator in the process that reads the images.
+The camera renders the emulator's world in the process that reads the images.
 """
 
 from collections.abc import Mapping
@@ -21,16 +21,16 @@ from sim_backend.scene.world_feed import PERIOD_S, WorldFeedClient, feed_path
 
 RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
-"""Interval at which the camera checks for a new state of the world, in seconds."""
+"""Interval at which the camera checks for a new world state, in seconds."""
 REGION: Final = (1.2, 0.8)
-"""Half the extent, along x and y, of the region around the stand that the camera searches for apples.
+"""Half size, along x and y, of the region around the stand in which the camera searches for apples.
 
 The unit is the diameter of the largest apple.
 """
 TOLERANCE: Final = 0.15
 """Maximum relative deviation of a measured diameter from the sizes in the scene."""
 FRESH_S: Final = 0.02
-"""Maximum age at which a world state is drawn immediately, in seconds."""
+"""Maximum age at which a world state is rendered immediately, in seconds."""
 NEXT_S: Final = 1.5 * PERIOD_S
 """Maximum time to wait for the next world state if the latest state is older than ``FRESH_S``, in seconds."""
 SMOOTHING: Final = 0.2
@@ -40,7 +40,7 @@ SMOOTHING: Final = 0.2
 def grading_settings(camera: SceneCamera) -> GradingSettings:
     """Return the grading settings for a scene.
 
-    Only apples that lie on the scene's stand and have a size from the scene are graded.
+    Only apples that are on the scene's stand and have a size from the scene are graded.
     """
     x, y, _ = camera.stand_m
     low_mm, high_mm = camera.diameters_mm
@@ -52,17 +52,17 @@ def grading_settings(camera: SceneCamera) -> GradingSettings:
 
 
 class VirtualCamera:
-    """Camera that views an emulator's scene. It implements ``perception.frames.CameraSource``."""
+    """Camera that renders an emulator's scene. It implements ``perception.frames.CameraSource``."""
 
     def __init__(self, link: Path, scene: Path, clock: Clock, light: Light | None = None, seed: int = 0) -> None:
-        """Prepare the camera. The emulator need not run before ``open``.
+        """Prepare the camera. The emulator does not need to run before ``open`` is called.
 
         Args:
             link: Path of the emulator's bus.
             scene: The MuJoCo file of the emulator, with a camera and apples.
-            clock: Clock of the time stamps. The emulator must use the same clock.
+            clock: Clock used for time stamps. The emulator must use the same clock.
             light: Light in the scene. If None, daylight in a room is used.
-            seed: Seed of the noise.
+            seed: Random seed for the image noise.
 
         Raises:
             ArmFileError: The scene has no camera or no apples.
@@ -94,7 +94,7 @@ class VirtualCamera:
 
     @property
     def settings(self) -> GradingSettings:
-        """Settings of the grading for this scene."""
+        """Grading settings for this scene."""
         return grading_settings(self._camera)
 
     def open(self) -> None:
@@ -112,14 +112,14 @@ class VirtualCamera:
         """Wait for the next image, and return it.
 
         Raises:
-            CameraSilent: The emulator published no world state in time.
+            CameraSilent: The emulator did not publish a world state in time.
             CameraLost: The emulator has exited, or the camera is not open.
         """
         deadline_s = self._clock.now() + timeout_s
         self._clock.sleep_until(min(self._next_s, deadline_s))
         publication = self._fresh(deadline_s, timeout_s)
         now_s = self._clock.now()
-        # Keep the period, unless images were missed.
+        # Keep the frame period, unless images were missed.
         self._next_s = max(self._next_s + 1.0 / RATE_HZ, now_s + 0.5 / RATE_HZ)
         self._camera.see(publication)
         stamp_s = self._stamp_s(publication)
@@ -146,12 +146,12 @@ class VirtualCamera:
         return publication
 
     def _stamp_s(self, publication: Mapping[str, Any]) -> float:
-        """Return the time of a state on the camera's clock."""
+        """Convert the time of a world state to the camera's clock."""
         trace = publication["trace"]
         return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
-        """Return the latest unread publication. If there is none, wait for the next publication."""
+        """Return the latest unread publication. If there is no unread publication, wait for the next one."""
         while True:
             if self._client is None:
                 raise CameraLost(f"{self.name} is not open: call open() first")

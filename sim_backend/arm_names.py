@@ -1,4 +1,4 @@
-"""Arms of a scene. In a scene with several arms, the names of an arm's parts begin with the arm's prefix."""
+"""Arms of a scene. In a scene with several arms, the element names of each arm begin with the arm's prefix."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -8,7 +8,7 @@ import mujoco
 ARMS: Final = "arms"
 """Name of the custom text that lists the prefixes of a scene with several arms, separated by spaces."""
 ONE_ARM: Final = ("",)
-"""Prefixes in a scene with one arm, whose part names have no prefix."""
+"""Prefixes for a scene with one arm, whose element names have no prefix."""
 
 
 def arm_prefixes(model: Any) -> tuple[str, ...]:
@@ -22,11 +22,12 @@ def arm_prefixes(model: Any) -> tuple[str, ...]:
 
 
 def part_name(model: Any, geom: int) -> str:
-    """Return the name of a geom's body, or the geom's own name if it is fixed to the world."""
+    """Return the name of the body that a geom belongs to, or the geom's own name if the geom is fixed to the world."""
     body = int(model.geom_bodyid[geom])
     return str(model.body(body).name if body else model.geom(geom).name)
 
 
 def prefix_of(name: str, prefixes: Sequence[str]) -> str | None:
-    """Return the prefix of the arm that owns a name, or None. If several prefixes match, return the longest prefix."""
+    """Return the prefix of the arm to which a name belongs, or None. If several prefixes match, return the longest
+    prefix."""
     return max((prefix for prefix in prefixes if name.startswith(prefix)), key=len, default=None)

@@ -1,7 +1,8 @@
-"""A box of factory-new servos on one line. A script can connect individual servos or the whole chain.
+"""A box of factory-new servos on a single bus. A script can connect individual servos or the whole chain.
 
-All servos have ID 1. As delivered, they delay each reply by 500 us, a setting that LeRobot's set-up changes. A 7.4 V
-servo allows at most 8 V. This limit is assumed, because such servos report a wrong input voltage at 12 V.
+All servos have ID 1. As delivered, they delay each reply by 500 us, a setting that LeRobot's set-up changes. The
+maximum voltage of a 7.4 V servo is 8 V. This limit is assumed, because such servos report a wrong input voltage at 12
+V.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,15 +26,15 @@ SMALL_SERVO_MAX_VOLTAGE: Final = 80
 
 
 class VirtualBox:
-    """The servos, indexed by their number in the box from 0. At first, no servo is connected."""
+    """The servos, indexed by their zero-based number in the box. Initially, no servo is connected."""
 
     def __init__(
         self, models: Sequence[ServoModel], plant: Plant | None = None, supply: Supply | None = None, seed: int = 0
     ) -> None:
         """Create the servos.
 
-        ``plant`` is the mechanism that the shafts drive. All its couplings must have the factory ID. Without a plant,
-        each shaft turns freely, and ``seed`` determines its first angle.
+        ``plant`` is the mechanism that the shafts drive. All couplings of the plant must have the factory ID. Without a
+        plant, each shaft turns freely, and ``seed`` determines its first angle.
         """
         usual = Supply(min(model.rated_voltage_v for model in models))
         servos = [_as_delivered(model) for model in models]
@@ -46,24 +47,24 @@ class VirtualBox:
         return self.line.servos
 
     def connect(self, *numbers: int) -> None:
-        """Connect these servos and disconnect all other servos. A servo that stays connected keeps its power."""
+        """Connect these servos and disconnect all other servos. A servo that stays connected remains powered."""
         for number, servo in enumerate(self.servos):
             (self.line.plug if number in numbers else self.line.unplug)(servo)
 
     def connected(self) -> list[bool]:
-        """Return whether each servo is connected, in the order of their numbers."""
+        """Return whether each servo is connected, ordered by servo number."""
         return [self.line.plugged(servo) for servo in self.servos]
 
     def ids(self) -> list[int]:
-        """Return the IDs of all servos, in the order of their numbers."""
+        """Return the IDs of all servos, ordered by servo number."""
         return [servo.servo_id for servo in self.servos]
 
 
 def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
     """Connect or disconnect servos as ``servoloop hand`` requests, and let ``hand`` handle all other commands.
 
-    The answer also contains the ID of each joint's servo and whether the servo is connected. ``joints`` are the names
-    of the joints, in the order of the servos' numbers. Raises ValueError for an unknown joint.
+    The reply also contains the ID of each joint's servo and whether that servo is connected. ``joints`` are the joint
+    names, ordered by servo number. Raises ValueError if a joint is unknown.
     """
     what, wanted = command.get("do"), command.get("joints") or []
     if what not in ("connect", "disconnect"):
@@ -88,7 +89,8 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Return free shafts at random angles. Clients can then distinguish the replies of servos that share an ID."""
+    """Return free shafts at random angles. The random angles let clients distinguish the replies of servos that share
+    an ID."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

@@ -5,14 +5,14 @@ from math import inf
 
 
 class Hang(BaseException):
-    """Raised when a simulated program does not exit. Hang is not an Exception, so that the program under test cannot
-    catch it."""
+    """Raised when a simulated program does not exit. Hang does not inherit from Exception, so that the program under
+    test cannot catch it."""
 
 
 class SimulatedClock:
     """A ``drivers.clock.Clock`` whose ``sleep_until`` advances the time immediately.
 
-    The clock starts at ``start_s``, in seconds.
+    The clock starts at time ``start_s``, in seconds.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:

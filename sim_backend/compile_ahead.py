@@ -18,7 +18,7 @@ from sim_backend.scene.picture import View
 PICTURED: Final = """<mujoco><worldbody>
 <light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
 </worldbody></mujoco>"""
-"""Smallest scene that can be drawn.
+"""Smallest scene that can be rendered.
 
 The scene is not in a file, because some tests run in a partial copy of this project.
 """

@@ -15,12 +15,12 @@ COMPILING: Final = "compiling the simulation into machine code; this happens onc
 
 
 def compiled(function: Function) -> Function:
-    """Compile ``function`` and cache its machine code on disk. ``.py_func`` of the result is the original function."""
+    """Compile ``function`` and cache its machine code on disk. The result's ``.py_func`` is the original function."""
     return cast(Function, numba.njit(cache=True)(function))
 
 
 class _Announcement(event.Listener):
-    """Calls a function at the first event."""
+    """Listener that calls a function at the first event."""
 
     def __init__(self, announce: Callable[[str], None]) -> None:
         self._announce = announce

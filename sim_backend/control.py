@@ -1,7 +1,7 @@
 """Commands to a running emulator, over a Unix socket next to the bus. The commands represent manual actions at a
 workbench.
 
-Each command and each answer is one line of JSON. The loop of the emulator polls the socket and never waits.
+Each command and each reply is one line of JSON. The emulator's loop polls the socket without ever waiting.
 """
 
 import contextlib
@@ -15,9 +15,9 @@ from drivers.errors import PortError
 from sim_backend.scene.world_feed import listening
 
 ANSWER_S: Final = 5.0
-"""Maximum time that a client waits for an emulator's answer, in seconds."""
+"""Maximum time that a client waits for a reply from an emulator, in seconds."""
 LARGEST_COMMAND_BYTES: Final = 100_000
-"""Maximum length of a line. A client that sends a longer line is disconnected."""
+"""Maximum length of a line, in bytes. A client that sends a longer line is disconnected."""
 
 Command = Mapping[str, Any]
 Handler = Callable[[Command], Mapping[str, Any]]
@@ -29,12 +29,12 @@ def control_path(link: Path) -> Path:
 
 
 class ControlServer:
-    """Server of the command socket; a context manager. The loop of the emulator must call ``tick``."""
+    """Context manager for the server of the command socket. The emulator's loop must call ``tick``."""
 
     def __init__(self, path: Path, handle: Handler) -> None:
         """Listen at ``path``.
 
-        ``handle`` executes a command and returns its result; it raises ValueError for an invalid command.
+        ``handle`` executes a command and returns its result, or raises ValueError if the command is invalid.
         """
         self.path = path
         self._handle = handle
@@ -91,9 +91,9 @@ class ControlServer:
 
 
 def ask(path: Path, command: Command) -> dict[str, Any]:
-    """Send a command to the emulator at ``path`` and return its answer.
+    """Send a command to the emulator at ``path`` and return its reply.
 
-    Raises PortError if no emulator answers, or ValueError if the emulator rejects the command.
+    Raises PortError if no emulator responds, or ValueError if the emulator rejects the command.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(ANSWER_S)

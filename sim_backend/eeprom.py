@@ -1,6 +1,6 @@
 """A YAML file that stores the EEPROM of virtual servos between runs. The file has one entry per joint's servo.
 
-Entries are identified by joint, because the ID is part of the EEPROM and all factory-new servos have the same ID.
+Entries are keyed by joint, because the ID is part of the EEPROM and all factory-new servos have the same ID.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ class _Entry(BaseModel):
     model: str
     registers: dict[str, RegisterValue]
     bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
-    """Bytes at addresses without a register name, keyed by address."""
+    """Bytes at addresses that do not belong to a named register, keyed by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
     """Settings that a factory reset restores, in hexadecimal; empty for the factory values."""
 
@@ -53,7 +53,8 @@ class _Owner:
         self._fresh = servo.memory.flash
 
     def take(self, entry: _Entry) -> None:
-        """Load the entry into the servo and restart it. Raises ValueError if the entry is not for this servo."""
+        """Load the entry into the servo and restart the servo. Raises ValueError if the entry belongs to a different
+        servo."""
         model, memory = self.servo.model.name, self.servo.memory
         if entry.model != model:
             raise ValueError(f"the model in the file is {entry.model}, but the arm has a {model}")
@@ -68,7 +69,7 @@ class _Owner:
         self.servo.power_cycle()
 
     def entry(self) -> dict[str, Any]:
-        """Return the servo's entry for the file."""
+        """Return the file entry for the servo."""
         flash, kept = self.servo.memory.flash, self.servo.memory.kept
         data: dict[str, Any] = {"joint": self.joint, "model": self.servo.model.name}
         data["registers"] = kept.words(flash.settings)
@@ -83,7 +84,7 @@ class EepromFile:
     """The EEPROM file and its servos."""
 
     def __init__(self, path: Path, owners: list[_Owner]) -> None:
-        """Load the file if it exists, and then write it. Raises EepromFileError."""
+        """Load the file if it exists, and then write it back. Raises EepromFileError."""
         self._path, self._owners = path, owners
         if path.exists():
             self._read()
@@ -97,7 +98,7 @@ class EepromFile:
             owner, place = owners.pop(entry.joint, None), file.place(("servos", number))
             if owner is None:
                 raise EepromFileError(
-                    f"{place}: {entry.joint} has no servo, or two entries: choose the file of this arm"
+                    f"{place}: {entry.joint} has no servo, or the file has two entries for it: choose this arm's file"
                 )
             try:
                 owner.take(entry)
@@ -123,7 +124,7 @@ class EepromFile:
 
 
 def keep_eeprom(path: Path, lines: Iterable[ServoLine[Any]]) -> None:
-    """Load the settings of all servos on these lines from ``path``, and save them to the same file from now on.
+    """Load the settings of all servos on these buses from ``path``, and from then on save them to the same file.
 
     Raises EepromFileError if the file is damaged, belongs to other servos, or cannot be written.
     """

@@ -2,7 +2,7 @@
 
 The emulator sleeps between events, and advances the physics before every reply and at least every 5 ms. Replies that
 are less than 1 ms apart reach the client together, at the time of the last reply. A USB adapter also delivers bytes
-once per frame, and fewer deliveries save wake-ups on both sides.
+once per USB frame, and fewer deliveries mean fewer wake-ups on both sides.
 """
 
 from collections import deque
@@ -33,8 +33,8 @@ def serve(
     """Serve ``bus`` at the path ``link`` until ``stop()`` is true, and then remove the link.
 
     ``on_tick(reached_s)`` is called at least every 5 ms with the time that the world has reached, and must not block.
-    ``on_ready()`` is called once, when clients can open the link. Raises PortBusy if ``link`` is taken. A signal
-    handler only has to make ``stop()`` return True.
+    ``on_ready()`` is called once, as soon as clients can open the link. Raises PortBusy if ``link`` is already in use.
+    A signal handler only needs to make ``stop()`` return True.
     """
     serve_all({PtyAdapter(link): bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
 
@@ -59,13 +59,13 @@ def serve_all(
             for emulator in emulators:
                 emulator.turn()
             if on_tick is not None:
-                # Report the time that the world has reached, which is not yet the present time if this process was
+                # Report the time that the world has reached, which lags behind the current time if this process was
                 # delayed.
                 on_tick(max(bus.reached_s for bus in buses.values()))
 
 
 class Emulator:
-    """One bus on one line. ``turn`` does the work that is due and never waits."""
+    """One bus on one pseudo-terminal. ``turn`` performs all work that is due and never waits."""
 
     def __init__(self, bus: ServoLine[Any], line: PtyAdapter | PtyLink, clock: Clock) -> None:
         self._bus = bus
@@ -76,12 +76,12 @@ class Emulator:
         bus.advance(clock.now())
 
     def patience_s(self) -> float:
-        """Return the time until the next scheduled work, in seconds. A client may write earlier."""
+        """Return the time until the next scheduled work, in seconds. A client may send bytes before then."""
         due_s = min(self._next_tick_s, self._burst_end_s()) if self._coming else self._next_tick_s
         return max(0.0, due_s - self._clock.now())
 
     def turn(self) -> None:
-        """Send the replies that are due, answer new instructions, and advance the physics."""
+        """Send the replies that are due, reply to new instructions, and advance the physics."""
         if self._coming and self._burst_end_s() <= self._clock.now():
             self._send_burst()
         data = self._line.read()

@@ -11,9 +11,9 @@ class Flash:
     """Bytes that survive power-off."""
 
     settings: bytes
-    """Control table after power-on. Its volatile bytes are ignored."""
+    """Control table after power-on. The volatile bytes of the table are ignored."""
     defaults: bytes = b""
-    """Settings that a factory reset restores, for servos on which these settings can be changed."""
+    """Settings that a factory reset restores, for servos on which they can be changed."""
 
 
 class Kept:
@@ -27,7 +27,7 @@ class Kept:
         self._nameless = sorted(kept - named)
 
     def words(self, settings: bytes) -> dict[str, int]:
-        """Return the values of the registers, keyed by name."""
+        """Return the register values, keyed by register name."""
         return {
             name: r.decode(settings[r.address : r.address + r.size], self._order) for name, r in self._registers.items()
         }
@@ -37,11 +37,11 @@ class Kept:
         return {at: settings[at] for at in self._nameless if settings[at]}
 
     def settings(self, base: bytes, words: Mapping[str, int], nameless: Mapping[int, int]) -> bytes:
-        """Return a copy of ``base`` with these values. Raises ValueError for a value that does not fit, or for a
-        register that does not survive power-off."""
+        """Return a copy of ``base`` with these values. Raises ValueError if a value does not fit in its register, or if
+        the register does not survive power-off."""
         unknown = [*sorted(words.keys() - self._registers.keys()), *sorted(nameless.keys() - set(self._nameless))]
         if unknown:
-            raise ValueError(f"the servo does not keep {', '.join(map(str, unknown))}")
+            raise ValueError(f"the servo does not store {', '.join(map(str, unknown))}")
         result = bytearray(base)
         for name, value in words.items():
             register = self._registers[name]

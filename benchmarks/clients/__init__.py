@@ -1,1 +1,1 @@
-"""Drivers to compare, as clients of a benchmark."""
+"""Drivers to compare, implemented as benchmark clients."""

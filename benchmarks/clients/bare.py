@@ -1,7 +1,7 @@
-"""Send the bytes of our driver's cycle without a driver, to measure the time of kernel, line and simulator.
+"""Send the bytes of our driver's cycle without the driver, to time the kernel, the serial line and the simulator.
 
-The cost of a driver is the time in its own row minus the time in this row. Other load on the machine also increases
-this row.
+The cost of a driver is the time in its own row minus the time in this row. Other load on the machine also increases the
+time in this row.
 """
 
 import os
@@ -41,7 +41,7 @@ class Recorder(SerialPort):
 
 
 def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use only system calls to repeat a complete cycle of ``driver``, in which all servos have answered."""
+    """Use only system calls to repeat a complete cycle of ``driver``, in which all servos have replied."""
     for _ in range(_TRIES):
         port = Recorder(device, baud)
         cycle, close = driver(port, servo_ids)
@@ -50,7 +50,7 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
         finally:
             close()
         again, end = _replay(serial.Serial(device, baud, timeout=0, exclusive=True), steps)
-        # If the machine stalls, even two equal cycles may contain the same late reply.
+        # If the machine stalls, even two identical cycles may contain the same late reply.
         if again() or again():
             return again, end
         end()
@@ -58,7 +58,7 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
 
 
 def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
-    """Return the steps of the first two consecutive cycles that are equal and complete.
+    """Return the steps of the first two consecutive cycles that are identical and complete.
 
     Such cycles contain neither a timeout nor a repeated request.
     """
@@ -68,7 +68,9 @@ def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
         if cycle() and port.steps == last:
             return last
         last = list(port.steps)
-    raise DriverError(f"{port.name}: not all servos respond; no two of {_TRIES} cycles were equal and complete")
+    raise DriverError(
+        f"{port.name}: not all servos respond reliably: no two consecutive cycles of {_TRIES} were complete and equal"
+    )
 
 
 def _replay(line: serial.Serial, steps: list[Step]) -> Client:
@@ -97,7 +99,7 @@ def _replay(line: serial.Serial, steps: list[Step]) -> Client:
 
 
 def _taken(read: Callable[[int, int], bytes], fd: int, size: int) -> int:
-    """Return the number of bytes that were read. The kernel may return a reply in pieces of 64 bytes."""
+    """Return the number of bytes read. The kernel may return a reply in chunks of 64 bytes."""
     taken = 0
     try:
         while taken < size:

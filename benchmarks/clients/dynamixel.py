@@ -36,7 +36,7 @@ def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Clie
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a fast sync read of the mapped block, as the stack does."""
+    """Use a fast sync read of the mapped register block, as the stack does."""
     return _ours(SerialPort(device, baud), servo_ids)
 
 
@@ -46,7 +46,7 @@ def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a sync read of the direct block, as the other clients do."""
+    """Use a sync read of the direct register block, as the other clients do."""
     return _ours(SerialPort(device, baud), servo_ids, identified=False)
 
 
@@ -58,14 +58,14 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use the servo maker's SDK."""
+    """Use the servo manufacturer's SDK."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
 def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a fast sync read with the servo maker's SDK."""
+    """Use a fast sync read with the servo manufacturer's SDK."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))

@@ -1,4 +1,4 @@
-"""The driver of this project as a client of a benchmark."""
+"""The project's own driver as a benchmark client."""
 
 from collections.abc import Sequence
 

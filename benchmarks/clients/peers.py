@@ -1,4 +1,4 @@
-"""Drivers of other projects as clients of a benchmark.
+"""Drivers from other projects as benchmark clients.
 
 In each cycle, each driver reads a block from every servo and writes a goal to it.
 """
@@ -13,7 +13,7 @@ from drivers.bus.read_plan import state_plan
 from drivers.servos.series import Series, StateBlock
 
 Client = tuple[Callable[[], bool], Callable[[], None]]
-"""Two functions: the first runs a cycle and returns whether every servo was read; the second closes the port."""
+"""A pair of functions: the first runs a cycle and returns whether every servo was read; the second closes the port."""
 
 
 class Driver(NamedTuple):
@@ -22,7 +22,7 @@ class Driver(NamedTuple):
     open: Callable[[str, int, Sequence[int]], Client]
     """Function that opens a device at a baud rate for the servos with these IDs."""
     cycle_size: Callable[[int], int]
-    """Function that returns the number of bytes in a cycle with this number of servos: request, replies and goals."""
+    """Function that returns the number of bytes in a cycle for a given number of servos: request, replies and goals."""
 
     def wire_us(self, servos: int, baud: int) -> float:
         """Return the transmission time of a cycle, in microseconds."""
@@ -30,8 +30,8 @@ class Driver(NamedTuple):
 
 
 def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Callable[[int], int]:
-    """Return the function ``Driver.cycle_size`` for a driver that reads this block. If ``fast`` is true, the driver
-    uses a fast sync read."""
+    """Return the function ``Driver.cycle_size`` for a driver that reads the given block. If ``fast`` is true, the
+    driver uses a fast sync read."""
     goal_size = len(series.protocol.packets.sync_write(series.goal_address, series.goal_size, b""))
 
     def size(servos: int) -> int:
@@ -45,14 +45,14 @@ def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Call
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Registers to read from and to write to each servo."""
+    """Registers to read from and write to on each servo."""
 
     state_address: int
     state_size: int
     goal_address: int
     goal: bytes
     fast: bool = False
-    """Whether the maker's SDK uses fast sync reads."""
+    """Whether the manufacturer's SDK uses fast sync reads."""
 
 
 def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:

@@ -1,4 +1,4 @@
-"""Draw curves over time in one image, one below the other, each with its own scale."""
+"""Draw time curves in one image, stacked vertically, each with its own scale."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -26,7 +26,7 @@ TOLERANCE: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One fact, with the behavior of a virtual servo."""
+    """One fact, together with the behavior of a virtual servo."""
 
     group: str
     name: str
@@ -43,7 +43,7 @@ class Fact:
 
 
 class Bench:
-    """Servos on shafts. Writes are applied to the control tables as if they had arrived in packets."""
+    """Servos on shafts. Writes are applied directly to the control tables, as if they had arrived in packets."""
 
     def __init__(self, *models: x.XModel, firmware: int | None = None) -> None:
         self.clock = SimulatedClock()
@@ -69,7 +69,7 @@ class Bench:
         return self.servo.write(register.address, register.encode(value, "little"))
 
     def write_all(self, values: dict[Register, int]) -> list[int]:
-        """Write registers one after another. Return the error numbers."""
+        """Write several registers one after another. Return the error numbers."""
         return [self.write(register, value) for register, value in values.items()]
 
     def read(self, register: Register) -> int:
@@ -100,7 +100,7 @@ _RANGES: Final[Sequence[tuple[x.XModel, Register, int]]] = (
     (x.XL330_M288, x.baud_rate, 7),
     (x.XL330_M288, x.current_limit, 1800),
 )  # fmt: skip
-"""Values that a servo refuses with error 4."""
+"""Values that a servo rejects with error 4."""
 
 
 def errors() -> Iterator[Fact]:
@@ -117,7 +117,7 @@ def errors() -> Iterator[Fact]:
 
 
 def modes() -> Iterator[Fact]:
-    """Yield facts about the modes of each model, the motions in these modes, and the values that a change resets."""
+    """Yield facts about each model's modes, the motions in these modes, and the values that a mode change resets."""
     for model in x.MODELS.values():
         wanted = [1, 3, 4, 16] if model.current_unit_a is None else [0, 1, 3, 4, 5, 16]
         accepted = [mode for mode in range(20) if Bench(model).write(x.operating_mode, mode) == 0]
@@ -200,7 +200,7 @@ def profiles() -> Iterator[Fact]:
 
 
 def bus() -> Iterator[Fact]:
-    """Yield facts about group reads, the secondary ID, clear, factory reset and the bus watchdog."""
+    """Yield facts about group reads, the secondary ID, the clear instruction, factory reset and the bus watchdog."""
     group = (x.XL430_W250, x.XM430_W350, x.XL430_W250)
     reads = (
         ("sync read", Code.SYNC_READ, span(132, 4) + bytes((1, 2, 3))),
@@ -246,5 +246,5 @@ def factory() -> Iterator[Fact]:
 
 
 def facts() -> list[Fact]:
-    """Return all facts, with the behavior of the virtual servos."""
+    """Return all facts, together with the behavior of the virtual servos."""
     return [fact for part in (errors, modes, positions, profiles, bus, factory) for fact in part()]

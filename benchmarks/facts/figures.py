@@ -16,7 +16,7 @@ class Figure:
     expected: float | None
     source: str = ""
     reason: str = ""
-    """Reason for a difference that exceeds the tolerance."""
+    """Reason why a difference exceeds the tolerance."""
 
     @property
     def ratio(self) -> float | None:
@@ -25,7 +25,7 @@ class Figure:
 
     @property
     def fits(self) -> bool:
-        """Whether the value is within the tolerance, or a reason is given for the difference."""
+        """Whether the value is within the tolerance or the difference has a documented reason."""
         if self.expected is None or self.reason:
             return True
         return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)

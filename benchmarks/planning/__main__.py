@@ -1,11 +1,11 @@
 """Measure the planner: ``python -m benchmarks.planning [DATA] [--problems 30] [--poses 60]``.
 
-DATA is a folder with problems.tar.bz2 (scenes and requests of MotionBenchMaker), ur5_spherized.urdf and ur5.srdf. A
-problem is valid if its start and its goal are not in contact. MuJoCo's own collision detection, with ten poses for each
-0.05 rad, counts the plans with contacts.
+DATA is a folder that contains problems.tar.bz2 (scenes and requests from MotionBenchMaker), ur5_spherized.urdf and
+ur5.srdf. A problem is valid if the arm is not in contact at its start or its goal. MuJoCo's own collision detection,
+with ten poses per 0.05 rad, counts the plans with contacts.
 
-With ``--roboplan PYTHON``, roboplan plans the same problems. The times do not include the construction of the scene.
-With ``--poses``, arms of this project plan to random tool poses instead.
+With ``--roboplan PYTHON``, roboplan plans the same problems for comparison. The times do not include scene
+construction. With ``--poses``, arms of this project plan to random tool poses instead.
 """
 
 import argparse
@@ -25,15 +25,15 @@ from planning.paths.planner import SEARCHES
 from planning.srdf_file import read_pairs
 
 ARMS: Final = ("so101", "robot_arm")
-"""Arms that plan to poses."""
+"""Arms that plan motions to poses."""
 
 
 def main() -> None:
     """Run the measurements and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, nargs="?", help="folder of the problems")
-    parser.add_argument("--problems", type=positive, default=30, help="number of problems, evenly from all sets")
-    parser.add_argument("--limit", type=float, default=5.0, help="time for each problem, in seconds")
+    parser.add_argument("--problems", type=positive, default=30, help="number of problems, drawn evenly from all sets")
+    parser.add_argument("--limit", type=float, default=5.0, help="time limit per problem, in seconds")
     parser.add_argument("--searches", type=positive, default=SEARCHES, help="searches for each problem")
     parser.add_argument(
         "--poses",
@@ -41,11 +41,13 @@ def main() -> None:
         default=0,
         help="number of reachable poses; two poses out of reach are added for every five",
     )
-    parser.add_argument("--roboplan", type=Path, help="Python interpreter with roboplan, for the same problems")
-    parser.add_argument("--seed", type=positive, default=1, help="seed of the poses")
+    parser.add_argument(
+        "--roboplan", type=Path, help="Python interpreter with roboplan, which then also solves the same problems"
+    )
+    parser.add_argument("--seed", type=positive, default=1, help="random seed for the poses")
     arguments = parser.parse_args()
     if bool(arguments.poses) == bool(arguments.data):
-        parser.error("specify either the folder of the problems, or --poses")
+        parser.error("specify either the problem folder or --poses")
     warm_up()
     with in_words():
         if arguments.poses:

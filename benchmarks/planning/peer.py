@@ -1,10 +1,10 @@
 """Run roboplan on the same problems, in its own interpreter.
 
-The first line of the input is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links that
-may touch, the links that never move and the time limit in s. Each further line is a problem: the start, the goal and
-the shapes, each of which has a kind, sizes and a transform. The answer to a problem is one line: the path, the search
-time and the total time in s, or null if there is no path. Problems alternate with those of servoloop, so that other
-load slows down both planners.
+The first line of the input is a JSON document. It contains the URDF, the SRDF, the joint names, the pairs of links that
+may touch, the links that never move, and the time limit in s. Each further line is a problem: the start, the goal and
+the shapes, each of which has a type, sizes and a transform. Each problem is answered with one line: the path, the
+search time and the total time in s, or null if there is no path. Problems alternate with those of servoloop, so that
+other load on the machine slows down both planners.
 """
 
 import json
@@ -29,7 +29,7 @@ class Peer:
     Args:
         python: Interpreter in which roboplan is installed.
         arm: The arm.
-        models: Texts of the URDF and the SRDF.
+        models: Contents of the URDF and the SRDF.
         allowed: Pairs of links that may touch.
         limit_s: Time limit of each problem, in s.
     """
@@ -82,7 +82,8 @@ class Peer:
 
 
 def _allowed(allowed: frozenset[Pair], arm: ArmModel) -> frozenset[Pair]:
-    """Return the pairs that may touch, including links welded to each other. MuJoCo never checks such links."""
+    """Return the pairs of links that may touch, including links welded together. MuJoCo never checks welded links for
+    contact."""
     welds = dict(zip(arm.links, (int(arm.model.body_weldid[body]) for body in arm.bodies), strict=True))
     welded = {(one, other) for one in welds for other in welds if one < other and welds[one] == welds[other]}
     known = {pair for pair in allowed if set(pair) <= set(arm.links)}

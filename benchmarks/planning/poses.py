@@ -1,4 +1,4 @@
-"""Plan to random tool poses: reachable poses must be planned and unreachable ones refused, each within 1 s."""
+"""Plan to random tool poses: reachable poses must be planned and unreachable ones rejected, each within 1 s."""
 
 import time
 from collections import Counter
@@ -21,7 +21,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 TOLERANCE_M: Final = 0.005
 TOLERANCE_RAD: Final = 0.05
 ENOUGH_S: Final = 1.0
-"""Maximum time to plan or refuse a pose, in s."""
+"""Maximum time to plan or reject a pose, in s."""
 TOUCHING: Final = Margins(1e-5, 1e-5)
 """Distance below which a plan counts as touching an object."""
 LIMIT_S: Final = 5.0
@@ -32,7 +32,7 @@ FARTHER: Final = (1.05, 2.0)
 
 @dataclass(slots=True)
 class PoseResults:
-    """Results of one arm."""
+    """Results for one arm."""
 
     arm: str
     planned_s: list[float] = field(default_factory=list)
@@ -41,10 +41,10 @@ class PoseResults:
     wrong: int = 0
     """Number of plans that end outside the goal region, or that touch something on the way."""
     accepted: int = 0
-    """Number of unreachable poses that were not refused."""
+    """Number of unreachable poses that were not rejected."""
 
     def lines(self) -> list[str]:
-        """Return the results as text."""
+        """Return the results as a string."""
         planned, refused = np.array(self.planned_s) * 1e3, np.array(self.refused_s) * 1e3
         tried, quick = len(planned) + self.failed.total(), int((planned < ENOUGH_S * 1e3).sum())
         return [
@@ -83,7 +83,7 @@ def run_poses(arm: str, reachable: int, unreachable: int, seed: int) -> PoseResu
 def _planned(
     robot: PlanningRobot, group: GroupPlanner, start: State, goal: PoseGoal
 ) -> tuple[Motion | PlanningError, float]:
-    """Return the motion or the error, together with the time in s."""
+    """Return the motion or the error, together with the elapsed time in s."""
     begun_s = time.perf_counter()
     request = MotionRequest(
         start=start,
@@ -99,7 +99,7 @@ def _planned(
 
 
 def _is_right(robot: PlanningRobot, group: GroupPlanner, start: State, goal: PoseGoal, motion: Motion) -> bool:
-    """Return whether a motion ends in the goal region, with the pose computed by MuJoCo, and touches nothing."""
+    """Return whether a motion ends in the goal region, according to MuJoCo's kinematics, and touches nothing."""
     if group.group.tip is None:
         return False
     end = robot.link_poses([group.group.tip], motion.end)[group.group.tip]
@@ -112,7 +112,7 @@ def _is_right(robot: PlanningRobot, group: GroupPlanner, start: State, goal: Pos
 def _reachable(
     robot: PlanningRobot, group: GroupPlanner, start: State, random: np.random.Generator, count: int
 ) -> tuple[list[PoseGoal], float]:
-    """Return regions around the tool poses of random positions without contact, and the largest distance of these
+    """Return regions around the tool poses at random joint positions without contact, and the largest distance of these
     poses, in m."""
     chain = group.chain(None, start)
     lower, upper = (np.array([getattr(limit, end) for limit in group.limits.values()]) for end in ("lower", "upper"))

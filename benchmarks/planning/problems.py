@@ -1,4 +1,4 @@
-"""Public planning problems for a UR5: scenes and requests of MotionBenchMaker, and a fine check of plans with
+"""Public planning problems for a UR5: MotionBenchMaker scenes and requests, and a fine-grained check of plans with
 MuJoCo."""
 
 import bz2
@@ -29,7 +29,7 @@ JOINTS: Final = (
 )
 LIMIT: Final = JointLimits(-3.14159265, 3.14159265, velocity=0.5, acceleration=2.0, jerk=20.0)
 FINE_RAD: Final = 0.005
-"""Distance between the poses of the fine check, in rad: a tenth of the usual step of a planner."""
+"""Distance between the poses of the fine-grained check, in rad: a tenth of a planner's usual step."""
 SEEN: Final = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>'
 
 
@@ -44,7 +44,7 @@ class Problem:
 
 
 def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterator[Problem]:
-    """Yield about ``most`` problems of an archive, taken evenly from all sets, in the order of their names."""
+    """Yield about ``most`` problems of an archive, drawn evenly from all sets and sorted by name."""
     unpacked = io.BytesIO(bz2.decompress(archive.read_bytes()))  # bz2 cannot seek backward without starting again
     with tarfile.open(fileobj=unpacked) as files:
         names = sorted(name for name in files.getnames() if re.search(r"request\d+\.yaml$", name))
@@ -118,7 +118,7 @@ def touches(urdf: str, scene: Scene, adjacent: frozenset[Pair], path: FloatArray
 
 
 def _counts(model: Any, geoms: Any, allowed: frozenset[Pair]) -> bool:
-    """Return whether a contact is between two links that must not touch and that can move relative to each other."""
+    """Return whether a contact is between two links that must not touch and can move relative to each other."""
     bodies = [int(model.geom_bodyid[geom]) for geom in geoms]
     names = [str(model.body(body).name) for body in bodies]
     return int(model.body_weldid[bodies[0]]) != int(model.body_weldid[bodies[1]]) and pair(*names) not in allowed

@@ -18,23 +18,23 @@ from planning.paths.smoothing import path_length
 from planning.paths.timing import timed
 
 SHOWN = 2
-"""Number of problem names that are listed."""
+"""Number of problem names to list."""
 
 
 @dataclass(slots=True)
 class Results:
-    """Results of all valid problems."""
+    """Results for all valid problems."""
 
     valid: int = 0
     plan_s: list[float] = field(default_factory=list)
-    """Duration of the first search without shortcuts, in seconds."""
+    """Duration of the first search, without shortcuts, in seconds."""
     times_s: list[float] = field(default_factory=list)
-    """Duration of all searches and shortcuts without the construction of the scene, in seconds."""
+    """Duration of all searches and shortcuts, without scene construction, in seconds."""
     lengths_rad: list[float] = field(default_factory=list)
     timing_s: list[float] = field(default_factory=list)
     durations_s: list[float] = field(default_factory=list)
     touching: list[str] = field(default_factory=list)
-    """Names of the problems whose plans touch something according to the fine check."""
+    """Names of the problems whose plans touch something according to the fine-grained check."""
     touching_timed: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
@@ -105,5 +105,5 @@ def _rows(results: Results) -> dict[str, str]:
 
 
 def _counted(names: Sequence[str]) -> str:
-    """Return the number of problems and the first names."""
+    """Return a string with the number of problems and the first few names."""
     return f"{len(names)} {', '.join(names[:SHOWN])}{', ...' if len(names) > SHOWN else ''}"

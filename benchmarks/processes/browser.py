@@ -19,10 +19,10 @@ NICE: Final = 10
 
 @contextmanager
 def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand_back: bool = False) -> Iterator[Page]:
-    """Open an empty page in the browser at this path.
+    """Open an empty page in the browser that is installed at this path.
 
     ``viewport`` is the width and height of the page in pixels. If ``stand_back`` is true, the browser has the lowest
-    priority on this machine.
+    priority on the machine.
     """
     with tempfile.TemporaryDirectory(prefix="browser-") as folder, sync_playwright() as playwright:
         program = _standing_back(chromium, Path(folder)) if stand_back else chromium
@@ -36,9 +36,9 @@ def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand
 def _standing_back(chromium: str, folder: Path) -> str:
     """Return the path of a script that starts the browser with a lower priority than all other programs.
 
-    Without a graphics card, a browser continuously draws on all processors. Regardless of its nice value, Linux gives
-    the session of the browser as much processor time as all other sessions together (sched(7), autogroup). If root
-    starts the browser, the browser even raises its own priority. The kernel threads that transfer the bytes of serial
+    Without a graphics card, a browser keeps all processors busy with rendering. Linux gives the browser's session as
+    much processor time as all other sessions together, regardless of its nice value (sched(7), autogroup). If the
+    browser is started by root, it even raises its own priority. The kernel threads that transfer the bytes of serial
     ports and pseudo-terminals then have to wait for the browser.
     """
     command = f"nice -n {NICE} "

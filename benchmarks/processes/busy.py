@@ -1,4 +1,4 @@
-"""Run the demo without real-time priority while other programs use the processors."""
+"""Run the demo without real-time priority while other programs keep the processors busy."""
 
 import ctypes
 import json
@@ -25,13 +25,13 @@ _CAP_SYS_NICE: Final = 23
 
 
 def without_priority() -> None:
-    """Remove the right to real-time priority from this process and its children. Call this function before
+    """Remove this process's right to real-time priority, and that of its children. Call this function before
     ``exec``.
 
-    Root keeps its access to files, because only CAP_SYS_NICE is removed from the bounding set. An ordinary user cannot
-    drop capabilities, but loses the right that a limit ``rtprio`` would grant.
+    Root keeps its file access, because only CAP_SYS_NICE is removed from the bounding set. An ordinary user cannot drop
+    capabilities, but loses the right that an ``rtprio`` limit would grant.
     """
-    # A process that already has the priority would keep it despite the limit.
+    # A process that already has real-time priority would keep it despite the limit.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_SYS_NICE)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
@@ -40,7 +40,7 @@ def without_priority() -> None:
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Run a given number of processes that only use the processor."""
+    """Run a given number of processes that only consume processor time."""
     with ExitStack() as ending:
         for _ in range(count):
             ending.callback(kill, start("-c", "while True: pass"))
@@ -48,7 +48,7 @@ def busy_loops(count: int) -> Iterator[None]:
 
 
 def demo_beside(count: int, console: Console) -> int:
-    """Run one demo while busy loops run, and return the number of sorted cubes."""
+    """Run one demo alongside the busy loops, and return the number of sorted cubes."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder, busy_loops(count):
         words = _demo(folder)
         result = Path(folder) / "result.json"

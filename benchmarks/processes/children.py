@@ -1,4 +1,5 @@
-"""Child processes of a benchmark, which exit with it. The benchmark is aborted if a process is not ready in time."""
+"""Child processes of a benchmark, which exit together with the benchmark. The benchmark is aborted if a process is not
+ready in time."""
 
 import select
 import subprocess
@@ -15,7 +16,7 @@ START_S: Final = 60.0
 
 @contextmanager
 def child(*command: str, says: str = "ready") -> Iterator["subprocess.Popen[str]"]:
-    """Start ``python command`` and kill the process after the block.
+    """Start ``python command``, and kill the process at the end of the context.
 
     ``says`` is the first line that the process prints when it is ready.
     """
@@ -53,11 +54,11 @@ def next_line(process: "subprocess.Popen[str]", patience_s: float = START_S) -> 
     """
     assert process.stdout is not None
     if not select.select([process.stdout], [], [], patience_s)[0]:
-        raise SystemExit(f"process {process.pid} has printed nothing for {patience_s:.0f} s: the benchmark ends")
+        raise SystemExit(f"process {process.pid} has not printed anything for {patience_s:.0f} s")
     hung = threading.Timer(patience_s, process.kill)
     hung.start()
     try:
-        # Skip a message that the middleware prints if other programs have left shared memory locked.
+        # Skip a message that the middleware prints if other programs have left its shared memory locked.
         return next((line.rstrip("\n") for line in process.stdout if "RTPS_TRANSPORT" not in line), "")
     finally:
         hung.cancel()

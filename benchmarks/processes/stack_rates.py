@@ -1,4 +1,5 @@
-"""Run ``servoloop up`` as a process at one rate on a paced line, with a subscriber, for ``benchmarks.rates``."""
+"""Run ``servoloop up`` as a process at one rate, on a bus with transmission delays, for ``benchmarks.rates``, with one
+subscriber."""
 
 import os
 import random
@@ -23,12 +24,13 @@ from servoloop.stack.shipped_files import CONTROLLERS
 
 SERVOS: Final = 7
 HAND, HAND_COUNTS = 7, 1100
-"""ID of the hand's servo, and a position of this servo between the limits of the fingers."""
+"""ID of the hand's servo, and a position of this servo between the limits of the fingers, in counts."""
 START_S: Final = 60.0
 SETTLE_S: Final = 3.0
-"""Time after the start that is not measured, in seconds. This time includes first uses and discovery."""
+"""Delay after the start before the measurement begins, in seconds. This startup phase includes first-use costs and
+discovery."""
 MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
-"""Counters of a servo for values that were not received in a cycle."""
+"""A servo's counters of values that were not received in a cycle."""
 
 
 class StoringServos(Servos):
@@ -62,7 +64,7 @@ class StackFigures:
     cycles: int
     missed: int
     missing: float
-    """Fraction of the values that were not received in the cycles."""
+    """Fraction of values that were not received in their cycle."""
     cpu_share: float
     thread_shares: tuple[float, ...]
     """Processor time of each thread as a fraction of one core: the main thread, followed by the busiest threads."""
@@ -75,7 +77,7 @@ def stack(device: str, rate_hz: float, folder: Path, domain: int | None = None) 
     text = CONTROLLERS.read_text()
     controllers.write_text(text.replace("update_rate: 20", f"update_rate: {rate_hz:g}", 1))
     ready.unlink(missing_ok=True)
-    # This also applies to the subscriber in this process.
+    # The domain also applies to the subscriber in this process.
     os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100) if domain is None else domain)
     command = [sys.executable, "-m", "servoloop", "up", "--port", device, "--controllers", str(controllers)]
     with log.open("wb") as out:
@@ -95,7 +97,7 @@ def stack(device: str, rate_hz: float, folder: Path, domain: int | None = None) 
 
 
 def measure(device: str, rate_hz: float, seconds: float, folder: Path) -> StackFigures:
-    """Run the stack at a given rate for some time, with a subscriber to its states and diagnostics."""
+    """Run the stack at a given rate for a given time, with a subscriber to its states and diagnostics."""
     with stack(device, rate_hz, folder) as process, client_node("benchmark_rates") as (node, executor):
         monitor = StackMonitor(node, executor, "arm_controller")
         _spin(monitor, SETTLE_S)
@@ -118,10 +120,10 @@ def _spin(monitor: StackMonitor, seconds: float) -> None:
 
 
 def _counts(newest: NewestMessages) -> tuple[int, int, int]:
-    """Return the cycles, the missed cycles and the missing values in the latest diagnostics."""
+    """Return the number of cycles, missed cycles and missing values in the latest diagnostics."""
     loop, servos = newest.loop, newest.diagnostics.values()
     if not loop:
-        raise SystemExit("the stack has published no diagnostics")
+        raise SystemExit("the stack has not published any diagnostics")
     missing = sum(int(values.get(kind, 0)) for values in servos for kind in MISSING)
     return int(loop["cycles"]), int(loop["missed_cycles"]), missing
 

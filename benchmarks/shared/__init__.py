@@ -1,1 +1,1 @@
-"""Arguments and time measurements of the benchmarks."""
+"""Command-line arguments and time measurements for benchmarks."""

@@ -1,4 +1,4 @@
-"""Command-line arguments of the benchmarks, and messages without tracebacks."""
+"""Command-line arguments of the benchmarks, and error messages without tracebacks."""
 
 import argparse
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ def in_words() -> Iterator[None]:
 
 
 def positive(text: str) -> int:
-    """Parse a whole number of at least 1."""
+    """Parse an integer of at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
     return int(text)
@@ -29,12 +29,12 @@ def free_path(text: str) -> Path:
     """Parse a path for a new link. A link from an earlier run may still exist at the path."""
     path = Path(text)
     if path.exists() and not path.is_symlink():
-        raise argparse.ArgumentTypeError(f"{path} exists and is not a link: choose another path")
+        raise argparse.ArgumentTypeError(f"{path} exists and is not a symbolic link: choose another path")
     return path
 
 
 def silence(text: str) -> tuple[int, float, float]:
-    """Parse ``ID,FROM,TO``: a servo ID, and the start and end of its silence in seconds after the start."""
+    """Parse ``ID,FROM,TO``: a servo ID, and the start and end of its silence, in seconds after the start."""
     try:
         servo_id, from_s, to_s = text.split(",")
         return int(servo_id), float(from_s), float(to_s)

@@ -1,4 +1,4 @@
-"""Stopwatch for parts of a program that call each other."""
+"""Stopwatch for parts of a program that call one another."""
 
 import time
 from collections.abc import Callable
@@ -8,18 +8,18 @@ from typing import Any
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Time spent in each part, in seconds, excluding the time of other parts that it calls."""
+    """Time spent in each part, in seconds, excluding time spent in other parts that it calls."""
 
     spent_s: dict[str, float] = field(default_factory=dict)
     _inner_s: list[float] = field(default_factory=lambda: [0.0])
 
     def watch(self, part: str, owner: object, *methods: str) -> None:
-        """From now on, count the time of these methods of ``owner`` for this part."""
+        """From now on, add the time spent in these methods of ``owner`` to this part."""
         for method in methods:
             setattr(owner, method, self.timed(part, getattr(owner, method)))
 
     def timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function with the same result, whose time is counted for this part."""
+        """Return a function that does the same and whose time is added to this part."""
         self.spent_s.setdefault(part, 0.0)
 
         def timed(*args: Any, **kwargs: Any) -> Any:

@@ -1,6 +1,6 @@
 """Calibrate joints that the user moves by hand: sweep, direction and anchor.
 
-The torque stays disabled, and this module writes nothing to the servos or to disk.
+Torque stays disabled, and this module does not write to the servos or to disk.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,15 +32,15 @@ from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15
-"""Minimum rotation of a servo that shows a direction, in rad."""
+"""Minimum rotation of a servo that indicates a direction, in rad."""
 TREMBLE_RAD: Final = 0.05
-"""Maximum reversal of the motion that is ignored as trembling of the hand, in rad."""
+"""Maximum reversal of the motion that is ignored as hand tremor, in rad."""
 TRIES: Final = 5
-"""Maximum number of times that the user is asked to do one task."""
+"""Maximum number of times that the user is asked to perform the same task."""
 REPEATS: Final = 2
-"""Maximum number of times that a joint is measured again because its travel contradicts its direction or pose."""
+"""Maximum number of times that a joint is measured again because its travel contradicts its direction or its pose."""
 SEEN_TWICE: Final = 2
-"""Number of times that a different servo must turn before the IDs of the two servos count as exchanged."""
+"""Number of times that a different servo must turn before the IDs of the two servos are considered swapped."""
 
 
 class CalibrationDialog(Protocol):
@@ -51,7 +51,7 @@ class CalibrationDialog(Protocol):
         ...
 
     def say(self, text: str) -> None:
-        """Show a message that needs no answer."""
+        """Show a message that does not need a reply."""
         ...
 
 
@@ -60,9 +60,9 @@ class CalibrationTask:
     """A task for the person who moves the arm."""
 
     kind: str
-    """Kind of task, for programs: ``sweep``, ``direction`` or ``pose``."""
+    """Type of task, for use by programs: ``sweep``, ``direction`` or ``pose``."""
     text: str
-    """Instruction for the user."""
+    """Instruction to show to the user."""
     joints: tuple[str, ...]
     """Names of the joints to move."""
     sweep: Sweep
@@ -103,7 +103,7 @@ class ByHand:
     # The sweep.
 
     def _sweep_all(self) -> None:
-        """Ask the user to move every joint from stop to stop, and ask again for joints that missed a stop."""
+        """Ask the user to move every joint from stop to stop, and repeat the request for joints that missed a stop."""
         free = [joint.name for joint in self._joints if turns_freely(joint)]
         if free:
             self._guide.say(f"{', '.join(free)}: turns freely and is not swept. You will show its zero with a pose")
@@ -122,11 +122,11 @@ class ByHand:
                 f"Not yet moved from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops "
                 f"({seen})"
             )
-        # A short travel is reported with the result, because the stops of an arm may differ from its URDF.
+        # A short travel is only reported with the result, because an arm's stops may differ from its URDF.
         self._require_seams_outside()
 
     def _tell_fixed_seams(self) -> None:
-        """Warn at the start about servos that must be mounted with their encoder seams outside the travel."""
+        """Warn at the start about servos that must be mounted so that their encoder seams are outside the travel."""
         for joint in self._joints:
             if self._counting[joint.name].homing_offset is None:
                 self._guide.say(
@@ -135,7 +135,7 @@ class ByHand:
                 )
 
     def _require_seams_outside(self) -> None:
-        """Raise CalibrationError naming every joint that crosses a fixed seam or was turned through a whole turn."""
+        """Raise CalibrationError naming every joint that crosses a fixed seam or was turned by a full turn."""
         stuck = [j for j in self._joints if self._counting[j.name].homing_offset is None and self._crosses(j)]
         endless = [j for j in self._joints if self._plans[j.name].zero != "pose" and self._fills_the_turn(j)]
         problems = [f"{joint.name}: {cannot_move_seam(joint)}" for joint in stuck]
@@ -160,7 +160,8 @@ class ByHand:
     # One joint.
 
     def _measured(self, joint: Joint) -> JointCalibration:
-        """Measure direction and anchor of one joint. Repeat this if the travel does not match the URDF's limits."""
+        """Measure the direction and anchor of one joint. Repeat the measurement if the travel does not match the URDF
+        limits."""
         sign = self._direction(joint)
         made = self._calibration(joint, sign, self._anchor(joint, sign))
         if self._plans[joint.name].zero != "pose":
@@ -182,7 +183,7 @@ class ByHand:
         return calibration_of(joint, found)
 
     def _anchor(self, joint: Joint, sign: int) -> float:
-        """Return the continuous counts at the position that the joint's plan names as its zero."""
+        """Return the continuous counts at the position that the joint's plan uses as its zero reference."""
         plan = self._plans[joint.name]
         if plan.zero != "pose":
             return anchor_counts(joint, plan, self._swept(joint), sign)
@@ -224,7 +225,7 @@ class ByHand:
         return self._sweep.of(joint).counts
 
     def _pose_twice(self, joint: Joint, plan: JointPlan) -> float:
-        """Return the counts at the pose of a joint that turns freely.
+        """Return the counts at the marked pose of a joint that turns freely.
 
         The user shows the pose twice, because no stop can confirm the pose.
         """
@@ -249,17 +250,17 @@ class ByHand:
 
 
 def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> None:
-    """Raise CalibrationError naming every joint that turns freely and has no pose for its zero."""
+    """Raise CalibrationError naming every joint that turns freely and whose plan has no pose for the zero."""
     lost = [joint.name for joint in joints if turns_freely(joint) and plans[joint.name].zero != "pose"]
     if lost:
         raise CalibrationError(
-            f"{', '.join(lost)}: the range in the URDF is a whole turn, so no stop shows the zero. "
+            f"{', '.join(lost)}: the range in the URDF is a full turn, so the zero cannot be found from a stop. "
             "Set `zero: pose` for this joint in arm.yaml"
         )
 
 
 def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
-    """Return whether reversing the joint's direction would make the travel contradict the URDF's limits."""
+    """Return whether reversing the joint's direction would make the travel contradict the URDF limits."""
     limits = joint.limits
     if plan.zero != "pose" or turns_freely(joint) or position_warning(joint, made):
         return False
@@ -268,7 +269,7 @@ def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration)
 
 
 def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> float:
-    """Return the continuous counts at the middle or at a stop of the travel, as the plan requires."""
+    """Return the continuous counts at the middle or at a stop of the travel, as specified by the plan."""
     if plan.zero == "middle":
         return 0.5 * (travel.lower + travel.upper)
     pressed = pressed_counts(joint, travel)

@@ -1,8 +1,7 @@
-"""Calibrate an arm automatically: drive each joint with low torque until it stops moving at its stops.
+"""Calibrate an arm automatically: drive each joint with low torque until it is blocked by its stops.
 
-Only STS servos can do this. The position limits of the servos are disabled in RAM during the calibration (with the
-EEPROM lock closed). The encoder's seam may therefore lie anywhere in the travel. A restart of the servos restores the
-limits.
+Only STS servos support this. The servos' position limits are disabled in RAM during the calibration (with the EEPROM
+locked). The encoder's seam may therefore be anywhere in the travel. Restarting the servos restores the limits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +30,7 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 REACH: Final = 1.25
-"""Maximum distance at which a stop must be found, as a multiple of the range in the URDF."""
+"""Maximum distance within which a stop must be found, as a multiple of the range in the URDF."""
 DRIVE: Final = 0.5
 """Default torque limit of a joint, as a fraction of full drive."""
 
@@ -39,7 +38,8 @@ DRIVE: Final = 0.5
 def by_itself(
     open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
 ) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
-    """Return the automatic measurement as a function for ``calibrate``. It closes the bus that it receives."""
+    """Return a function that measures automatically, for use with ``calibrate``. The function closes the bus that is
+    passed to it."""
 
     def measure(bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> dict[str, JointCalibration]:
         bus.close()
@@ -49,7 +49,7 @@ def by_itself(
 
 
 class ByItself:
-    """Automatic calibration of the joints on one bus."""
+    """Automatic calibration of all joints on one bus."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class ByItself:
         self._poses: dict[str, float] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Find all stops and directions, then return the arm to its start and disable the torque.
+        """Find all stops and directions, then return the arm to its start position and disable torque.
 
         Raises CalibrationError or StoppedError.
         """
@@ -88,7 +88,7 @@ class ByItself:
         except BaseException as error:
             try:
                 self._restart()
-            except DriverError as second:  # The error that occurred first is more important.
+            except DriverError as second:  # The first error is more important.
                 error.add_note(
                     "the position limits in the servos are still disabled, because the servos could not be restarted: "
                     f"{second}. Switch their supply off and on to restore the limits"
@@ -102,13 +102,13 @@ class ByItself:
         others = [joint.name for joint in self._joints if joint.model not in sts.MODELS.values()]
         if others:
             raise CalibrationError(
-                f"{', '.join(others)}: automatic calibration works only with STS servos. Other servos have their "
-                "position limits in EEPROM, which is not changed before you confirm the result. Calibrate by hand"
+                f"{', '.join(others)}: automatic calibration works only with STS servos. Other servos store their "
+                "position limits in EEPROM, which is not changed until you confirm the result. Calibrate by hand"
             )
         require_poses(self._joints, self._plan.joints)
 
     def _restart(self) -> None:
-        """Restart the servos, so that the values in their EEPROM apply again."""
+        """Restart the servos, so that the values in their EEPROM take effect again."""
         with closing(self._open_bus()) as bus:
             restart(bus, self._joints, self._clock)
 
@@ -120,7 +120,7 @@ class ByItself:
                 bus.write(joint.servo_id, register, 0)
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
-        """Make all measurements that require enabled torque. Return the calibration of each joint."""
+        """Perform all measurements that require torque to be enabled. Return the calibration of each joint."""
         auto = self._plan.auto
         counted = [_counted_from(joint, here[joint.name], auto.drive.get(joint.name, DRIVE)) for joint in self._joints]
         named = {joint.name: index for index, joint in enumerate(self._joints)}
@@ -163,7 +163,7 @@ class ByItself:
         )
         if (
             plan.zero == "pose"
-        ):  # The user does not show the pose in this calibration, so the middle of the travel replaces it.
+        ):  # The user does not show the pose in this calibration, so the middle of the travel is used instead.
             plan = plan.model_copy(update={"zero": "middle", "at": None})
         return FoundZero(
             travel,
@@ -174,7 +174,7 @@ class ByItself:
         )
 
     def _wait(self, arm: SlowArm, index: int, found: FoundZero, begun: int) -> None:
-        """Move the joint to the position in which it leaves room for the other joints."""
+        """Move the joint to a position in which it leaves room for the other joints."""
         joint = self._joints[index]
         there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position
         arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)
@@ -183,7 +183,7 @@ class ByItself:
 def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
     """Return the counts of all servos, keyed by joint name.
 
-    Raises CalibrationError naming every servo that does not answer.
+    Raises CalibrationError naming every servo that does not respond.
     """
     readings = bus.read_states([joint.servo_id for joint in joints])
     silent = [f"{j.name}: {r.text}" for j in joints if not isinstance(r := readings[j.servo_id], ServoState)]

@@ -1,4 +1,4 @@
-"""Find the direction of a joint: turn it a little, and use a nearby stop or the user's answer."""
+"""Find the direction of a joint: turn it slightly, and use a nearby stop or the user's answer."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -14,11 +14,11 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 WIGGLE_RAD: Final = 0.15
-"""Angle by which a joint turns to show its direction, in rad of the servo's shaft."""
+"""Angle by which a joint turns to determine its direction, in rad of the servo's shaft."""
 NEAR_RAD: Final = 0.3
-"""Maximum distance to a stop, in the folded pose, at which the stop shows the joint's direction, in rad."""
+"""Maximum distance to a stop, in the folded pose, at which the stop can reveal the joint's direction, in rad."""
 ARRIVED_RAD: Final = 0.12
-"""Minimum following error of a joint that counts as blocked by an obstacle, in rad of the servo's shaft."""
+"""Minimum following error at which a joint counts as blocked by an obstacle, in rad of the servo's shaft."""
 
 
 class Watcher(CalibrationDialog, Protocol):
@@ -30,21 +30,21 @@ class Watcher(CalibrationDialog, Protocol):
 
 
 class DirectionSearch:
-    """Search for the directions of all joints, beginning in the folded pose that the plan describes."""
+    """Search for the directions of all joints, starting from the folded pose in the plan."""
 
     def __init__(self, arm: SlowArm, joints: Sequence[Joint], plan: ArmPlan, watcher: Watcher) -> None:
-        """Prepare the search. ``joints`` are in the same order as the joints of ``arm``."""
+        """Prepare the search. ``joints`` must be in the same order as the joints of ``arm``."""
         self._arm = arm
         self._joints = tuple(joints)
         self._plan = plan
         self._watcher = watcher
 
     def direction(self, index: int) -> int:
-        """Return the sign of a joint, from a nearby stop or from the user's answer. Raises CalibrationError."""
+        """Return a joint's sign, as determined by a nearby stop or the user's answer. Raises CalibrationError."""
         return self._shown_by_stop(index) or self._seen(index, 1)
 
     def cleared(self, index: int, sign: int) -> int:
-        """Move a joint out of the way of the others and return its sign.
+        """Move a joint out of the way of the other joints, and return its sign.
 
         If the joint is blocked, ask the user for its direction again. Raises CalibrationError if the joint is blocked
         in both directions.
@@ -59,12 +59,13 @@ class DirectionSearch:
         if self._arrives(index, target * sign * seen):
             return seen
         raise CalibrationError(
-            f"{joint.name} (servo {joint.servo_id}) is blocked on its way to the position where it leaves room for the "
-            "other joints. Fold the arm, clear the space around it, and calibrate again"
+            f"{joint.name} (servo {joint.servo_id}) is blocked before it reaches the position that leaves room for "
+            "the other joints. Fold the arm, clear the space around it, and calibrate again"
         )
 
     def _arrives(self, index: int, target: float) -> bool:
-        """Move a joint from 0 to the target and return whether it arrives. A blocked joint stops at once."""
+        """Move a joint from 0 to the target, and return whether the joint reaches it. A blocked joint stops
+        immediately."""
         joint = self._joints[index]
         step, allowed = SEEK_RAD_S * joint.transmission * PERIOD_S, ARRIVED_RAD * joint.transmission
         for goal in np.linspace(0.0, target, ceil(abs(target) / step) + 1):
@@ -77,7 +78,7 @@ class DirectionSearch:
         return True
 
     def _seen(self, index: int, first: int) -> int:
-        """Turn the joint a little, in direction ``first`` if possible, and return the sign from the user's answer."""
+        """Turn the joint slightly, if possible in direction ``first``, and return the sign from the user's answer."""
         joint = self._joints[index]
         for way in (first, -first):
             if self._wiggled(index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
@@ -88,7 +89,7 @@ class DirectionSearch:
         )
 
     def _shown_by_stop(self, index: int) -> int:
-        """Return the sign of a joint near a stop, which turns farther away from the stop than toward it.
+        """Return the sign of a joint near a stop: the joint turns farther away from the stop than toward it.
 
         Return 0 for other joints.
         """
@@ -106,7 +107,7 @@ class DirectionSearch:
         return away if start - limits.lower < limits.upper - start else -away
 
     def _wiggled(self, index: int, way: int, angle_rad: float) -> float:
-        """Turn a joint a little and back. Return the angle by which the joint turned."""
+        """Turn a joint slightly and back. Return the angle by which the joint turned."""
         joint = self._joints[index]
         self._watcher.say(f"{joint.name} turns a little and back")
         self._arm.go(index, way * angle_rad * joint.transmission)

@@ -14,17 +14,17 @@ class Hands:
         self._counts: dict[str, list[int]] = {joint.name: [] for joint in sweep.joints}
 
     def update(self) -> None:
-        """Add the current counts of every joint whose servo has answered."""
+        """Add the current counts of every joint whose servo has replied."""
         for name, swept in self._sweep.swept.items():
             self._counts[name].append(swept.counts)
 
     def counts(self, joint: Joint) -> list[int]:
-        """Return the counts of one joint. Raises CalibrationError if its servo has never answered."""
+        """Return the counts of one joint. Raises CalibrationError if the joint's servo has never replied."""
         self._sweep.of(joint)
         return self._counts[joint.name]
 
     def moved_instead(self, joint: Joint, shown_rad: float) -> Joint | None:
-        """Return the other joint that turned most while this joint did not turn; None if no joint turned."""
+        """Return the other joint that turned the most while this joint did not turn; None if no joint turned."""
         turned = {one.name: self._turned_rad(one) for one in self._sweep.joints}
         if turned[joint.name] >= shown_rad:
             return None

@@ -1,4 +1,4 @@
-"""Read the calibration plan of an arm: the positive direction of each joint and the way to find its zero."""
+"""Read the calibration plan of an arm: the positive direction of each joint and how to find its zero."""
 
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, Self
@@ -11,19 +11,18 @@ Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 
 
 class JointPlan(BaseModel):
-    """Calibration plan of one joint. Positions are those of the URDF, in rad (m for a prismatic joint)."""
+    """Calibration plan of one joint. Positions are URDF joint positions, in rad (m for a prismatic joint)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     positive: str
     """Instruction for the user that describes the positive direction of the joint."""
     zero: Zero = "middle"
-    """Reference position that links counts to positions in the URDF: the middle of the travel, a stop, or a marked
-    pose.
+    """Reference position that relates counts to URDF positions: the middle of the travel, a stop, or a marked pose.
     """
     at: Position | None = None
-    """Joint position at the reference position. If this value is missing, the middle and the stops follow from the
-    URDF's limits.
+    """Joint position at the reference position. If this value is missing, the positions of the middle and the stops are
+    derived from the URDF limits.
     """
     pose: str = ""
     """Instruction for the user that describes the pose. Used only for ``zero: pose``."""
@@ -31,20 +30,20 @@ class JointPlan(BaseModel):
     @model_validator(mode="after")
     def _pose_is_complete(self) -> Self:
         if self.zero == "pose" and (self.at is None or not self.pose):
-            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the position of the joint)")
+            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the joint position)")
         return self
 
     def anchor(self, lower: float, upper: float) -> float:
-        """Return the position of a joint with these limits at the reference position ``zero``."""
+        """Return the joint position at the reference ``zero`` for these limits."""
         if self.at is not None:
             return self.at
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
 
 
 def _in_order(steps: Any) -> Any:
-    """Convert a list of single entries to a mapping in the same order.
+    """Convert a list of single-entry mappings to one mapping in the same order.
 
-    Raise ValueError for a mapping with several entries, because the order of a mapping is not reliable.
+    Raise ValueError for a mapping with several entries, because the order of its entries is not reliable.
     """
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())
@@ -55,38 +54,41 @@ def _in_order(steps: Any) -> Any:
     if not isinstance(steps, list):
         return steps
     if not all(isinstance(step, Mapping) and len(step) == 1 for step in steps):
-        raise ValueError("must be a list of single entries, such as [{elbow_flex: -0.5}]")
+        raise ValueError("must be a list with one joint per entry, such as [{elbow_flex: -0.5}]")
     found = dict[str, Any]()
     for name, position in (entry for step in steps for entry in step.items()):
         if name in found:
-            raise ValueError(f"names {name} twice")
+            raise ValueError(f"lists {name} twice")
         found[name] = position
     return found
 
 
 Steps = Annotated[dict[str, Position], BeforeValidator(_in_order)]
-"""Joint positions in the order in which they are reached. In a file, this is a list of single entries."""
+"""Joint positions in the order in which they are reached. In a file, this is a list of single-entry mappings."""
 
 
 class AutoPlan(BaseModel):
-    """Plan that keeps an arm away from its table during automatic calibration. Positions are those of the URDF."""
+    """Plan that keeps an arm away from its table during automatic calibration. Positions are URDF joint positions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: dict[str, Position] = {}
     """Approximate joint positions at the start. The arm must be able to rest in this pose with its torque disabled."""
     clear: Steps = {}
-    """Positions to which joints move, one by one, before the search for stops. Each joint needs an entry in ``start``.
+    """Positions to which joints move, one by one, before the search for stops. Each joint must have an entry in
+    ``start``.
     """
     stops: Steps = {}
-    """Order of the search for stops, and the position of each joint after it. Other joints come last and wait at 0."""
+    """Order in which stops are searched for, and the position of each joint after its search. Other joints are searched
+    last and wait at 0."""
     drive: dict[str, TorqueLimit] = {}
-    """Torque limit of a joint, as a fraction of full drive, just enough to lift the load. The default is 0.5."""
+    """Torque limit of a joint during calibration, as a fraction of full drive; it must be just enough to lift the load.
+    The default is 0.5."""
 
     @model_validator(mode="after")
     def _start_is_known(self) -> Self:
         if unknown := [name for name in self.clear if name not in self.start]:
-            raise ValueError(f"clear names {', '.join(unknown)}, but start has no position for it")
+            raise ValueError(f"every joint in clear needs a position in start, but {', '.join(unknown)} has none")
         return self
 
 
@@ -99,7 +101,7 @@ class ArmPlan(BaseModel):
     auto: AutoPlan = AutoPlan()
 
     def part_of(self, joints: Collection[str]) -> "ArmPlan":
-        """Return the plan of some joints, such as those on one bus."""
+        """Return the plan for some of the joints, such as those on one bus."""
         auto = {name: _of(getattr(self.auto, name), joints) for name in ("start", "clear", "stops", "drive")}
         return self.model_copy(update={"joints": _of(self.joints, joints), "auto": self.auto.model_copy(update=auto)})
 

@@ -1,4 +1,4 @@
-"""Compute the calibration of a joint from its sweep, direction and anchor, and check it against the URDF."""
+"""Compute a joint's calibration from its sweep, direction and anchor, and check it against the URDF."""
 
 from dataclasses import dataclass, replace
 from math import ceil, floor, tau
@@ -10,29 +10,29 @@ from drivers.servos.angles import Travel
 from hal.joint import Joint
 
 SWEPT_SHARE: Final = 0.8
-"""Minimum travel of a joint that was swept from stop to stop, as a fraction of its range in the URDF."""
+"""Minimum travel of a joint that was swept from stop to stop, as a fraction of its URDF range."""
 DOUBTFUL_SHARE: Final = 0.03
 """Maximum difference between travel and URDF range, as a fraction of the range. A larger difference may mean a wrong
 part.
 """
 PRESSED_RAD: Final = 0.08
-"""Sum of the angles by which a hand presses a joint into its two stops, in rad of the servo's shaft."""
+"""Sum of the angles by which the user presses a joint into its two stops, in rad of the servo's shaft."""
 MISSING_RAD: Final = 0.04
-"""Maximum angle by which a travel may be shorter than the URDF's range, in rad of the servo's shaft.
+"""Maximum angle by which a travel may be shorter than the URDF range, in rad of the servo's shaft.
 
 If the zero is in the middle of the travel, it is wrong by half of the missing angle.
 """
 PLACE_RAD: Final = 0.05
-"""Maximum distance between the middle of a travel and the middle of the URDF's limits, in rad."""
+"""Maximum distance between the middle of a travel and the middle of the URDF limits, in rad."""
 PLAY_RAD: Final = 0.01
-"""Uncertainty of every measurement, in rad: half of the usual backlash plus one count."""
+"""Uncertainty of every measurement, in rad: half of the typical backlash plus one count."""
 EYE_RAD: Final = 0.05
 """Uncertainty of a pose that is judged by eye and not confirmed by a stop, in rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCalibration:
-    """Calibration of one joint, in counts that the servo reports with ``homing_offset``."""
+    """Calibration of one joint, in the counts that the servo reports when ``homing_offset`` is set."""
 
     sign: int
     zero_counts: int
@@ -64,7 +64,7 @@ class JointCalibration:
 
 @dataclass(frozen=True, slots=True)
 class FoundZero:
-    """Measurement of one joint, in continuous counts read with ``homing_offset``."""
+    """Measurement of one joint, in continuous counts that were read while ``homing_offset`` was set."""
 
     travel: Travel
     sign: int
@@ -81,21 +81,21 @@ def unit(joint: Joint) -> float:
 
 
 def turns_freely(joint: Joint) -> bool:
-    """Return whether the joint has no stops, because its range in the URDF is a whole turn of its servo."""
+    """Return whether the joint has no stops because its URDF range is a full turn of its servo."""
     range_counts = (joint.limits.upper - joint.limits.lower) / unit(joint)
     return range_counts > joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
 
 def fills_the_turn(joint: Joint, travel: Travel) -> bool:
-    """Return whether the joint has no stops, because it was moved through a whole turn of its servo or more."""
+    """Return whether the joint has no stops because it was moved through at least one full turn of its servo."""
     return travel.span > joint.model.counts_per_turn - 2
 
 
 def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
     """Return the calibration of one joint. Raise CalibrationError if the seam cannot be kept out of the joint's range.
 
-    For a joint that turns freely, only the range in the URDF matters. The seam is put opposite the middle of this
-    range, and the travel is the whole turn.
+    For a joint that turns freely, only the URDF range matters. The seam is placed opposite the middle of this range,
+    and the travel is the full turn.
     """
     zero = found.anchor_counts - found.sign * found.anchor_position / unit(joint)
     free = turns_freely(joint) or fills_the_turn(joint, found.travel)
@@ -115,7 +115,7 @@ def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
 
 
 def _limits_in_counts(joint: Joint, sign: int, zero: float) -> Travel:
-    """Return the URDF's limits in continuous counts."""
+    """Return the URDF limits in continuous counts."""
     ends = [zero + sign * end / unit(joint) for end in (joint.limits.lower, joint.limits.upper)]
     return Travel(floor(min(ends)), ceil(max(ends)))
 
@@ -126,12 +126,12 @@ def _both(one: Travel, other: Travel) -> Travel:
 
 
 def _off_the_seam(joint: Joint, needed: Travel, counting: Counting) -> tuple[Travel, Counting]:
-    """Return the range in counts that does not cross the seam, and the servo settings for these counts."""
+    """Return the range in counts that does not cross the seam, and the corresponding servo settings."""
     turn = joint.model.counts_per_turn
     if needed.span > turn:
         raise CalibrationError(
-            f"{joint.name}: its stops and its limits in the URDF span {needed.span} counts, more than the servo's turn "
-            f"of {turn}. Check the limits in the URDF, and make sure that the joint is in the requested pose"
+            f"{joint.name}: its stops and its limits in the URDF span {needed.span} counts, but one turn of the servo "
+            f"has only {turn}. Check the limits in the URDF, and make sure that the joint is in the requested pose"
         )
     found = off_the_seam(joint.model, needed, counting)
     if found is None:
@@ -140,7 +140,7 @@ def _off_the_seam(joint: Joint, needed: Travel, counting: Counting) -> tuple[Tra
 
 
 def cannot_move_seam(joint: Joint) -> str:
-    """Return the cause and the remedy for a fixed encoder seam within the range of a joint."""
+    """Return the cause and the remedy if a joint's range contains a fixed encoder seam."""
     return (
         f"the count of its servo ({joint.servo_id}) jumps from the last to the first within the joint's range, and an "
         f"{joint.model.name} cannot move this position. Take the horn off, turn the servo to the middle of its range, "
@@ -167,7 +167,7 @@ def travel_warnings(joint: Joint, calibration: JointCalibration) -> str:
 
 
 def missing_allowed(joint: Joint) -> float:
-    """Return the plausible difference between a short travel and the joint's URDF range, in rad or m."""
+    """Return the maximum plausible difference between a short travel and the joint's URDF range, in rad or m."""
     return min(DOUBTFUL_SHARE * (joint.limits.upper - joint.limits.lower), MISSING_RAD * joint.transmission)
 
 
@@ -179,14 +179,14 @@ def pressed_counts(joint: Joint, travel: Travel) -> float:
     """Return the distance by which the joint was pressed into each of its stops, in counts.
 
     This is half of the difference between the travel and the URDF's range. The result is 0 if the travel is not longer
-    than the range, or so much longer that the stops must differ from the URDF.
+    than the range, or so much longer that the actual stops must differ from the URDF.
     """
     longer = travel.span * unit(joint) - (joint.limits.upper - joint.limits.lower)
     return 0.5 * longer / unit(joint) if 0.0 < longer <= PRESSED_RAD * joint.transmission else 0.0
 
 
 def position_warning(joint: Joint, calibration: JointCalibration) -> str:
-    """Return a warning about a travel that does not match the URDF's limits; an empty string if it matches."""
+    """Return a warning about a travel that does not match the URDF limits; an empty string if it matches."""
     if turns_freely(joint) or abs(off := misplaced(joint, calibration)) <= PLACE_RAD * joint.transmission:
         return ""
     (lower, upper), limits = calibration.stops(joint), joint.limits
@@ -198,12 +198,12 @@ def position_warning(joint: Joint, calibration: JointCalibration) -> str:
 
 
 def misplaced(joint: Joint, calibration: JointCalibration) -> float:
-    """Return the distance between the middle of the travel and the middle of the URDF's limits, in rad or m."""
+    """Return the distance between the middle of the travel and the middle of the URDF limits, in rad or m."""
     return 0.5 * sum(calibration.stops(joint)) - 0.5 * (joint.limits.lower + joint.limits.upper)
 
 
 def is_mirrored(joint: Joint, calibration: JointCalibration) -> bool:
-    """Return whether the travel matches the URDF's limits only if the direction is reversed."""
+    """Return whether the travel matches the URDF limits only if the direction is reversed."""
     other_way = misplaced(joint, replace(calibration, sign=-calibration.sign))
     allowed = PLACE_RAD * joint.transmission
     return abs(other_way) <= allowed < abs(misplaced(joint, calibration))
@@ -214,6 +214,6 @@ def uncertainty(joint: Joint, calibration: JointCalibration, zero: str) -> float
     if turns_freely(joint):
         return EYE_RAD * joint.transmission
     longer = calibration.travel(joint) - (joint.limits.upper - joint.limits.lower)
-    at_stop = zero.endswith("stop") and longer < 0.0  # The excess of a longer travel is shared equally by both stops.
+    at_stop = zero.endswith("stop") and longer < 0.0  # Excess travel is divided equally between both stops.
     by_travel = -longer if at_stop else max(0.5 * abs(longer), abs(misplaced(joint, calibration)))
     return PLAY_RAD * joint.transmission + by_travel

@@ -1,4 +1,4 @@
-"""Calibrate an arm on one bus: disable the torque, measure, show the changes, store them, and test each joint."""
+"""Calibrate an arm on one bus: disable torque, measure, show the changes, store them, and test each joint."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
@@ -24,20 +24,20 @@ from hal.servos.limp_arm import release_question, servo_name, torque_warning
 WAY_RAD: Final = 0.2
 """Angle by which each servo turns back and forth in the motion test, in rad."""
 OFF_SHARE: Final = 0.3
-"""Maximum error of a test motion, as a fraction of its length. It covers friction and the dead band. Sag is the same
-at both ends and cancels out.
+"""Maximum error of a test motion, as a fraction of the motion's length. This tolerance covers friction and the dead
+band. Sag is the same at both ends of the motion and cancels out.
 """
 
 
 def check(arm: SlowArm, say: Callable[[str], None]) -> None:
-    """Move every joint back and forth. Raises CalibrationError naming the joint that does not follow."""
+    """Move every joint back and forth. Raises CalibrationError naming the joint that does not follow its goals."""
     for index, joint in enumerate(arm.joints):
         say(f"{joint.name} moves")
         _there_and_back(arm, index)
 
 
 def first_way(arm: SlowArm, index: int) -> float:
-    """Return the first motion of a joint in the test, toward the middle of its limits, in rad or m."""
+    """Return the first test motion of a joint, toward the middle of its limits, in rad or m."""
     joint = arm.joints[index]
     middle = 0.5 * (joint.limits.lower + joint.limits.upper)
     return WAY_RAD * joint.transmission * (1.0 if float(arm.command[index]) < middle else -1.0)
@@ -68,7 +68,7 @@ HANDS_OFF = "The arm holds its position now: take your hands off"
 SUPPORT = "The torque will be disabled in a moment: support the arm"
 UNTRIED = "the calibration is stored, but its motion test was not completed"
 HANDS_S = 2.0
-"""Time for the user to support the arm or to let go of it, in seconds."""
+"""Time for the user to support or release the arm, in seconds."""
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
 
@@ -117,17 +117,17 @@ class CalibrationOutcome:
     changes: Mapping[str, tuple[Change, ...]] | None = None
     """Changes written to the servos, keyed by joint name."""
     tried: bool = False
-    """Whether each joint was moved with torque enabled and reached its goals."""
+    """Whether each joint reached its goals in the motion test with torque enabled."""
 
 
 def by_hand(asker: Asker) -> Measure:
-    """Return the measurement by hand as a function for ``calibrate``."""
+    """Return a function that measures by hand, for use with ``calibrate``."""
     return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run() if joints else {}
 
 
 @dataclass(frozen=True, slots=True)
 class JointsToCalibrate:
-    """Joints of a robot file that are on one bus, with the plan of each joint."""
+    """Joints of a robot file that are on one bus, with a calibration plan for each joint."""
 
     robot: Path
     """Robot file. The calibration is stored in the same folder."""
@@ -153,18 +153,18 @@ def calibrate(
     measure: Measure | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> CalibrationOutcome:
-    """Calibrate joints by hand or with another measurement.
+    """Calibrate joints, by hand or with a different measurement.
 
-    Nothing is written before the user agrees. At the end, torque is off, even after an error. Raises CalibrationError,
-    ServoError, PortLost, StoppedError.
+    Nothing is written until the user agrees. Torque is always off at the end, even after an error. Raises
+    CalibrationError, ServoError, PortLost, StoppedError.
 
     Args:
         arm: Joints to calibrate.
         open_bus: Function that opens the bus of the joints.
         asker: Interface to the person who moves the arm and answers questions.
-        clock: Clock for all waiting times.
-        measure: Measurement to use. If None, measure by hand.
-        stopped: Function that is called during the motion test. The test stops when the function returns True.
+        clock: Clock for all delays and timeouts.
+        measure: Measurement to use. If None, the joints are measured by hand.
+        stopped: Function that is called during the motion test. The test stops when this function returns True.
     """
     arm.require_plans()
     robot, joints, plans = arm.robot, arm.joints, arm.plans
@@ -195,7 +195,7 @@ def calibrate(
             error.add_note(UNTRIED)
             raise
         if not asker.confirm(MOVED):
-            raise CalibrationError(f"a joint has the wrong direction: {set_aside(robot)}")
+            raise CalibrationError(f"a joint moved in the wrong direction: {set_aside(robot)}")
     return CalibrationOutcome(differences, calibration_path(robot), True, changes, tried)
 
 
@@ -205,7 +205,7 @@ def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Calibr
 
 
 def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], asker: Asker) -> list[Joint]:
-    """Return the joints with implausible calibrations if the user wants to measure them again."""
+    """Return the joints with implausible calibrations if the user wants to measure these joints again."""
     doubtful = [joint for joint in joints if travel_warnings(joint, made[joint.name])]
     for joint in doubtful:
         asker.say(f"{joint.name}: {travel_warnings(joint, made[joint.name])}")
@@ -217,7 +217,7 @@ def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], ask
 def to_turn_round(
     joints: Sequence[Joint], plans: Mapping[str, JointPlan], made: Mapping[str, JointCalibration], asker: Asker
 ) -> list[Joint]:
-    """If the user reports a wrong direction, return the joints whose direction was shown only by the user."""
+    """If the user reports a wrong direction, return the joints whose direction was confirmed only by the user."""
     shown = [joint for joint in joints if not place_shows_direction(joint, plans[joint.name], made[joint.name])]
     for joint in shown:
         calibrated_before = joint.homing_offset is not None
@@ -236,9 +236,9 @@ def _try(
     clock: Clock,
     stopped: Callable[[], bool],
 ) -> None:
-    """Move each joint a little with torque enabled.
+    """Move each joint slightly with torque enabled.
 
-    Tell the user when to let go of the arm and when to support it.
+    Tell the user when to release the arm and when to support it.
     """
     with SlowArm(open_bus, joints, clock, stopped) as arm:
         asker.say(HANDS_OFF)
@@ -252,7 +252,7 @@ def _try(
 
 
 def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
-    """Check that all servos answer and have the right model, and disable their torque if the user agrees.
+    """Check that all servos respond and have the right model, and disable their torque if the user agrees.
 
     Raises ServoError, CalibrationError.
     """

@@ -1,8 +1,8 @@
-"""Move the seam of a servo's encoder, at which the count jumps from the last value to the first.
+"""Move the seam of a servo's encoder, where the count jumps from the last value to the first.
 
-An STS subtracts its homing offset from the encoder reading. A Dynamixel X adds the offset, and accepts every offset
-only in extended position mode. In this mode the servo counts across turns, and the bus reduces its counts to one turn
-(drivers/bus/turns.py).
+An STS subtracts its homing offset from the encoder reading. A Dynamixel X adds the offset, and accepts arbitrary
+offsets only in extended position mode. In this mode, the servo counts multiple turns, and the bus reduces its counts to
+one turn (drivers/bus/turns.py).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
 
 SEAM_MARGIN_COUNTS: Final = 16
-"""Minimum distance between a travel and the seam, in counts, because gears bend a little at the stops."""
+"""Minimum distance between a travel and the seam, in counts, because gears flex slightly at the stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +43,12 @@ class Counting:
 
 
 def joint_counting(joint: Joint) -> Counting:
-    """Return the settings for the counts of the joint's servo from the robot file or its calibration."""
+    """Return the settings that determine the counts of the joint's servo, from the robot file or its calibration."""
     return Counting(joint.homing_offset or 0, joint.extended)
 
 
 def homing_register(model: ServoModel) -> Register | None:
-    """Return the homing offset register of a servo model; None if it has none."""
+    """Return the homing offset register of a servo model; None if the model does not have one."""
     return next((one for one in series_of(model).registers if one.name == "homing_offset"), None)
 
 
@@ -67,7 +67,7 @@ def counting_of(bus: Bus, joint: Joint) -> Counting:
 
 
 def is_extended(bus: Bus, joint: Joint) -> bool:
-    """Return whether the joint's Dynamixel X is in a mode that counts turns. Raises ServoError."""
+    """Return whether the joint's servo is a Dynamixel X in a mode that counts turns. Raises ServoError."""
     return retry(partial(bus.read, joint.servo_id, x.operating_mode)) in x.MODES_WITH_TURNS
 
 
@@ -87,11 +87,11 @@ def off_the_seam(model: ServoModel, needed: Travel, counting: Counting) -> tuple
 
     Args:
         model: Model of the servo.
-        needed: Range of at most one turn, in continuous counts as the servo reports them now.
+        needed: Range of at most one turn, in continuous counts as the servo currently reports them.
         counting: Current settings of the servo.
 
     Returns:
-        The range and the settings; None if the range crosses the seam and the servo cannot move it.
+        The range and the settings; None if the range crosses the seam and the seam of this servo cannot be moved.
     """
     turn = model.counts_per_turn
     if (here := _as_it_is(model, needed, counting)) is not None:
@@ -109,21 +109,21 @@ def off_the_seam(model: ServoModel, needed: Travel, counting: Counting) -> tuple
 
 
 def _as_it_is(model: ServoModel, needed: Travel, counting: Counting) -> Travel | None:
-    """Return the range in the counts that the servo reports now; None if it crosses the seam."""
+    """Return the range in the counts that the servo currently reports; None if it crosses the seam."""
     turn, offset = model.counts_per_turn, counting.homing_offset
     if offset is not None and abs(offset) > LARGEST_OFFSET:
         return None
     here = _clear(needed, 0, turn)
     if series_of(model) is not X or counting.extended or here is None:
         return here
-    # In position mode the servo reports the encoder's own position within its turn, plus the offset.
+    # In position mode, the servo reports the encoder's position within its turn, plus the offset.
     added = -(counting.seam(model) or 0)
     raw = _clear(needed, added, turn)
     return here if raw is not None and raw.lower + added == here.lower else None
 
 
 def _clear(needed: Travel, added: int, turn: int) -> Travel | None:
-    """Return the range minus ``added``, within one turn, or None if the result crosses into the next turn."""
+    """Return the range minus ``added``, within one turn; None if the result crosses into the next turn."""
     lower = (needed.lower - added) % turn
     margin = min(SEAM_MARGIN_COUNTS, max(0, (turn - needed.span) // 4))
     inside = lower >= margin and lower + needed.span < turn - margin

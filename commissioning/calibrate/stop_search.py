@@ -7,12 +7,13 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 SEEK_RAD_S: Final = 0.3
-"""Speed of the goal during the search, in rad/s of the servo's shaft."""
+"""Speed at which the goal moves during the search, in rad/s of the servo's shaft."""
 STAND_RAD: Final = 0.01
-"""Maximum motion of a servo at rest within ``STAND_S``, in rad."""
+"""Maximum motion within ``STAND_S`` of a servo that counts as at rest, in rad."""
 STAND_S: Final = 0.4
 AHEAD_RAD: Final = 0.1
-"""Minimum distance of the goal ahead of a servo at a stop, in rad. Friction alone cannot hold the servo so far back."""
+"""Minimum distance between a servo at a stop and the goal ahead of it, in rad. Friction alone cannot hold the servo
+this far from its goal."""
 
 
 class StopSearch:
@@ -26,7 +27,7 @@ class StopSearch:
         self._way = way
 
     def run(self) -> float:
-        """Return the joint's position at the stop, and set its goal to this position.
+        """Return the joint's position at the stop, and set its goal to that position.
 
         Raises CalibrationError if there is no stop.
         """

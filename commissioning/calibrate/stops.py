@@ -1,6 +1,6 @@
 """Check whether a sweep has reached both stops of a joint.
 
-The travel must be as long as the range in the URDF, or the same two stops must have been reached twice.
+The travel must be as long as the URDF range, or the same two stops must have been reached twice.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class _Visit:
 
 
 class Stops:
-    """The stops that the user has reached while sweeping the joints."""
+    """Stops that the user has reached while sweeping the joints."""
 
     def __init__(self, sweep: Sweep, joints: Sequence[Joint]) -> None:
         self._sweep = sweep
@@ -34,12 +34,12 @@ class Stops:
         self._before: dict[str, _Visit] = {}
 
     def begin(self) -> None:
-        """Begin a new task. All motion so far counts as motion before this task."""
+        """Begin a new task. All previous motion is treated as motion before this task."""
         self._before = {name: _Visit(one.lower, one.upper) for name, one in self._sweep.swept.items()}
         self._visits = {}
 
     def update(self) -> None:
-        """Add the current positions of the joints to their ranges in this task."""
+        """Add the joints' current positions to their ranges in this task."""
         for joint in self._joints:
             swept = self._sweep.swept.get(joint.name)
             if swept is None:
@@ -50,7 +50,7 @@ class Stops:
     def missing(self, joint: Joint) -> bool:
         """Return whether a stop may have been missed.
 
-        A travel that is shorter than the URDF's range is accepted once both of its ends were reached in two tasks.
+        A travel that is shorter than the URDF range is accepted after both of its ends were reached in two tasks.
         """
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
@@ -68,9 +68,9 @@ class Stops:
         return abs(visit.lower - before.lower) <= same and abs(visit.upper - before.upper) <= same
 
     def seen(self, joint: Joint) -> str:
-        """Return a phrase with the distance that the joint was moved."""
+        """Return a phrase that states how far the joint was moved."""
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
-            return f"{joint.name}: servo {joint.servo_id} did not answer"
+            return f"{joint.name}: servo {joint.servo_id} did not respond"
         travel = swept.travel.span * unit(joint)
         return f"{joint.name}: {travel:.3f} of {range_:.3f} in the URDF, {travel / range_:.1%}"

@@ -1,4 +1,4 @@
-"""Store a calibration: write the file, then the homing offsets of the servos, then restart the servos."""
+"""Store a calibration: write the file, then write the homing offsets to the servos, then restart the servos."""
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
@@ -36,15 +36,15 @@ def save(
 ) -> Path:
     """Write the calibration of this robot file, keep the previous calibration, and return the path.
 
-    The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
-    calibration is not kept, because it would replace the last complete calibration. A CalibrationError contains the
-    content in a note.
+    The file is written under a temporary name and then renamed, so it is complete at all times. An unfinished previous
+    calibration is not kept, because it would overwrite the last complete calibration. If writing fails, the
+    CalibrationError contains the content in a note.
 
     Args:
         robot: Robot file of the arm.
         joints: Servo ID and calibration of each joint, keyed by joint name.
-        in_servos: Whether all servos already have this calibration.
-        kept: Other joints, which keep their previous calibration.
+        in_servos: Whether all servos already contain this calibration.
+        kept: Other joints, whose previous calibration is kept.
     """
     path = calibration_path(robot)
     former = load_calibration(robot) if kept else None
@@ -79,9 +79,10 @@ def save(
 
 
 def set_aside(robot: Path) -> str:
-    """Rename a calibration that proved wrong, restore the previous calibration, and return a text about both.
+    """Rename a calibration that proved to be wrong, restore the previous one, and return a message about both.
 
-    The servos keep the new homing offsets. The arm refuses to start with a calibration that has different offsets.
+    The servos keep the new homing offsets. The arm refuses to start with a calibration whose offsets differ from those
+    in the servos.
     """
     path = calibration_path(robot)
     wrong, former = path.with_name(path.name + ".wrong"), path.with_name(path.name + ".1")
@@ -96,9 +97,9 @@ def set_aside(robot: Path) -> str:
 RESTART_S: Final = 1.5
 """Time allowed for the restart of a servo, in seconds. A servo needs 0.8 s."""
 AGAIN_S: Final = 0.1
-"""Delay before a silent servo is read again, in seconds."""
+"""Delay before another read from a silent servo, in seconds."""
 SLACK_COUNTS: Final = 40
-"""Tolerance of the travel, in counts. A stop gives way a little, and a limp joint can move."""
+"""Tolerance of the travel, in counts. A stop gives way slightly, and a limp joint can move."""
 
 
 def store(
@@ -112,9 +113,9 @@ def store(
     """Write the calibration file and the homing offsets.
 
     Return the changes in the servos, keyed by joint name. Torque must be off. The joints in ``kept`` keep their
-    previous calibration. The file is written first. If some servos cannot be written after that, their offsets differ
-    from the file, and the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about
-    the values that are already stored.
+    previous calibration. The file is written first. If some servos cannot be written afterward, their offsets differ
+    from the file, and the arm refuses to start. Raises CalibrationError, ServoError or PortLost, with a note about the
+    values already stored.
     """
     content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
     path = save(robot, content, in_servos=False, kept=kept)
@@ -139,7 +140,7 @@ def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str
 
 
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
-    """Restart servos whose torque is off, so that they discard the turns counted while the arm was moved.
+    """Restart servos whose torque is off, so that they discard the turns that they counted while the arm was moved.
 
     Otherwise, a servo that was turned across its seam would move by a whole turn at its next goal.
     """
@@ -157,7 +158,7 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
 
 
 def _readings(bus: Bus, joints: Sequence[Joint], clock: Clock) -> dict[int, Reading]:
-    """Read the states of servos. A servo that is silent for a moment is read again."""
+    """Read the states of servos. A servo that is briefly silent is read again."""
     missing = [joint.servo_id for joint in joints]
     readings = dict(bus.read_states(missing))
     for _ in range(ATTEMPTS - 1):

@@ -1,7 +1,7 @@
 """Record the sweep of joints from stop to stop, in continuous counts.
 
-The sweep may begin in any pose, and the encoder's seam may lie anywhere in the travel. Each reading is interpreted as
-the continuous count that is nearest to the previous reading.
+The sweep may begin in any pose, and the encoder's seam may be anywhere in the travel. Each reading is interpreted as
+the continuous count nearest to the previous reading.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,8 @@ class Swept:
     upper: int
     readings: int = 1
     recent: tuple[int, ...] = ()
-    """Up to three readings, in chronological order. Their median is used, because one of the readings may be wrong."""
+    """Up to three readings, in chronological order. The median of the readings is used, because one of them may be
+    wrong."""
 
     @property
     def travel(self) -> Travel:
@@ -48,13 +49,13 @@ class Sweep:
     def __init__(self, bus: Bus, joints: Sequence[Joint]) -> None:
         self.joints = tuple(joints)
         self.swept: dict[str, Swept] = {}
-        """Sweep of each joint whose servo has answered, keyed by joint name."""
+        """Sweep of each joint whose servo has replied, keyed by joint name."""
         self.missing: dict[str, str] = {}
-        """Reason for each joint whose servo did not answer the last read, keyed by joint name."""
+        """Error message for each joint whose servo did not reply to the last read, keyed by joint name."""
         self._bus = bus
 
     def update(self) -> None:
-        """Read all servos once. A servo that does not answer is added to ``missing``, and its sweep is kept."""
+        """Read all servos once. A servo that does not respond is added to ``missing``, and its sweep is kept."""
         readings = self._bus.read_states([joint.servo_id for joint in self.joints])
         self.missing = {}
         for joint in self.joints:
@@ -65,7 +66,7 @@ class Sweep:
         swept = self.swept.get(joint.name)
         if swept is None:
             raise CalibrationError(
-                f"{joint.name}: servo {joint.servo_id} has never answered ({self.missing.get(joint.name, '')}). "
+                f"{joint.name}: servo {joint.servo_id} has never responded ({self.missing.get(joint.name, '')}). "
                 "Run servoloop doctor to find the cause"
             )
         return swept
@@ -85,8 +86,8 @@ class Sweep:
 def last_way(counts: Iterable[int], threshold: int) -> int:
     """Return the signed distance of the joint's last motion in one direction, in counts.
 
-    Reversals by at most ``threshold`` counts are ignored. Only the last motion counts, because the user may first have
-    to move the joint away from a stop. The result is 0 if there was no motion of more than ``threshold``.
+    Reversals of at most ``threshold`` counts are ignored. Only the last motion is used, because the user may first have
+    to move the joint away from a stop. The result is 0 if no motion exceeded ``threshold``.
     """
     origin = turning = last = None
     way = 0

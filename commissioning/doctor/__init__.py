@@ -1,1 +1,1 @@
-"""Diagnose an arm: measure it, check the measurements, and rank the findings by their most likely cause."""
+"""Diagnose an arm: measure it, check the measurements, and rank the findings by likely cause."""

@@ -47,7 +47,7 @@ CHECKS: Final[tuple[Callable[[ArmSnapshot], Iterable[Finding]], ...]] = (
 
 
 def judge(snapshot: ArmSnapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
-    """Return all findings in a snapshot, beginning with the most likely cause of the other findings."""
+    """Return all findings for a snapshot, starting with the finding that most likely causes the others."""
     return ranked(_all(snapshot, ports), KINDS)
 
 
@@ -79,16 +79,17 @@ def doctor(
 ) -> DoctorReport:
     """Examine the servos of an arm and return a report.
 
-    The function only pings and reads. The torque does not change unless ``move`` moves the joints
-    (commissioning/doctor/motion.py). Problems of the arm do not raise exceptions. They are findings in the report.
+    The function only sends pings and reads. Torque does not change unless ``move`` moves the joints
+    (commissioning/doctor/motion.py). Problems of the arm do not raise exceptions, but are reported as findings. The
+    report contains these findings.
 
     Args:
         arm: The arm.
-        devices: Port of each bus, keyed by bus name.
-        clock: Clock for all times.
+        devices: Serial port of each bus, keyed by bus name.
+        clock: Clock for all timing.
         machine: Machine whose serial adapters are listed. If None, this machine is used.
         open_port: Function that opens a device at a baud rate. If None, serial ports are opened.
-        move: Function that moves the joints for the checks that need motion.
+        move: Function that moves the joints for the checks that require motion.
     """
     opened = open_port or partial(_serial, clock)
     lines = arm.robot.file.lines()

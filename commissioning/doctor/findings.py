@@ -1,4 +1,5 @@
-"""Findings of the doctor. A finding has a symptom as users describe it, a cause, and often a command that fixes it."""
+"""Findings reported by the doctor. A finding has a symptom as users would describe it, a cause, and often a command
+that fixes the cause."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,21 +15,21 @@ class Kind:
 
     severity: Severity
     rank: int
-    """Likelihood that a finding of this kind is the cause of other findings, from 0 to 100."""
+    """Likelihood that a finding of this type is the cause of other findings, from 0 to 100."""
     explains: frozenset[str] = frozenset()
-    """Kinds that are consequences of this kind if both are found at the same place."""
+    """Types of findings that are consequences of this type if both are found at the same place."""
 
 
 @dataclass(frozen=True, slots=True)
 class FindingPlace:
-    """Place of a finding: the whole machine (all fields None), a bus, or a servo."""
+    """Place of a finding: the whole machine (all fields are None), a bus, or a servo."""
 
     bus: str | None = None
     joint: str | None = None
     servo_id: int | None = None
 
     def covers(self, other: "FindingPlace") -> bool:
-        """Return whether the other place is the same place or a part of this place."""
+        """Return whether the other place is the same as this place or a part of it."""
         return self.bus in (None, other.bus) and self.servo_id in (None, other.servo_id)
 
     def __str__(self) -> str:
@@ -41,7 +42,7 @@ class FindingPlace:
 class Finding:
     """One problem that was found.
 
-    If no command fixes it, ``command`` is None and ``cause`` tells the user what to do.
+    If no command fixes the problem, ``command`` is None and ``cause`` tells the user what to do.
     """
 
     id: str
@@ -54,7 +55,7 @@ class Finding:
 
 
 def ranked(findings: Iterable[Finding], kinds: dict[str, Kind]) -> tuple[Finding, ...]:
-    """Return the findings, most likely cause first, without findings that a more likely finding explains."""
+    """Return the findings, most likely cause first, without the findings that a more likely finding explains."""
     ordered = sorted(dict.fromkeys(findings), key=_order)
     return tuple(one for at, one in enumerate(ordered) if not any(_explains(kinds, by, one) for by in ordered[:at]))
 
@@ -68,7 +69,7 @@ def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
 
 
 def _explains(kinds: dict[str, Kind], by: Finding, one: Finding) -> bool:
-    """Return whether the more likely finding explains the other finding, which then need not be reported."""
+    """Return whether the more likely finding explains the other one, so that the other one need not be reported."""
     return by.rank > one.rank and one.id in kinds[by.id].explains and by.place.covers(one.place)
 
 
@@ -154,16 +155,16 @@ KINDS: Final[dict[str, Kind]] = {
     "seam_in_range": _kind("fault", 64),
     "travel_differs": _kind("warning", 33),
     "not_calibrated": _kind("note", 20),
-    # Found only while the joints move.
+    # These findings require that the joints move.
     "does_not_move": _kind("fault", 59),
     "wrong_gear": _kind("warning", 53),
     "gives_way": _kind("warning", 26),
     "shakes": _kind("warning", 51),
     "not_moved": _kind("note", 3),
 }
-"""All kinds of findings, keyed by ID."""
+"""All types of findings, keyed by ID."""
 
 
 def finding(kind: str, place: FindingPlace, symptom: str, cause: str, command: str | None = None) -> Finding:
-    """Return a finding of one of ``KINDS``."""
+    """Return a finding whose type is one of ``KINDS``."""
     return Finding(kind, KINDS[kind].severity, KINDS[kind].rank, place, symptom, cause, command)

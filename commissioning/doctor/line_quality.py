@@ -24,25 +24,25 @@ CYCLE_S: Final = 0.05
 """Maximum duration of one cycle, in seconds."""
 ROUND_TRIPS: Final = 20
 RETURN_DELAY_UNIT_S: Final = 2e-6
-"""Unit of the return delay register in all series, in seconds."""
+"""Unit of the return delay register, which is the same in all series, in seconds."""
 READ_BYTES: Final = {True: 8 + 7, False: 14 + 12}
-"""Size of a request for one byte plus its reply, in protocol 1 (True) and protocol 2 (False)."""
+"""Size of a one-byte read request plus its reply, in bytes, for protocol 1 (True) and protocol 2 (False)."""
 ECHO_S: Final = 0.02
 COUNTED: Final = ("replies", "silent", "corrupt", "late", "refused", "reset")
-"""Possible outcomes of a request that had enough time for a reply."""
+"""Possible outcomes of a request that allowed enough time for a reply."""
 
 
 def line_figures(
     bus: Bus, models: Mapping[int, ServoModel], clock: Clock, delays: Sequence[int], echoes: bool
 ) -> LineFigures:
-    """Measure a bus on which all servos answer. Raises PortLost.
+    """Measure a bus on which all servos respond. Raises PortLost.
 
     Args:
         bus: The bus.
         models: Model of each servo, keyed by ID.
         clock: Clock for all times.
         delays: Values of the servos' return delay registers.
-        echoes: Whether the adapter echoes every request. The value is copied to the result.
+        echoes: Whether the adapter echoes every request. The value is copied into the result.
     """
     before, noise = _counted(bus, models), bus.counters.noise + bus.counters.strange
     cycles_s: list[float] = []
@@ -74,7 +74,7 @@ def _counted(bus: Bus, servo_ids: Mapping[int, object]) -> dict[str, int]:
 
 
 def _round_trips(bus: Bus, models: Mapping[int, ServoModel], clock: Clock) -> list[float]:
-    """Return the durations of single reads of one byte, from all servos in turn."""
+    """Return the durations of single one-byte reads, from all servos in turn."""
     times: list[float] = []
     servos = list(models.items())
     for number in range(ROUND_TRIPS if servos else 0):
@@ -94,17 +94,18 @@ def hears_itself(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -
     port.discard_input()
     port.write(ping)
     data = port.read(len(ping), clock.now() + len(ping) * BITS_PER_BYTE / port.baud + ECHO_S)
-    rest = port.read(64, clock.now() + ECHO_S)  # The reply of the servo.
+    rest = port.read(64, clock.now() + ECHO_S)  # The servo's reply.
     return ping in data + rest
 
 
 SAMPLES: Final = 10
-"""Number of states that are read from each servo, enough to show an unstable supply."""
+"""Number of states to read from each servo, enough to reveal an unstable supply."""
 SAMPLE_S: Final = 0.02
 MORE_TRIES: Final = 12
-"""Number of further reads if no state was received. Together these reads last as long as a reply may be delayed."""
+"""Number of additional reads if no state was received. Together, these reads last as long as the longest possible delay
+of a reply."""
 STEADY_SHARE: Final = 0.6
-"""Minimum fraction of successful reads of a servo that answers well. A bus that loses 9 % of the packets in each
+"""Minimum fraction of successful reads for a servo that responds reliably. A bus that loses 9 % of the packets in each
 direction loses one read in six.
 """
 
@@ -118,7 +119,7 @@ class Hearing:
     late: int = 0
     pings: bool = False
     alone: bool = False
-    """Whether the servo answers single reads but not group reads."""
+    """Whether the servo responds to single reads but not to group reads."""
 
     def add(self, reading: Reading) -> None:
         """Add the outcome of one read."""
@@ -132,7 +133,7 @@ class Hearing:
     def heard(self) -> Heard:
         """Quality of the replies.
 
-        Two servos with the same ID answer at the same time, so each reply arrives as a mixture of both: "broken".
+        Two servos with the same ID reply at the same time, so each reply arrives as a mixture of both: "broken".
         """
         good = self.kinds.count(None)
         if self.late > 1 + good and not {None, "corrupt"} & set(self.kinds[:SAMPLES]):

@@ -33,7 +33,7 @@ class SearchResult:
 
 
 def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> SearchResult:
-    """Search for missing servos at all baud rates of their make, and for unexpected servos at the port's own baud rate.
+    """Search for missing servos at all baud rates of their make, and for unexpected servos at the port's own rate.
 
     Raises PortLost.
     """
@@ -46,7 +46,8 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
 
 LARGEST_BLOCK: Final = 60
 LARGEST_GAP: Final = 8
-"""Maximum number of undocumented bytes in a block. These bytes are read as well, because servos return them."""
+"""Maximum number of undocumented bytes in a block. These bytes are read along with the registers, because servos return
+them."""
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
@@ -58,7 +59,7 @@ def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
 
 
 def blocks(registers: Sequence[Register]) -> Iterator[tuple[Register, ...]]:
-    """Divide registers, sorted by address, into blocks that can each be read with one request."""
+    """Group registers, sorted by address, into blocks that can each be read with one request."""
     run: list[Register] = []
     for register in registers:
         end = run[-1].address + run[-1].size if run else 0
@@ -85,9 +86,10 @@ def _read_block(bus: Bus, servo_id: int, block: Sequence[Register], order: ByteO
 
 
 def _one_by_one(bus: Bus, servo_id: int, block: Sequence[Register]) -> Mapping[str, int]:
-    """Read the registers of a block one by one.
+    """Read the registers of a block individually.
 
-    A servo with an older control table does not answer requests beyond its end, but its other registers can be read.
+    A servo with an older control table does not respond to requests beyond the end of the table, but its other
+    registers can be read.
     """
     values: dict[str, int] = {}
     for register in block:
@@ -95,7 +97,7 @@ def _one_by_one(bus: Bus, servo_id: int, block: Sequence[Register]) -> Mapping[s
             values[register.name] = retry(partial(bus.read, servo_id, register))
         except ServoError:
             if not values:
-                break  # The first read has also failed, so the servo itself does not answer.
+                break  # The first read has also failed, so the servo itself does not respond.
     return values
 
 
@@ -120,7 +122,7 @@ def measure_bus(
     open_port: OpenPort,
     clock: Clock,
 ) -> BusSnapshot:
-    """Measure the servos of these joints. A problem with the port is part of the result."""
+    """Measure the servos of these joints. A problem with the port is reported as part of the result."""
     empty = BusSnapshot(name, device, baud)
     try:
         port = open_port(device, baud)
@@ -156,7 +158,8 @@ def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock:
 
 
 def _is_unknown(number: int | None, joint: Joint) -> bool:
-    """Return whether no control table has this model number. All values may then come from the wrong addresses."""
+    """Return whether this model number is missing from all control tables. All values may then come from the wrong
+    addresses."""
     return number is not None and not has_table(number, series_of(joint.model))
 
 

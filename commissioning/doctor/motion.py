@@ -1,4 +1,4 @@
-"""Move each joint a little for the checks that need motion. The torque is off before and after the motion."""
+"""Move each joint a little, for the checks that require motion. Torque is off before and after the motion."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -20,9 +20,9 @@ from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 
 Move = Callable[[ArmSnapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
-"""Function that moves the joints, given the measurements and findings so far.
+"""Function that moves the joints, based on the measurements and findings so far.
 
-The function returns the motions, and a message if joints were not moved.
+The function returns the motions, and a message if any joints were not moved.
 """
 
 WAY_RAD: Final = 0.4
@@ -37,7 +37,7 @@ def no_move(snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple
 
 @dataclass(frozen=True, slots=True)
 class SmallMotions:
-    """A ``Move`` that moves all joints, one after the other, unless faults were found."""
+    """A ``Move`` that moves all joints one after another, unless faults were found."""
 
     open_port: OpenPort
     clock: Clock
@@ -45,7 +45,7 @@ class SmallMotions:
     stopped: Callable[[], bool] = field(default=lambda: False)
 
     def __call__(self, snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
-        """Move the joints. Return the motions, and a message if joints were not moved."""
+        """Move the joints. Return the motions, and a message if any joints were not moved."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
             return (), (
@@ -84,7 +84,7 @@ class SmallMotions:
         return trial.motion(max((self._sag(arm, index, way, all_joints) for way in ends), key=abs))
 
     def _sag(self, arm: SlowArm, index: int, way: float, all_joints: Sequence[Joint]) -> float:
-        """Return the sag of one joint that has moved by ``way``. Joints of other buses are assumed to be at zero."""
+        """Return the sag of one joint after a motion of ``way``. Joints on other buses are assumed to be at zero."""
         joint = arm.joints[index]
         if self.gravity is None or joint.compliance is None:
             return 0.0

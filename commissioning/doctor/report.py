@@ -55,11 +55,11 @@ class DoctorReport:
     """Findings, most likely cause first."""
     buses: tuple[BusFigures, ...]
     adapters: tuple[str, ...] = ()
-    """Serial adapters of the machine, with chip and USB IDs."""
+    """Serial adapters of the machine, with their chips and USB IDs."""
 
     @property
     def healthy(self) -> bool:
-        """Whether there are no faults. There may still be warnings and notes."""
+        """Whether there are no faults. A healthy arm may still have warnings and notes."""
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
@@ -109,14 +109,14 @@ def markdown(report: DoctorReport, user: str, robot: Path | None = None) -> str:
 
     Args:
         report: The report.
-        user: Name of the user. This name, the host name and all home folders are removed from the report.
+        user: Name of the user. The user name, the host name and all home folders are removed from the report.
         robot: Robot file to include.
     """
     return without_names("\n".join(_lines(report, robot)) + "\n", user, platform.node())
 
 
 def without_names(text: str, user: str, host: str) -> str:
-    """Return the text with the user name, the host name and all home folders replaced."""
+    """Return the text after replacing the user name, the host name and all home folders."""
     text = re.sub(r"/home/[^/\s'\"`]+", "~", text)
     for name, instead in ((user, "$USER"), (host, "$HOST")):
         if name and name != "root":
@@ -185,7 +185,7 @@ def _row(one: ServoFigures) -> str:
 
 
 def _registers(servos: list[ServoFigures]) -> Iterator[str]:
-    """Return the lines of a table of all registers, with one column per servo."""
+    """Return the rows of a table of all registers, with one column per servo."""
     if servos:
         yield from ("", "| register | " + " | ".join(str(one.servo_id) for one in servos) + " |")
         yield "|---" * (len(servos) + 1) + "|"

@@ -1,4 +1,4 @@
-"""Measurements of an arm for the checks of the doctor, and the commands that findings recommend."""
+"""Measurements of an arm for the doctor's checks, and the commands that findings recommend."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
 
 Heard = Literal["well", "unsteady", "broken", "late", "mute", "silent"]
-"""Quality of the replies of a servo.
+"""Quality of a servo's replies.
 
 - well: its states arrive.
 - unsteady: only some of its states arrive.
 - broken: all of its states arrive corrupted.
 - late: its states arrive too late.
-- mute: it answers pings but does not send states.
-- silent: it does not answer at all.
+- mute: it responds to pings but does not send states.
+- silent: it does not respond at all.
 """
 PortProblem = Literal["missing", "denied", "busy", "not_serial", "unsuitable", "lost"]
 
@@ -33,13 +33,13 @@ class ServoSnapshot:
     joint: Joint
     heard: Heard
     registers: Mapping[str, int] = field(default_factory=dict)
-    """Register values, keyed by name, without registers that could not be read."""
+    """Register values, keyed by name, except for registers that could not be read."""
     states: tuple[ServoState, ...] = ()
-    """Successive states at rest."""
+    """Consecutive states at rest."""
     port: str = ""
     """Port of the servo's bus."""
     elsewhere_baud: int | None = None
-    """Baud rate at which a silent servo answers, if it differs from the baud rate of the bus."""
+    """Baud rate at which a silent servo responds, if it differs from the baud rate of the bus."""
     alone: bool = False
     """Whether the servo answers single reads but not group reads."""
 
@@ -65,7 +65,7 @@ class Stranger:
 
 @dataclass(frozen=True, slots=True)
 class LineFigures:
-    """Quality of a bus, measured with many requests."""
+    """Quality of a bus, measured with a large number of requests."""
 
     asked: int
     """Number of states requested."""
@@ -76,17 +76,17 @@ class LineFigures:
     late: int
     """Number of replies that arrived too late."""
     noise: int
-    """Number of times that noise arrived between replies."""
+    """Number of times that noise was received between replies."""
     round_trip_s: float | None
     """Median duration of a single read, from request to reply."""
     wire_s: float
-    """Transmission time of the bytes of a single read."""
+    """Transmission time of all bytes of a single read."""
     delay_s: float = 0.0
-    """Longest return delay set in a servo."""
+    """Longest return delay that is set in any servo."""
     echoes: bool = False
     """Whether the adapter echoes every request."""
     cycle_s: float | None = None
-    """Median time for reading the states of all servos, without the goals and computations of a control cycle."""
+    """Median time to read the states of all servos, without the goals and computations of a control cycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class BusSnapshot:
     strangers: tuple[Stranger, ...] = ()
     line: LineFigures | None = None
     problem: PortProblem | None = None
-    """Problem with the port that prevented or ended the measurements."""
+    """Port problem that prevented or ended the measurements."""
     problem_text: str = ""
 
 
@@ -118,14 +118,14 @@ class ArmSnapshot:
 
 
 def counts_turns(registers: Mapping[str, int]) -> bool:
-    """Return whether the registers are of a Dynamixel X in a mode that counts turns and ignores position limits."""
+    """Return whether the registers belong to a Dynamixel X in a mode that counts turns and ignores position limits."""
     return "drive_mode" in registers and registers.get("operating_mode") in x.MODES_WITH_TURNS
 
 
 def counts_at_activation(model: ServoModel, registers: Mapping[str, int], counts: int) -> int:
-    """Return the counts at which an activation starts.
+    """Return the counts at the start of an activation.
 
-    A limp Dynamixel X discards the turns that it has counted when it is activated.
+    When a limp Dynamixel X is activated, it discards the turns that it has counted.
     """
     if series_of(model) is not X or "homing_offset" not in registers:
         return counts
@@ -145,10 +145,10 @@ def show(servo: ServoSnapshot) -> str:
 
 
 def release(servo: ServoSnapshot) -> str:
-    """Return the command that disables the torque."""
+    """Return the command that disables torque."""
     return write(servo, "torque_enable", 0)
 
 
 def on(port: str, verb: str, *arguments: int | str) -> str:
-    """Return the command that applies a verb to one servo on this port."""
+    """Return the command that runs a ``servoloop`` subcommand on this port."""
     return " ".join(("servoloop", verb, *map(str, arguments), "--port", port))

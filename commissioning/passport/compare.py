@@ -31,19 +31,20 @@ class Comparison:
 
     differences: tuple[Difference, ...]
     absent: tuple[int, ...]
-    """IDs of servos in the passport that do not answer."""
+    """IDs of servos in the passport that do not respond."""
     others: tuple[int, ...]
-    """IDs that answer but are not in the passport."""
+    """IDs that respond but are not in the passport."""
 
     @property
     def same(self) -> bool:
-        """Whether there are no changes."""
+        """Whether the servos match the passport."""
         return not (self.differences or self.absent or self.others)
 
 
 def read_servo(bus: Bus, servo_id: int, model: ServoModel) -> dict[str, int]:
     """Return the values of all EEPROM registers, keyed by name. Raises ServoError."""
-    # There are about fifty reads. With fewer attempts, one of these reads would often fail on a bad bus.
+    # The function performs about fifty reads. With fewer attempts, one of these reads would often fail on an unreliable
+    # bus.
     registers = persistent_registers(model).items()
     return {name: retry(partial(retry, partial(bus.read, servo_id, register))) for name, register in registers}
 
@@ -59,16 +60,16 @@ def take_passport(
 
     Args:
         bus: The bus.
-        models: Model of each servo to read, keyed by ID. If None, read all servos of ``series`` that answer.
-        joints: Name of the joint of each servo, keyed by ID.
+        models: Model of each servo to read, keyed by ID. If None, read all servos of ``series`` that respond.
+        joints: Joint name of each servo, keyed by ID.
         adapter: Serial number of the USB adapter.
-        series: Series of the servos if ``models`` is None.
+        series: Series of the servos; used if ``models`` is None.
 
     Raises:
         PassportError: A servo is missing or has the wrong model, or two servos have the same ID.
     """
     answers = {answer.servo_id: answer.clear for answer in who_answers(bus)}
-    problems = [f"servo {i} does not answer: check its cable and supply" for i in models or () if i not in answers]
+    problems = [f"servo {i} does not respond: check its cable and supply" for i in models or () if i not in answers]
     problems += [
         f"servo {i}: all replies are corrupted, so probably two servos have this ID. Connect only one of them"
         for i, ok in answers.items()
@@ -76,7 +77,7 @@ def take_passport(
     ]
     if not answers and not problems:
         problems = [
-            f"no servo answers on {bus.name} at {bus.baud} baud: check the power of the servos and the baud rate"
+            f"no servo responds on {bus.name} at {bus.baud} baud: check the power of the servos and the baud rate"
         ]
     if problems:
         raise PassportError("\n".join([*problems, "nothing was written"]))
@@ -115,7 +116,7 @@ def require_model(bus: Bus, servo_id: int, model: ServoModel) -> None:
 
 
 def compare(bus: Bus, passport: Passport) -> Comparison:
-    """Compare the servos with a passport. Raise ServoError if a servo stops answering during the comparison."""
+    """Compare the servos with a passport. Raise ServoError if a servo stops responding during the comparison."""
     answers = {answer.servo_id for answer in who_answers(bus)}
     differences: list[Difference] = []
     for servo_id, servo in passport.servos.items():

@@ -20,7 +20,7 @@ HEADER: Final = """\
 # units; docs/servos.md explains them. The previous file has the same name plus .1.
 """
 END: Final = "...\n"
-"""End marker of a YAML document. A file without this marker is truncated."""
+"""End marker of a YAML document. If this marker is missing, the file is truncated."""
 
 
 class PassportError(CommissioningError):
@@ -72,7 +72,7 @@ class Passport(_Strict):
     """Contents of a passport file."""
 
     adapter: str | None = None
-    """Serial number of the USB adapter; None if it has none."""
+    """Serial number of the USB adapter; None if the adapter has none."""
     baud: Baud = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
     servos: dict[ServoId, ServoPassport]
     """Passport of each servo, keyed by ID."""
@@ -81,7 +81,7 @@ class Passport(_Strict):
     def _has_its_ids(self) -> Self:
         wrong = [key for key, servo in self.servos.items() if servo.registers["id"] != key]
         if wrong:
-            raise ValueError("; ".join(f"servo {key}: the register id has a different value" for key in wrong))
+            raise ValueError("; ".join(f"servo {key}: its id register contains a different ID" for key in wrong))
         return self
 
 
@@ -98,7 +98,7 @@ def read_passport(path: Path) -> Passport:
 
 
 def write_passport(path: Path, passport: Passport) -> None:
-    """Write a passport atomically and keep the previous file. Raises PassportError."""
+    """Write a passport atomically, and keep the previous file. Raises PassportError."""
     content = passport.model_dump(exclude_none=True)
     try:
         write_whole(path, HEADER + yaml.safe_dump(content, sort_keys=False, explicit_end=True))

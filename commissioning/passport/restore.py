@@ -1,4 +1,4 @@
-"""Write a passport back to the servos. All servos are checked first, and only different values are written."""
+"""Write a passport back to the servos. All servos are checked first, and only values that differ are written."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from drivers.servos.register import Access, Register, ServoModel
 from hal.servos.limp_arm import torque_warning
 
 NOT_WRITTEN = LEAVES_THE_LINE
-"""Registers that are not restored. A servo that answers on this bus already has the right baud rate and protocol."""
+"""Registers that are not restored. A servo that responds on this bus already has the right baud rate and protocol."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +78,8 @@ def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
 def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[int, tuple[Change, ...]]:
     """Restore several servos, one after the other.
 
-    Return the changes, keyed by ID. The notes of an exception list the servos that were already written and the
-    remaining servos.
+    Return the changes, keyed by ID. The notes of the exception list the servos already written and the remaining
+    servos.
     """
     changes: dict[int, tuple[Change, ...]] = {}
     for index, plan in enumerate(plans):
@@ -99,31 +99,31 @@ def _asked_for(passport: Passport, servo_id: int | None) -> list[int]:
         return list(passport.servos)
     if servo_id not in passport.servos:
         known = ", ".join(map(str, passport.servos))
-        raise PassportError(f"the passport has no servo {servo_id}, only {known}; nothing was written")
+        raise PassportError(f"servo {servo_id} is not in the passport, which contains {known}; nothing was written")
     return [servo_id]
 
 
 def _newcomer(bus: Bus, present: Sequence[int], passport: Passport, servo_id: int) -> int:
     if not present:
         raise PassportError(
-            f"no servo answers on {bus.name} at {bus.baud} baud. Check the power and the baud rate of the servo"
+            f"no servo responds on {bus.name} at {bus.baud} baud. Check the power and the baud rate of the servo"
         )
     if len(present) == 1:
         return present[0]
     if servo_id in present:
-        raise PassportError(f"a servo already answers with ID {servo_id}. Connect only the new servo")
+        raise PassportError(f"a servo already responds to ID {servo_id}. Connect only the new servo")
     strangers = [number for number in present if number not in passport.servos]
     if len(strangers) != 1:
         present_ids = ", ".join(map(str, present))
         raise PassportError(
-            f"servos {present_ids} answer, so it is unclear which is the new servo. Connect only the new servo"
+            f"servos {present_ids} respond, so it is unclear which is the new servo. Connect only the new servo"
         )
     return strangers[0]
 
 
 def _require_clear(answers: Mapping[int, Answer], servo_id: int) -> None:
     if servo_id not in answers:
-        raise PassportError(f"servo {servo_id} does not answer: check its cable and supply")
+        raise PassportError(f"servo {servo_id} does not respond: check its cable and supply")
     if not answers[servo_id].clear:
         raise PassportError(
             f"servo {servo_id}: all replies are corrupted, so probably two servos have this ID. Connect only one"
@@ -131,7 +131,7 @@ def _require_clear(answers: Mapping[int, Answer], servo_id: int) -> None:
 
 
 def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Restoration:
-    """Return the values that turn the servo ``now_id`` into the servo ``servo_id`` of the passport."""
+    """Return the values that make the servo ``now_id`` a copy of the servo ``servo_id`` in the passport."""
     servo = passport.servos[servo_id]
     require_model(bus, now_id, servo.servo_model)
     if drives(bus, now_id, servo.servo_model):
@@ -144,8 +144,8 @@ def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Re
             continue
         if ANSWERS_NO_READ.get(register.name) == difference.saved:
             raise PassportError(
-                f"servo {servo_id} would no longer answer with {register.name} {difference.saved}. Change this value "
-                f"in the passport"
+                f"servo {servo_id} would no longer respond if {register.name} were {difference.saved}. Change this "
+                f"value in the passport"
             )
         values[register], now[register.name] = difference.saved, difference.now
     return Restoration(now_id, servo.servo_model, values, now)

@@ -1,4 +1,4 @@
-"""List the serial adapters of the machine with all problems that prevent or slow down access to the servos.
+"""List the machine's serial adapters with all problems that prevent or slow down access to the servos.
 
 for adapter in ports().adapters:
     print(adapter.device, adapter.chip, *(complaint.text for complaint in adapter.complaints))
@@ -54,14 +54,14 @@ class Complaint:
     kind: Kind
     text: str
     command: str | None = None
-    """Command that fixes the problem; None if there is no such command."""
+    """Command that fixes the problem; None if no such command exists."""
 
     def __str__(self) -> str:
         return f"{self.text}: run '{self.command}'" if self.command else self.text
 
 
 def adapter_complaints(machine: Machine, rules: Rules, adapter: "Adapter") -> tuple[Complaint, ...]:
-    """Return all problems of one adapter."""
+    """Return all problems with one adapter."""
     found = (
         _permission(machine, adapter),
         _in_use(adapter),
@@ -90,7 +90,7 @@ def machine_complaints(machine: Machine, rules: Rules) -> tuple[Complaint, ...]:
 
 
 def alike(adapters: Sequence["Adapter"]) -> tuple[Complaint, ...]:
-    """Return a problem for each group of adapters that can be distinguished only by their USB socket."""
+    """Return a problem for each group of adapters that differ only in their USB socket."""
     by_kind: dict[tuple[int | None, int | None], list[str]] = {}
     for one in adapters:
         if one.vid is not None and not one.serial_number:
@@ -163,7 +163,7 @@ def _modem_manager(machine: Machine, rules: Rules, adapter: "Adapter") -> Compla
 
 
 def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
-    """Return whether the udev rules of brltty contain this kind of adapter."""
+    """Return whether brltty's udev rules include this type of adapter."""
     vid, pid = numbers
     if vid is None or pid is None:
         return False
@@ -171,7 +171,7 @@ def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
 
 
 def _ignored(rules: Rules, adapter: "Adapter") -> bool:
-    """Return whether a udev rule makes ModemManager ignore adapters of this vendor."""
+    """Return whether a udev rule makes ModemManager ignore this vendor's adapters."""
     lines = (line for text in rules.values() for line in text.splitlines())
     return any("id_mm_device_ignore" in line and f'"{adapter.vid:04x}"' in line for line in lines)
 
@@ -192,9 +192,9 @@ class Adapter:
     serial_number: str | None
     by_id: str | None
     permission: PortPermission | None
-    """Permission of the user; None if the device has disappeared."""
+    """The user's permission for the device; None if the device has disappeared."""
     latency_ms: int | None
-    """Latency timer; None if the adapter has none."""
+    """Latency timer; None if the adapter does not have one."""
     holders: tuple[Holder, ...]
     complaints: tuple[Complaint, ...] = ()
 
@@ -205,13 +205,13 @@ class PortsReport:
 
     adapters: tuple[Adapter, ...]
     complaints: tuple[Complaint, ...]
-    """Problems that do not belong to a single adapter."""
+    """Problems that are not specific to a single adapter."""
     udev_rule: str
     """Lines of a udev rule file for these adapters."""
 
 
 def ports(machine: Machine | None = None) -> PortsReport:
-    """Examine all serial adapters without opening them."""
+    """Examine all serial adapters without opening their ports."""
     machine = machine or Machine()
     found = [_adapter(machine, info) for info in sorted(machine.comports(), key=lambda info: info.device)]
     rules = machine.udev_rules()
@@ -220,7 +220,8 @@ def ports(machine: Machine | None = None) -> PortsReport:
 
 
 def only_port(machine: Machine | None = None) -> str:
-    """Return the device of the only USB adapter. Raise CommissioningError if there is no adapter, or more than one."""
+    """Return the device path of the only USB adapter. Raise CommissioningError if there is no adapter, or more than
+    one."""
     report = ports(machine)
     devices = [one.device for one in report.adapters if one.vid is not None]
     if len(devices) == 1:

@@ -1,7 +1,7 @@
 """USB chips of serial adapters for servos, by vendor and product ID.
 
 Sources: the ID tables of the Linux drivers ch341, cp210x, ftdi_sio and cdc_acm; for boards, the udev rules of their
-manufacturers and listings published by users. An ID identifies the chip, but only sometimes the board.
+manufacturers and listings published by users. An ID identifies the chip, but does not always identify the board.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Chip:
     driver: str
     """Kernel module."""
     found_on: str = ""
-    """Boards for servos that are known to have this chip."""
+    """Servo boards that are known to use this chip."""
 
 
 CHIPS: Final = {

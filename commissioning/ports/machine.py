@@ -13,7 +13,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 RULE_FOLDERS: Final = ("usr/lib/udev/rules.d", "lib/udev/rules.d", "run/udev/rules.d", "etc/udev/rules.d")
-"""Folders of udev rules. A file in a later folder replaces the file of the same name in an earlier folder."""
+"""Folders that contain udev rules. A file in a later folder replaces the file of the same name in an earlier folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class User:
         """Return the user of this process."""
         try:
             name = pwd.getpwuid(os.getuid()).pw_name
-        except KeyError:  # The user of a container may have no entry.
+        except KeyError:  # A container's user may have no entry.
             name = str(os.getuid())
         return cls(name, os.geteuid(), frozenset((*os.getgroups(), os.getegid())))
 
@@ -44,7 +44,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """This machine, or a simulated one in tests."""
+    """This machine, or a simulated machine in tests."""
 
     root: Path = Path("/")
     """Folder that contains /dev, /sys, /proc and other system folders."""
@@ -62,13 +62,13 @@ class Machine:
         return self.root / "sys/class/tty"
 
     def by_id(self, device: str) -> str | None:
-        """Return the link in /dev/serial/by-id, whose name stays the same when the number of the device changes."""
+        """Return the link in /dev/serial/by-id, whose name stays the same when the device number changes."""
         path = self.path(device).resolve()
         links = sorted((self.root / "dev/serial/by-id").glob("*"))
         return next((f"/dev/serial/by-id/{link.name}" for link in links if link.resolve() == path), None)
 
     def holders(self, device: str) -> tuple[Holder, ...]:
-        """Return the other programs that have the device open and that are visible to this user."""
+        """Return the other programs that have the device open and are visible to this user."""
         mine, names = os.getpid(), {device, str(self.path(device).resolve())}
         return tuple(
             Holder(pid, name)
@@ -77,11 +77,12 @@ class Machine:
         )
 
     def runs(self, program: str) -> bool:
-        """Return whether a program of this name is running."""
+        """Return whether a program with this name is running."""
         return any(name == program for _, name in self._programs())
 
     def udev_rules(self) -> dict[str, str]:
-        """Return the active udev rules in lower case, without comments, keyed by file name. A masked file is empty."""
+        """Return the active udev rules in lower case, without comments, keyed by file name. A masked rule file is
+        returned as an empty string."""
         rules: dict[str, str] = {}
         for folder in RULE_FOLDERS:
             for file in sorted((self.root / folder).glob("*.rules")):
@@ -121,22 +122,22 @@ def _statements(file: Path) -> str:
 
 
 USUAL_GROUP: Final = "dialout"
-"""Group of serial devices on Debian and its derivatives, recommended instead of root, which permits far more."""
+"""Group of serial devices on Debian and its derivatives; safer than root, which permits far more."""
 
 
 @dataclass(frozen=True, slots=True)
 class PortPermission:
-    """Permission of the user to open a device."""
+    """The user's permission to open a device."""
 
     mode: str
     """Mode of the device, as an octal number for chmod."""
     group: str
     may_open: bool
     joined: bool
-    """Whether the user has joined the group, but has not logged in again since then."""
+    """Whether the user has joined the group but has not logged in again since."""
 
     def advice(self, user: str) -> str | None:
-        """Return the command that gives the user permission; None if the user already has it."""
+        """Return the command that grants the user permission; None if the user already has permission."""
         if self.may_open:
             return None
         if self.joined:
@@ -157,7 +158,7 @@ def permission(machine: Machine, device: str) -> PortPermission | None:
 
 
 def _may_open(user: User, owner: int, group: int, mode: int) -> bool:
-    """Apply the kernel's rule: the first of owner, group and others that matches decides. Root may open everything."""
+    """Apply the kernel's rule: of owner, group and others, the first match decides. Root may open any device."""
     if user.uid == 0:
         return True
     if user.uid == owner:

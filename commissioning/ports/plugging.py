@@ -1,4 +1,4 @@
-"""Wait until an adapter is plugged in or unplugged, and report this adapter."""
+"""Wait until an adapter is plugged in or unplugged, and report that adapter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from drivers.clock import Clock, MonotonicClock
 
 LOOK_S: Final = 0.1
 SETTLE_S: Final = 1.0
-"""Maximum time until udev sets the group of a new device, or brltty removes the device, in seconds."""
+"""Maximum time until udev sets the group of a new device or brltty removes the device, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Plugged:
     """An adapter that was plugged in or unplugged."""
 
     happened: Literal["plugged", "pulled", "vanished"]
-    """Kind of event. ``vanished`` means that the port of a new adapter disappeared at once."""
+    """Kind of event. ``vanished`` means that a new adapter's port disappeared immediately."""
     adapter: Adapter
     why: str = ""
     """Reason why the port disappeared."""
@@ -32,7 +32,7 @@ def wait_for_plugging(timeout_s: float, machine: Machine | None = None, clock: C
     end_s = clock.now() + timeout_s
     while clock.now() < end_s:
         clock.sleep_until(min(clock.now() + LOOK_S, end_s))
-        # A complete examination of all adapters ten times a second would be wasteful.
+        # Examining all adapters completely ten times a second would be wasteful.
         devices = {info.device for info in machine.comports()}
         if gone := sorted(before.keys() - devices):
             return Plugged("pulled", before[gone[0]])
@@ -45,7 +45,7 @@ def wait_for_plugging(timeout_s: float, machine: Machine | None = None, clock: C
 
 
 def _settled(machine: Machine, clock: Clock, new: Adapter) -> Plugged:
-    """Return the event for a new adapter after the system has configured it."""
+    """Return the event for a new adapter, after the system has configured the adapter."""
     clock.sleep_until(clock.now() + SETTLE_S)
     now = _adapters(machine)
     if new.device in now:

@@ -1,1 +1,1 @@
-"""Read and write registers of single servos by name, with units."""
+"""Read and write individual servos' registers by name, with units."""

@@ -25,7 +25,7 @@ from drivers.types import ServoState
 
 
 def enable_torque_in_place(servo: FoundServo) -> None:
-    """Set the servo's goal to its measured position, then enable its torque, so that the servo does not move.
+    """Set the servo's goal to its measured position, then enable torque, so that the servo does not move.
 
     Raise CommissioningError if the servo cannot hold this position, because it is in another mode or outside its
     limits.
@@ -40,8 +40,8 @@ def enable_torque_in_place(servo: FoundServo) -> None:
         raise CommissioningError(f"{state.text}: its torque stays disabled")
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
         raise CommissioningError(
-            f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it discards when its "
-            f"torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
+            f"servo {servo_id}: its position {state.position_counts} includes full turns, which the servo discards "
+            f"when its torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
         )
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
@@ -58,7 +58,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
 
 
 def release(servo: FoundServo) -> None:
-    """Disable the torque. If the servo holds a load, the load falls."""
+    """Disable the torque. If the servo is holding a load, the load falls."""
     servo.bus.torque_off([servo.servo_id])
     if servo.holds_torque():
         raise CommissioningError(f"servo {servo.servo_id}: its torque could not be disabled. Switch its supply off")
@@ -67,12 +67,12 @@ def release(servo: FoundServo) -> None:
 ELSEWHERE: Final = {
     "id": "change it with 'servoloop set-id'",
     "baud_rate": "change it with 'servoloop set-baud'",
-    "protocol_type": "with another protocol the servo would no longer answer on this bus",
+    "protocol_type": "with another protocol the servo would no longer respond on this bus",
     "lock": "the tools open and close the lock themselves",
 }
 """Registers that ``write_register`` does not write, with the reason or the command to use instead."""
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
-"""Registers that make the servo move. A write to such a register even enables the torque of an STS servo."""
+"""Registers that make the servo move. Writing to such a register also enables the torque of an STS servo."""
 CORRECTS_S: Final = 0.005
 """Time to wait before reading back. An STS servo accepts any value, and corrects an invalid value 1 ms later."""
 
@@ -87,7 +87,7 @@ class RegisterWrite:
 
     @property
     def changed(self) -> bool:
-        """Whether the value has changed."""
+        """Whether the value changed."""
         return self.before.raw != self.after.raw
 
 
@@ -105,9 +105,9 @@ def read_register(servo: FoundServo, name: str) -> RegisterValue:
 def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bool = False) -> RegisterWrite:
     """Write one register and read it back.
 
-    A register in EEPROM is unlocked for the write, and written only if its value differs. Goals cannot be written.
-    While the torque is enabled, only ``torque_enable`` can be written: 1 makes the servo hold its position, and 0
-    disables the torque.
+    An EEPROM register is unlocked for the write, and is written only if its value differs. Goal registers cannot be
+    written. While torque is enabled, only ``torque_enable`` can be written: 1 makes the servo hold its position, and 0
+    disables torque.
 
     Args:
         servo: The servo.
@@ -141,7 +141,7 @@ def value_to_write(servo: FoundServo, name: str, value: str | int) -> int:
 
 
 def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
-    """Raise CommissioningError if the value should not be written by hand."""
+    """Raise CommissioningError if this value should not be written manually."""
     name = register.name
     text = ""
     if register.access is Access.READ:
@@ -154,7 +154,7 @@ def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
             "'servoloop up' to move an arm"
         )
     elif register == servo.series.status_level and raw == 0:
-        text = "must not be 0, because the servo would no longer answer"
+        text = "must not be 0, because the servo would no longer respond"
     elif register == servo.series.torque_enable and raw not in (0, 1):
         text = f"must be 0 (off) or 1 (on), not {raw}: other values move the servo's zero or brake its motor"
     if text:
@@ -163,7 +163,7 @@ def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
 
 def _switch(servo: FoundServo, raw: int, torque: bool) -> None:
     if not torque:
-        raise CommissioningError(f"servo {servo.servo_id}: its torque is changed only if you confirm it (--yes)")
+        raise CommissioningError(f"servo {servo.servo_id}: its torque is changed only if you confirm with --yes")
     if raw:
         enable_torque_in_place(servo)
     else:

@@ -1,6 +1,6 @@
 """Change the ID or the baud rate of a servo, reset it to factory settings, or restart it.
 
-A change that would give two servos the same ID at one baud rate is refused.
+A change that would give two servos the same ID at the same baud rate is rejected.
 """
 
 from contextlib import suppress
@@ -40,7 +40,8 @@ class BaudChange:
 
 
 def set_id(servo: FoundServo, new_id: int) -> IdChange:
-    """Give the servo a new ID and check that it answers with this ID. Raise an error if the ID is taken.
+    """Give the servo a new ID and check that it responds with this ID. Raise an error if another servo already has this
+    ID.
 
     The EEPROM is unlocked, written, read back and locked again.
     """
@@ -50,14 +51,14 @@ def set_id(servo: FoundServo, new_id: int) -> IdChange:
     update(servo.bus, servo.servo_id, servo.series.lock, {servo.series.servo_id: new_id})
     if new_id != servo.servo_id and answers(servo.port, servo.clock, servo.packets, servo.servo_id):
         raise CommissioningError(
-            f"servo {servo.servo_id}: one servo now has ID {new_id}, but another servo still answers with ID "
+            f"servo {servo.servo_id}: one servo now has ID {new_id}, but another servo still responds to ID "
             f"{servo.servo_id}. Two servos had this ID: connect the other servo alone and give it its own ID"
         )
     return IdChange(servo.servo_id, new_id, servo.port.baud)
 
 
 def set_baud(servo: FoundServo, baud: int) -> BaudChange:
-    """Give the servo a new baud rate and check that it answers at this rate. The port keeps the new rate.
+    """Give the servo a new baud rate and check that it responds at this rate. The port stays at the new rate.
 
     Raises CommissioningError if the servo or the adapter does not support the rate, or another servo already has this
     ID and rate.
@@ -80,7 +81,7 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
             found = _follow(servo, memory, register, (baud, former))
         except PortLost:
             raise
-        except BaseException:  # The servo can be locked only at the rate at which it answers.
+        except BaseException:  # The servo can be locked only at the rate at which it responds.
             _follow(servo, memory, register, (former, baud))
             raise
         _check_arrived(servo, register, found, former, baud)
@@ -89,7 +90,7 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
 
 
 def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
-    """Raise CommissioningError if another servo has this ID and rate, or PortError if the adapter lacks the rate."""
+    """Raise CommissioningError if another servo has this ID and rate, or PortError if the adapter rejects the rate."""
     try:
         servo.port.set_baud(baud)
         taken = answers(servo.port, servo.clock, servo.packets, servo.servo_id)
@@ -97,13 +98,13 @@ def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
         servo.port.set_baud(former)
     if taken:
         raise CommissioningError(
-            f"servo {servo.servo_id}: another servo with this ID already answers at {baud} baud. Give one of them "
+            f"servo {servo.servo_id}: another servo with this ID already responds at {baud} baud. Give one of them "
             "another ID first"
         )
 
 
 def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[int, int]) -> int | None:
-    """Set the port to the first of these rates at which the servo answers.
+    """Set the port to the first of these rates at which the servo responds.
 
     Return the rate, or None if the servo is silent.
     """
@@ -119,7 +120,7 @@ def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[
 def _check_arrived(servo: FoundServo, register: Register, found: int | None, former: int, baud: int) -> None:
     if found is None:
         text = (
-            f"was changed from {former} to {baud} baud, but the servo no longer answers at either rate. Switch its "
+            f"was changed from {former} to {baud} baud, but the servo no longer responds at either rate. Switch its "
             "supply off and on, then search for the servo with 'servoloop scan'"
         )
         raise EepromError(servo.servo_id, register, text)
@@ -128,13 +129,14 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
 
 
 RESTART_S: Final = 1.0
-"""Time allowed for the restart of a servo, in seconds. Feetech and ROBOTIS specify less."""
+"""Time allowed for the restart of a servo, in seconds. The maximum times specified by Feetech and ROBOTIS are
+shorter."""
 DEAF_S: Final = 0.05
 """Maximum time until a restart begins, in seconds."""
 PATIENCE_S: Final = 4.0
 """Maximum duration of a restart, in seconds."""
 FACTORY_ID: Final = 1
-"""ID of a servo of Dynamixel protocol 1.0 after a factory reset. All other servos keep their ID."""
+"""ID of a Dynamixel protocol 1.0 servo after a factory reset. All other servos keep their IDs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,15 +157,15 @@ class RebootReport:
 
     servo_id: int
     took_s: float
-    """Time until the servo answered again."""
+    """Time until the servo responded again, in seconds."""
     let_go: bool
-    """Whether the torque was enabled before the restart. After a restart, the torque is disabled."""
+    """Whether torque was enabled before the restart. Torque is disabled after a restart."""
 
 
 def factory_reset(servo: FoundServo) -> ResetReport:
-    """Reset the servo to its factory settings. The port is set to the baud rate of the servo.
+    """Reset the servo to its factory settings. The port is set to the servo's baud rate.
 
-    Raises CommissioningError if the torque is enabled, or if the servo would get an ID that another servo has.
+    Raises CommissioningError if torque is enabled, or if the reset would assign an ID that another servo already has.
     """
     _refuse_torque(servo, "cannot be reset")
     goes_to = FACTORY_ID if servo.series.protocol is PROTOCOL_1 else servo.servo_id
@@ -182,14 +184,14 @@ def factory_reset(servo: FoundServo) -> ResetReport:
 
 
 def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
-    """Restart the servo and wait until it answers again.
+    """Restart the servo and wait until it responds again.
 
     Args:
         servo: The servo.
-        let_go: Whether to restart a servo whose torque is enabled. The restart disables the torque.
+        let_go: Whether to restart a servo whose torque is enabled. The restart disables torque.
 
     Raises:
-        CommissioningError: The torque is enabled and ``let_go`` is False, or the servo does not answer again.
+        CommissioningError: Torque is enabled and ``let_go`` is False, or the servo does not respond after the restart.
     """
     held = servo.holds_torque()
     if held and not let_go:
@@ -200,7 +202,7 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
     while servo.clock.now() < began_s + PATIENCE_S:
         if answers(servo.port, servo.clock, servo.packets, servo.servo_id):
             return RebootReport(servo.servo_id, round(servo.clock.now() - began_s, 3), held)
-    raise CommissioningError(f"servo {servo.servo_id} does not answer after its restart. Switch its supply off and on")
+    raise CommissioningError(f"servo {servo.servo_id} does not respond after its restart. Switch its supply off and on")
 
 
 def _refuse_torque(servo: FoundServo, what: str) -> None:

@@ -1,4 +1,4 @@
-"""Read and write a servo's memory by address, for registers that have no name in a control table of servoloop."""
+"""Read and write a servo's memory by address, for registers that are not named in servoloop's control tables."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,14 +12,14 @@ from drivers.servos.catalog import registers_of
 from drivers.servos.register import Register
 
 SIZES: Final = (1, 2, 4)
-"""Possible sizes of registers, in bytes."""
+"""Possible register sizes, in bytes."""
 _END: Final = {True: 1 << 8, False: 1 << 16}
 """End of the address range of protocol 1.0 (True) and protocol 2.0 (False)."""
 
 
 @dataclass(frozen=True, slots=True)
 class AddressValue:
-    """Value of a register that is known only by its address."""
+    """Value of a register that is identified only by its address."""
 
     servo_id: int
     address: int
@@ -42,7 +42,7 @@ def read_address(servo: FoundServo, address: int, size: int) -> AddressValue:
     """Read the unsigned number at an address of the servo's memory.
 
     Args:
-        servo: The servo. Its model may be unknown.
+        servo: The servo. The servo's model may be unknown.
         address: Address of the first byte.
         size: Size, in bytes: 1, 2 or 4.
 
@@ -51,7 +51,7 @@ def read_address(servo: FoundServo, address: int, size: int) -> AddressValue:
 
     Raises:
         CommissioningError: The address or the size is out of range.
-        ServoError: The servo does not answer, or it refuses the read.
+        ServoError: The servo does not respond, or it rejects the read.
     """
     return AddressValue(servo.servo_id, address, size, servo.read(_register(servo, address, size)))
 
@@ -59,8 +59,8 @@ def read_address(servo: FoundServo, address: int, size: int) -> AddressValue:
 def write_address(servo: FoundServo, address: int, size: int, value: int) -> AddressWrite:
     """Write an unsigned number to an address of the servo's memory and read it back.
 
-    The caller must know the register: neither its purpose nor the torque of the servo is checked. An address in the
-    control table of a known model is refused, because ``write_register`` has checks for it.
+    The caller must know the register: neither its purpose nor the servo's torque state is checked. An address in the
+        control table of a known model is rejected, because ``write_register`` has checks for it.
 
     Args:
         servo: The servo. Its model may be unknown.
@@ -69,11 +69,11 @@ def write_address(servo: FoundServo, address: int, size: int, value: int) -> Add
         value: Value to write.
 
     Returns:
-        The value before and after the write.
+        The value before the write and the value after it.
 
     Raises:
-        CommissioningError: The address, the size or the value is refused, or the servo does not keep the value.
-        ServoError: The servo does not answer, or it refuses the write.
+        CommissioningError: The address, size or value is rejected, or the servo does not keep the value. ServoError:
+        The servo does not respond, or it rejects the write.
     """
     register = _register(servo, address, size)
     _refuse_named(servo, register)

@@ -1,4 +1,4 @@
-"""List the known servo models and their control tables. No servo is needed."""
+"""List the known servo models and their control tables. No servo needs to be connected."""
 
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -11,7 +11,7 @@ from drivers.servos.register import Access
 
 @dataclass(frozen=True, slots=True)
 class ListedModel:
-    """A servo model. ``registers`` is the number of its registers."""
+    """A servo model. ``registers`` is the number of registers in the control table."""
 
     name: str
     number: int
@@ -36,10 +36,10 @@ class ListedRegister:
 
 
 def listed_models() -> tuple[ListedModel, ...]:
-    """List all models that servoloop knows.
+    """List all models known to servoloop.
 
     Returns:
-        The models in the order of their series. In each series, the user's models come last.
+        The models, sorted by series. Within each series, the user's models come last.
     """
     return tuple(
         ListedModel(
@@ -57,10 +57,10 @@ def listed_registers(name: str) -> tuple[ListedRegister, ...]:
     """List the control table of a model.
 
     Args:
-        name: Name of the model in robot files.
+        name: Name of the model, as used in robot files.
 
     Returns:
-        Its registers, sorted by address.
+        The model's registers, sorted by address.
 
     Raises:
         CommissioningError: The model is unknown. The message lists similar names.

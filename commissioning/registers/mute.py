@@ -1,4 +1,4 @@
-"""Make a servo that answers only pings answer reads again, with a write that the servo does not acknowledge."""
+"""Restore read replies from a servo that responds only to pings, with a write that the servo does not acknowledge."""
 
 from functools import partial
 from typing import Final
@@ -20,21 +20,21 @@ BURN_S: Final = 0.05
 
 
 def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...] = ()) -> int:
-    """Set the status level of a servo so that it answers all instructions. The port is left at the servo's baud rate.
+    """Set the servo's status level so that it replies to all instructions. The port stays at the servo's baud rate.
 
     Args:
         port: The port.
         clock: Clock for all times.
         servo_id: ID of the servo.
-        model: Model of the servo, which cannot be read. Other models may have a different register at this address.
+        model: Model of the servo, which cannot be read. Other models may have a different register at the same address.
         bauds: Baud rates to try. If empty, try all baud rates.
 
     Returns:
-        The status level that the servo has now.
+        The servo's new status level.
 
     Raises:
-        CommissioningError: No servo answers, the servo answers reads before the write or no reads after it, or it has
-            a different model.
+        CommissioningError: The servo does not respond, replies to reads before the write or not after it, or has a
+            different model.
     """
     series = series_of(model)
     packets, level = series.protocol.packets, series.status_level
@@ -51,19 +51,19 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
         raise
     except ServoError as error:
         raise CommissioningError(
-            f"servo {servo_id} still answers pings but not reads. Check that it is an {model.name}, switch its "
+            f"servo {servo_id} still responds to pings but not to reads. Check that it is an {model.name}, switch its "
             "supply off and on, and try again"
         ) from error
     if number != model.number:
         raise CommissioningError(
             f"servo {servo_id} is model {number} ({known_as(number, series)}), not {model.name} ({model.number}). "
-            f"Check its register {level.address}, to which {series.answers_all} was written"
+            f"Check its register {level.address}: the value {series.answers_all} was written to this register"
         )
     return retry_often(partial(bus.read, servo_id, level))
 
 
 def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Raise CommissioningError if the servo answers reads, because its model need not be assumed in this case."""
+    """Raise CommissioningError if the servo replies to reads, because its model need not be assumed in this case."""
     series = series_of(model)
     try:
         number = retry_often(partial(Bus(port, clock, {servo_id: model}).read, servo_id, series.model_number))
@@ -72,13 +72,15 @@ def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel)
     except ServoError:
         return
     raise CommissioningError(
-        f"servo {servo_id} answers reads (model number {number}), so nothing was written. Omit --model"
+        f"servo {servo_id} responds to reads (model number {number}), so nothing was written. Omit --model"
     )
 
 
 def _find(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...]) -> None:
-    """Set the port to the baud rate at which the servo answers pings."""
+    """Set the port to the baud rate at which the servo responds to pings."""
     series = series_of(model)
     tried = (step for step in steps((series.make,), bauds) if step.packets is series.protocol.packets)
     if answering_step(port, clock, servo_id, tried) is None:
-        raise CommissioningError(f"no servo with ID {servo_id} answers pings. Check its power, its cable and its ID")
+        raise CommissioningError(
+            f"no servo with ID {servo_id} responds to pings. Check its power, its cable and its ID"
+        )

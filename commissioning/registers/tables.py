@@ -20,7 +20,7 @@ AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 50
 }
 """Nominal baud rates of Dynamixel protocol 1.0, keyed by register value: 2 Mbit/s divided by the value plus one."""
 MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
-"""Further baud rates of MX servos, keyed by register value."""
+"""Additional baud rates of MX servos, keyed by register value."""
 
 
 def register_named(model: ServoModel, name: str) -> Register:
@@ -39,7 +39,7 @@ def register_named(model: ServoModel, name: str) -> Register:
 
 
 def rates_of(model: ServoModel) -> dict[int, int]:
-    """Return the baud rates of a model, by the value of its register ``baud_rate``."""
+    """Return a model's baud rates, keyed by the value of its ``baud_rate`` register."""
     series = series_of(model)
     if series is AX_MX:
         return AX_RATES | (MX_RATES if series.bulk_read(model) else {})

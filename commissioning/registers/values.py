@@ -1,4 +1,4 @@
-"""Convert register values between raw numbers, quantities with units, and text."""
+"""Convert register values between raw numbers, quantities with units, and strings."""
 
 import re
 from dataclasses import dataclass
@@ -101,7 +101,7 @@ UNITS: Final[dict[str, dict[str, Unit]]] = {
         "goal_acceleration": Unit("°/s²", 8.583),
     },
 }
-"""Units, keyed by series and register. Other registers have no unit, or a unit that depends on the model."""
+"""Units, keyed by series and register. Other registers do not have a unit, or have a unit that depends on the model."""
 
 
 assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == sts.CURRENT_UNIT_A
@@ -119,12 +119,12 @@ def unit_of(model: ServoModel, register: Register) -> Unit:
 
 _QUANTITY: Final = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(\S*)\s*")
 _SPELLED: Final = {"c": "°c", "degc": "°c", "us": "µs", "μs": "µs", "counts/s^2": "counts/s²", "rev/min^2": "rev/min²"}
-"""Alternative spellings of units for characters that are missing on most keyboards."""
+"""Alternative spellings of units that contain characters missing from most keyboards."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterValue:
-    """A register and its value. ``raw`` is None if the servo refuses to read it."""
+    """A register and its value. ``raw`` is None if the servo does not allow the register to be read."""
 
     name: str
     address: int
@@ -138,7 +138,7 @@ class RegisterValue:
 
     @property
     def text(self) -> str:
-        """Text for the user: the quantity, or the number with its meaning."""
+        """Text to show to the user: the quantity, or the number with its meaning."""
         if self.raw is None:
             return "not readable"
         if self.unit:
@@ -163,7 +163,8 @@ def value_of(model: ServoModel, register: Register, raw: int | None) -> Register
 
 
 def parse(model: ServoModel, register: Register, text: str) -> int:
-    """Convert a text to a raw register value. The text is a whole number or a quantity with its unit, such as 12.1V.
+    """Convert a string to a raw register value. The string is a whole number or a quantity with its unit, such as
+    12.1V.
 
     Raises CommissioningError.
     """

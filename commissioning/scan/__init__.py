@@ -1,1 +1,1 @@
-"""Find all servos on a port, at every baud rate and of every make, and report their problems."""
+"""Find all servos of every make on a port, at every baud rate, and report their problems."""

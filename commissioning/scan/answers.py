@@ -1,4 +1,4 @@
-"""Find all servos that answer on a bus, at its own baud rate or at other rates, and detect duplicate IDs."""
+"""Find all servos that respond on a bus, at the bus's own baud rate or at other rates, and detect duplicate IDs."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,29 +10,29 @@ from drivers.errors import PortError, PortLost
 from drivers.types import ServoFault
 
 TOGETHER: Final = 100
-"""Number of IDs in one request. An STS accepts at most 128."""
+"""Number of IDs in one request. An STS accepts at most 128 IDs."""
 LOOKS: Final = 3
-"""Number of times that all IDs are asked. If 5 % of the replies are lost, one servo in 8000 is missed."""
+"""Number of times that a request is sent to all IDs. If 5 % of the replies are lost, one servo in 8000 is not found."""
 CLOSER_LOOKS: Final = 8
-"""Number of further requests to an ID whose replies were corrupted."""
+"""Number of additional requests to an ID whose replies were corrupted."""
 SILENT: Final = ("silent", "no_time")
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An ID that answers at a baud rate."""
+    """An ID that responds at a baud rate."""
 
     servo_id: int
     baud: int
     clear: bool
-    """Whether at least some of the replies are valid."""
+    """Whether at least some of the replies were valid."""
 
 
 def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
-    """Return all IDs that answer at the bus's baud rate, sorted. The search only reads states. Raises PortLost."""
+    """Return all IDs that respond at the bus's baud rate, sorted. The search only reads states. Raises PortLost."""
     found: dict[int, bool] = {}
     for _ in range(looks):
-        # A bus object remembers silent servos and does not ask them every time, so a new bus object is used.
+        # A bus object remembers silent servos and does not query them every time, so a new bus object is used.
         with bus.at_baud(bus.baud) as forgetful:
             for first in range(0, LARGEST_ID + 1, TOGETHER):
                 _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
@@ -44,7 +44,7 @@ def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
 
 
 def who_answers_elsewhere(bus: Bus, rates: Iterable[int]) -> list[Answer]:
-    """Return all IDs that answer at the first of these baud rates with any reply, then restore the bus's baud rate."""
+    """Return all IDs that respond at the first of these rates with any reply, then restore the bus's baud rate."""
     for baud in rates:
         try:
             with bus.at_baud(baud) as other:
@@ -67,7 +67,7 @@ def _look(bus: Bus, servo_ids: Iterable[int], found: dict[int, bool]) -> None:
 
 
 def _seen_closely(bus: Bus, servo_id: int) -> bool | None:
-    """Return whether an ID with corrupted replies sends a valid state when asked alone; None after only noise."""
+    """Return whether an ID with corrupted replies sends a valid state when read alone; None if only noise arrives."""
     readings = [bus.read_states([servo_id])[servo_id] for _ in range(CLOSER_LOOKS)]
     if any(not isinstance(reading, ServoFault) for reading in readings):
         return True

@@ -1,4 +1,4 @@
-"""Examine one servo that answers pings: read its state and find its problems. Nothing is written."""
+"""Examine one servo that responds to pings: read its state and find its problems. Nothing is written."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -39,7 +39,7 @@ MODES: Final[dict[str, tuple[Register, dict[int, str]]]] = {
     ),
     XL.name: (xl320.control_mode, {1: "wheel", 2: "joint"}),
 }
-"""Register of the operating mode and the names of its values, keyed by series."""
+"""Operating mode register and the names of its values, keyed by series."""
 
 
 def mode_text(series: Series, read: Callable[[Register], int]) -> str:
@@ -57,20 +57,21 @@ def mode_text(series: Series, read: Callable[[Register], int]) -> str:
 
 
 GOOD: Final = 3
-"""Number of valid states that prove that an ID is unique. Mixed replies of two servos with the same ID are invalid."""
+"""Number of valid states that confirm that an ID is unique. When two servos have the same ID, their mixed replies are
+invalid."""
 TRIES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
 class ScannedServo:
-    """One servo that the scan found. Values that could not be read are None."""
+    """One servo found by the scan. Values that could not be read are None."""
 
     servo_id: int
     baud: int
     protocol: str
     make: str | None = None
     model: str | None = None
-    """Name of the model in robot files; None if the model number is unknown."""
+    """Name of the model, as used in robot files; None if the model number is unknown."""
     model_number: int | None = None
     firmware: str | None = None
     voltage_v: float | None = None
@@ -83,7 +84,7 @@ class ScannedServo:
 
 
 def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
-    """Examine the servo with this ID at the current baud rate of the port. Return None if the servo does not answer."""
+    """Examine the servo with this ID at the port's current baud rate. Return None if the servo does not respond."""
     identity: Identity | None = None
     corrupt = False
     try:
@@ -94,7 +95,7 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
         corrupt = isinstance(error, ServoCorrupt)
         clock.sleep_until(clock.now() + HELD_S)  # A late reply must not be mistaken for the reply to a later request.
         port.discard_input()
-    # All protocol 1.0 servos answer the single reads that are used for an SCS.
+    # All protocol 1.0 servos reply to the single reads that are used for an SCS.
     unknown = (SCS if step.packets is v1 else X).models[0]
     bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
@@ -129,7 +130,7 @@ def _single_reads(bus: Bus, servo_id: int, status_level: Register) -> Problem:
 
 
 def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:
-    """Read the state several times. Return the last valid state and the number of outcomes of each kind."""
+    """Read the state several times. Return the last valid state and the number of outcomes of each type."""
     state: ServoState | None = None
     kinds: Counter[FaultKind | None] = Counter()
     while kinds[None] < GOOD and kinds.total() < TRIES:
@@ -152,7 +153,7 @@ def _pings(bus: Bus, servo_id: int) -> bool:
 def _with_values(found: ScannedServo, bus: Bus, model: ServoModel, state: ServoState) -> ScannedServo:
     """Return the servo with its state, torque, mode and problems.
 
-    All values are read with the control table of its model.
+    All values are read using the control table of the servo's model.
     """
     servo_id, series, problems = found.servo_id, series_of(model), list(found.problems)
     torque: int | None = None
@@ -166,7 +167,7 @@ def _with_values(found: ScannedServo, bus: Bus, model: ServoModel, state: ServoS
         problems += own_troubles(model, state, read)
     except PortLost:
         raise
-    except ServoError as error:  # The bus is so bad that many attempts have failed.
+    except ServoError as error:  # The bus is so unreliable that many attempts have failed.
         problems.append(Problem("bad_line", error.text))
     return replace(
         found,

@@ -1,4 +1,4 @@
-"""Find a servo by its ID at any baud rate, for the tools that work on single servos.
+"""Find a servo by its ID at any baud rate, for tools that work on a single servo.
 
 with find_servo(port, clock, 3) as servo:  # the port is at the servo's rate
     print(servo.model.name, servo.bus.read(3, servo.series.torque_enable))
@@ -29,7 +29,7 @@ PINGS: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class FoundServo:
-    """A servo that answers at the current baud rate of the port."""
+    """A servo that responds at the port's current baud rate."""
 
     port: Port
     clock: Clock
@@ -52,7 +52,7 @@ class FoundServo:
             return self.identity.model
         raise CommissioningError(
             f"servo {self.servo_id}: the control table of its model (number {self.identity.number}) is unknown, so "
-            "nothing was read or written by name. Pass --address and --size from the manual of the servo to "
+            "nothing was read or written by name. Pass --address and --size from the servo's manual to "
             "'servoloop register', or add the model: docs/add-a-servo.md"
         )
 
@@ -63,23 +63,24 @@ class FoundServo:
 
     @property
     def bus(self) -> Bus:
-        """A new bus to the servo at the current baud rate of the port."""
+        """New bus object for the servo, at the port's current baud rate."""
         return Bus(self.port, self.clock, {self.servo_id: self.identity.stand_in})
 
     def read(self, register: Register) -> int:
-        """Read a register, with many attempts."""
+        """Read a register, using many attempts."""
         return retry_often(partial(self.bus.read, self.servo_id, register))
 
     def holds_torque(self) -> bool:
-        """Return whether the torque is enabled."""
+        """Return whether torque is enabled."""
         return self.read(self.series.torque_enable) == 1
 
 
 @contextmanager
 def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = ()) -> Iterator[FoundServo]:
-    """Find the servo with this ID, and keep the port at its baud rate until the context ends.
+    """Find the servo with this ID, and keep the port at the servo's baud rate until the context ends.
 
-    Raise CommissioningError if no servo answers at any baud rate (or at ``bauds``), or if two servos have this ID.
+    Raise CommissioningError if no servo with this ID responds at any baud rate (or at ``bauds``), or if two servos have
+    this ID.
     """
     former = port.baud
     try:
@@ -89,7 +90,7 @@ def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = (
 
 
 def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
-    """Return whether this ID answers at the current baud rate of the port, even if the replies are corrupted."""
+    """Return whether this ID responds at the port's current baud rate, even if the replies are corrupted."""
     wire = Wire(port, clock, packets)
     if servo_id > wire.largest_id:
         return False
@@ -98,7 +99,8 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
 
 
 def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step]) -> Step | None:
-    """Return the first step in which a servo answers pings, or None. The port keeps the baud rate of this step."""
+    """Return the first step in which the servo responds to pings, or None. The port stays at the baud rate of this
+    step."""
     for step in tried:
         try:
             port.set_baud(step.baud)
@@ -112,12 +114,12 @@ def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step
 
 
 def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
-    """Find the servo with this ID like ``find_servo``, but leave the port at the servo's baud rate."""
+    """Find the servo with this ID as ``find_servo`` does, but leave the port at the servo's baud rate."""
     if step := answering_step(port, clock, servo_id, steps(bauds=bauds)):
         return _sole(port, clock, step, servo_id)
     tried = f"{' or '.join(map(str, bauds))} baud" if bauds else "any baud rate"
     raise CommissioningError(
-        f"no servo with ID {servo_id} answers at {tried}. Check its power and its cable, and list the servos on "
+        f"no servo with ID {servo_id} responds at {tried}. Check its power and its cable, and list the servos on "
         "the port with 'servoloop scan'"
     )
 
@@ -142,5 +144,5 @@ def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
 def _set_back(port: Port, baud: int) -> None:
     try:
         port.set_baud(baud)
-    except PortError:  # The port has disappeared; the next user of the port gets an error.
+    except PortError:  # The port has disappeared, so its next user gets an error.
         return

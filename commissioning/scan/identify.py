@@ -21,7 +21,7 @@ from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.series import Series
 
 HEAD: Final = Register("head of the table", 0, 7, Access.READ)
-"""First registers of both makes of protocol 1.0: model number, firmware, ID and baud rate, in a different order."""
+"""First registers of both protocol 1.0 makes: model number, firmware, ID and baud rate, in a different order."""
 SCS_MAJOR: Final = 5
 """First byte of the model number of an SCS servo, whose words are big-endian. In the STS series this byte is 9."""
 
@@ -39,7 +39,7 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """Model for the servo's packets: its own model, or the first of its series, whose table may differ."""
+        """Model for the servo's packets: its own model, or the first model of its series, whose table may differ."""
         return self.model or self.series.models[0]
 
 
@@ -61,9 +61,10 @@ def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Id
 
 
 def identity_of(head: bytes, servo_id: int) -> Identity:
-    """Return the identity of a protocol 1.0 servo from its first registers.
+    """Return the identity of a protocol 1.0 servo, derived from its first registers.
 
-    The position of the ID shows the make. If both makes are possible, a known model number decides.
+    The position of the ID in the table indicates the make. If both makes are possible, the make with a known model
+    number is chosen.
     """
     candidates = [one for one in (_feetech(head), _dynamixel(head)) if _says_id(one.series, head, servo_id)]
     known = [one for one in candidates if one.model]
@@ -88,6 +89,6 @@ def _dynamixel(head: bytes) -> Identity:
 
 
 def _model(series: Series, number: int) -> ServoModel | None:
-    """Return the first model with this number. Variants of a servo with different gears share one number."""
+    """Return the first model with this number. Variants of a servo with different gears share the same model number."""
     assert series in SERIES
     return next((model for model in series.models if model.number == number), None)

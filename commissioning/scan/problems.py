@@ -1,4 +1,4 @@
-"""Find the problems of a servo that answers. Each problem has a message that tells the user what to do."""
+"""Find the problems of a servo that responds. Each problem has a message that tells the user what to do."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Kind = Literal[
     "absent",
 ]
 BAD_SHARE: Final = 0.5
-"""Minimum fraction of failed reads at which the bus counts as bad."""
+"""Minimum fraction of failed reads at which the bus is considered unreliable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +41,19 @@ class Problem:
 def line_trouble(
     port: str, servo_id: int, kinds: Counter[FaultKind | None], identity: Identity | None, corrupt: bool
 ) -> Problem | None:
-    """Return the problem that explains the outcomes of the reads of a servo's state; None if there is none.
+    """Return the problem that explains the outcomes of reading a servo's state; None if there is no problem.
 
     Args:
         port: Name of the port.
         servo_id: ID of the servo.
-        kinds: Number of outcomes of each kind.
+        kinds: Number of outcomes of each type.
         identity: Identity of the servo; None if it could not be read.
-        corrupt: Whether the reply with the identity was corrupt.
+        corrupt: Whether the reply to the identity request was corrupted.
     """
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
         return collision(servo_id, port)
-    # The first reply after a silence also counts as late, because it may be a late reply.
+    # The first reply after a silence also counts as late, because it may belong to an earlier request.
     never_in_time = kinds[None] == kinds["corrupt"] == 0 and kinds["late"] > 0
     if never_in_time or kinds["late"] > 1 + kinds[None]:
         return Problem("late", f"its replies arrive too late: {latency_advice(port) or HELD_BACK}")
@@ -68,34 +68,35 @@ def line_trouble(
 
 
 NO_READS: Final = (
-    "it answers pings but not reads. If it is a Dynamixel, its status return level may be 0: set it with 'servoloop "
-    "register write --model MODEL status_return_level 2'. A Dynamixel X also answers after its supply was off"
+    "it responds to pings but not to reads. If it is a Dynamixel, its status return level may be 0: set it with "
+    "'servoloop register write --model MODEL status_return_level 2'. A Dynamixel X also responds after its supply was "
+    "off"
 )
-"""Description of a servo that answers only pings."""
+"""Description of a servo that responds only to pings."""
 
 
 def _no_state_text(identity: Identity) -> str:
     block = identity.series.blocks[0]
     return (
-        f"it answers reads of its model number ({identity.number}), but not of its state (registers {block.address} to "
-        f"{block.address + block.size - 1}): its control table differs from the table of the series "
+        f"it responds to reads of its model number ({identity.number}), but not to reads of its state (registers "
+        f"{block.address} to {block.address + block.size - 1}): its control table differs from the table of the series "
         f"{identity.series.name}"
     )
 
 
 def no_group_reads(level: int | None, register: Register) -> Problem:
-    """Return the problem of a servo that answers only single reads.
+    """Return the problem of a servo that responds only to single reads.
 
     Args:
-        level: Value of its status return level; None if it could not be read.
-        register: Register of the status return level.
+        level: Value of the servo's status return level; None if it could not be read.
+        register: The status return level register.
     """
     held = f" ({register.name}, register {register.address}, is {level})" if level is not None else ""
     return Problem(
         "no_group_reads",
-        f"it answers single reads, but not group reads (sync read). This is not a setting{held}: its firmware lacks "
-        f"the instruction, as in many self-made servos. servoloop reads and writes it with single requests, which "
-        "takes longer in each cycle",
+        f"it responds to single reads, but not to group reads (sync read). This is not a setting{held}: its firmware "
+        f"lacks the instruction, as in many self-made servos. servoloop reads and writes it with single requests, "
+        "which takes longer in each cycle",
     )
 
 
@@ -122,7 +123,7 @@ def own_troubles(model: ServoModel, state: ServoState, read: Read) -> list[Probl
 
 
 def unknown_model(identity: Identity) -> Problem:
-    """Return the problem of a servo whose model number is in no control table."""
+    """Return the problem of a servo whose model number is missing from all control tables."""
     return Problem("unknown_model", _unknown_text(identity))
 
 

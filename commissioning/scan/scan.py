@@ -1,4 +1,4 @@
-"""Scan a port for servos at all baud rates and of all makes. The scan only pings and reads.
+"""Scan a port for servos of all makes at all baud rates. The scan only sends pings and reads.
 
 report = scan(SerialPort("/dev/ttyACM0"), MonotonicClock())
 for servo in report.servos:
@@ -25,14 +25,15 @@ from drivers.servos.register import ServoModel
 LIKELY_IDS: Final = tuple(range(21))
 """IDs that are pinged one by one at each baud rate until a servo is found, because some servos ignore broadcasts."""
 BROADCASTS: Final = {v1: 2, v2: 1}
-"""Number of broadcast pings, keyed by protocol. A broadcast ping of protocol 2.0 takes a second."""
+"""Number of broadcast pings, keyed by protocol. A protocol 2.0 broadcast ping takes one second."""
 MORE_BROADCASTS: Final = {v1: 3, v2: 1}
-"""Number of further broadcast pings after a reply."""
+"""Number of additional broadcast pings after a reply."""
 MORE_TRIES: Final = 3
-"""Number of further pings per ID after a reply, because a bad bus may lose one packet in five."""
+"""Number of additional pings per ID after a reply, because an unreliable bus may lose one packet in five."""
 
 Progress = Callable[[int, int, str, Sequence[ScannedServo]], None]
-"""Progress callback. Its arguments are the step number, the number of steps, the step's text, and the servos so far."""
+"""Progress callback. Its arguments are the step number, the number of steps, the description of the step, and the
+servos found so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +43,13 @@ class ScanReport:
     port: str
     servos: tuple[ScannedServo, ...]
     absent: tuple[int, ...]
-    """Requested IDs that do not answer."""
+    """Requested IDs that do not respond."""
     noise: dict[int, int]
-    """Number of bytes that do not belong to a reply, keyed by baud rate."""
+    """Number of bytes that are not part of a reply, keyed by baud rate."""
     refused_bauds: tuple[int, ...]
     """Baud rates that the adapter does not support."""
     skipped: tuple[str, ...]
-    """Kinds of servos that were not searched for, because servos of another protocol had answered."""
+    """Types of servos that were not searched for, because servos with another protocol had replied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class ScanScope:
     bauds: Collection[int] = ()
     """Baud rates to scan; all if empty."""
     servo_ids: Collection[int] = ()
-    """IDs to search for, one by one; all if empty."""
+    """IDs to search for individually; all if empty."""
     makes: Collection[Make] = ()
     """Makes of servos to search for; all if empty."""
 
@@ -76,15 +77,15 @@ def scan(
 ) -> ScanReport:
     """Search a port for servos and examine them.
 
-    The baud rate of the port is restored at the end. If the scope has no ``makes``, the scan ignores the other protocol
-    after the first reply, because servos with different protocols cannot share a bus.
+    The port's original baud rate is restored at the end. If the scope does not specify ``makes``, the scan ignores the
+    other protocol after the first reply, because servos with different protocols cannot share a bus.
 
     Args:
         port: The port.
         clock: Clock for all times.
         scope: Baud rates, IDs and makes to try.
-        models: Expected model of each servo, keyed by ID. The scan searches for these IDs if the scope has no IDs.
-        progress: Function that is called before each step and at the end.
+        models: Expected model of each servo, keyed by ID. The scan searches for these IDs if the scope does not specify
+        any IDs. progress: Function that is called before each step and at the end.
 
     Raises:
         PortLost: The port has disappeared.
@@ -115,7 +116,7 @@ class _Search:
         self._skipped: dict[str, None] = {}
 
     def take(self, step: Step) -> None:
-        """Scan one baud rate with one protocol."""
+        """Scan at one baud rate with one protocol."""
         if self._packets and step.packets not in self._packets and not self._all_makes:
             self._skipped[step.servos] = None
             return
@@ -145,7 +146,7 @@ class _Search:
             heard |= wire.broadcast()
         for _ in range(MORE_BROADCASTS[wire.packets] if heard.anything else 0):
             heard |= wire.broadcast()
-        unheard = heard.anything and not heard.whole  # All servos may have answered at the same time.
+        unheard = heard.anything and not heard.whole  # All servos may have replied at the same time.
         ids = range(wire.largest_id + 1) if unheard else LIKELY_IDS if not self.found or heard.whole else ()
         return _ping_each(wire, ids, heard)
 
@@ -153,7 +154,7 @@ class _Search:
         return any(one.servo_id == servo_id for one in self.found)
 
     def report(self, wanted: Mapping[int, ServoModel]) -> ScanReport:
-        """Return the report, including problems that are visible only when all servos are known."""
+        """Return the report, including problems that become visible only when all servos are known."""
         absent = tuple(i for i in self._ids if not self._is_found(i))
         servos = tuple(
             _of_the_arm(_compared(one, self.found), wanted) for one in sorted(self.found, key=lambda one: one.servo_id)
@@ -173,7 +174,7 @@ def _ping_each(wire: Wire, servo_ids: Iterable[int], heard: Heard) -> Heard:
 
 
 def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedServo:
-    """Add a problem to a servo whose baud rate differs from that of most servos."""
+    """Add a problem to each servo whose baud rate differs from that of most servos."""
     rates = Counter(one.baud for one in servos)
     usual = max(rates, key=lambda baud: (rates[baud], baud))
     if servo.baud == usual:
@@ -185,14 +186,14 @@ def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedSer
         else ". Change its baud rate"
     )
     text = (
-        f"it answers at {servo.baud} baud, but most servos answer at {usual} baud{also} with "
+        f"it responds at {servo.baud} baud, but most servos respond at {usual} baud{also} with "
         f"servoloop set-baud {servo.servo_id} {usual}"
     )
     return replace(servo, problems=(*servo.problems, Problem("other_rate", text)))
 
 
 def _of_the_arm(servo: ScannedServo, wanted: Mapping[int, ServoModel]) -> ScannedServo:
-    """Add a problem to a servo whose model differs from the model in the robot file."""
+    """Add a problem to each servo whose model differs from the model in the robot file."""
     model = wanted.get(servo.servo_id)
     if model is None or servo.model_number in (None, model.number):
         return servo

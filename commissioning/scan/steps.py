@@ -1,4 +1,4 @@
-"""Steps of a scan: combinations of baud rate and protocol, most likely combinations first."""
+"""Steps of a scan: combinations of baud rate and protocol, with the most likely combinations first."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ RATES: Final[dict[tuple[Make, ModuleType], tuple[int, ...]]] = {
     ("dynamixel", v1): DYNAMIXEL_1_RATES,
 }
 _LIKELY: Final = ((v1, 1_000_000), (v2, 57_600), (v2, 1_000_000), (v1, 57_600), (v1, 115_200), (v1, 500_000))
-"""Most likely protocols and baud rates: factory settings of Feetech and ROBOTIS, and usual settings of arms."""
+"""Most likely protocols and baud rates: the factory settings of Feetech and ROBOTIS, and common settings of arms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +33,17 @@ class Step:
 
     @property
     def servos(self) -> str:
-        """Kinds of servos that use this protocol."""
+        """Types of servos that use this protocol."""
         return "Feetech, Dynamixel protocol 1.0" if self.packets is v1 else "Dynamixel protocol 2.0"
 
     @property
     def text(self) -> str:
-        """Text for a progress bar."""
+        """Label for a progress bar."""
         return f"{self.baud} baud, {self.servos}"
 
 
 def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step, ...]:
-    """Return all steps for these makes and baud rates. Empty arguments mean all makes and all of their baud rates."""
+    """Return all steps for these makes and baud rates. Empty arguments select all makes and all of their baud rates."""
     wanted = tuple(bauds)
     found = {
         Step(packets, baud)

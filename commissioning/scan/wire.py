@@ -1,7 +1,7 @@
 """Ping servos on an unknown bus, at the current baud rate of the port.
 
-In protocol 1.0, the echo of a ping is identical to the reply of a servo with a voltage alarm. A broadcast ping shows
-whether the adapter echoes, because no servo has the broadcast ID 254.
+In protocol 1.0, the echo of a ping is identical to the reply of a servo with a voltage alarm. A broadcast ping reveals
+whether the adapter echoes requests, because no servo has the broadcast ID 254.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ PING_GRACE_S: Final = 0.02
 """Time allowed for the reply to a single ping: one latency timer, the longest return delay, and a margin."""
 V1_REPLY, V2_REPLY = 6, 14
 V1_SLOT: Final = 9
-"""Length of a time slot in which an STS answers a broadcast ping, in byte times. Each ID has its own slot."""
+"""Length of the time slot in which an STS replies to a broadcast ping, in byte times. Each ID has its own slot."""
 V2_TURN_S: Final = 0.003
-"""Time that each Dynamixel with protocol 2.0 waits for the previous servo, according to the ROBOTIS SDK."""
+"""Time that each Dynamixel protocol 2.0 servo waits for the previous servo, according to the ROBOTIS SDK."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class Heard:
     """Bytes received after pings."""
 
     whole: frozenset[int] = frozenset()
-    """IDs of valid replies."""
+    """IDs from valid replies."""
     broken: frozenset[int] = frozenset()
-    """IDs in replies with wrong checksums."""
+    """IDs from replies with wrong checksums."""
     noise: int = 0
     """Number of other bytes."""
 
@@ -65,12 +65,12 @@ class Wire:
         return self._judged(data.replace(request, b"", 1))
 
     def learn_echo(self) -> None:
-        """Find out whether the adapter echoes. In protocol 2.0 an echo cannot be confused with a reply."""
+        """Find out whether the adapter echoes requests. In protocol 2.0, an echo cannot be mistaken for a reply."""
         if self.packets is v1:
             self.broadcast()
 
     def ping(self, servo_id: int) -> Heard:
-        """Ping one servo. The result may include a late reply of another servo."""
+        """Ping one servo. The result may include a late reply from another servo."""
         request = self.packets.packet(servo_id, self.packets.PING, b"")
         data = self._ask(
             request,
@@ -86,7 +86,7 @@ class Wire:
         return data
 
     def _turn_s(self) -> float:
-        """Return the time slot of each servo in a broadcast ping. In protocol 1.0 only STS servos have time slots."""
+        """Return the time slot of each servo for a broadcast ping. In protocol 1.0, only STS servos have time slots."""
         if self.packets is v2:
             return V2_REPLY * self._byte_s + V2_TURN_S
         return V1_SLOT * self._byte_s if self._port.baud in sts.BAUD_RATES else 0.0

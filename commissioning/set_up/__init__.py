@@ -1,1 +1,1 @@
-"""Set up new servos, which all have the same ID, as the servos of an arm."""
+"""Set up new servos, which all have the same factory ID, as the servos of an arm."""

@@ -1,4 +1,4 @@
-"""Set up the servos of an arm, connected one after the other. Servos that are already set up are recognized."""
+"""Set up the servos of an arm, connected one after the other. Servos that have already been set up are recognized."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,12 +35,12 @@ class SetUpTask:
     """A task for the person who connects the servos."""
 
     kind: Literal["one", "chain"]
-    """Whether to connect one servo or the whole chain."""
+    """Whether to connect only one servo or the whole chain."""
     text: str
     """Instruction for the user."""
     joint: str = ""
     problem: str = ""
-    """Reason why the task is repeated; empty the first time."""
+    """Reason why the task is repeated; empty at the first attempt."""
 
 
 class SetUpDialog(Protocol):
@@ -57,7 +57,7 @@ class SetUpDialog(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """One servo after its set-up, as it answers in the chain."""
+    """One servo after its set-up, as it responds in the chain."""
 
     joint: str
     servo_id: int
@@ -66,7 +66,7 @@ class Audit:
     changes: tuple[Change, ...]
     """Changes written to the servo in this run."""
     from_id: int | None
-    """ID before the set-up; None if the servo was already set up."""
+    """ID before the set-up; None if the servo had already been set up."""
     from_baud: int | None
     """Baud rate before the set-up; None if it was not changed."""
     gear: GearResult | None = None
@@ -75,7 +75,7 @@ class Audit:
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """Work done on one servo in this run."""
+    """Changes made to one servo in this run."""
 
     changes: tuple[Change, ...] = ()
     from_id: int | None = None
@@ -86,7 +86,7 @@ class _Made:
 class SetUp:
     """Set-up of all servos on one bus.
 
-    At the end, even after an error, the EEPROM is locked and the torque is unchanged.
+    At the end, even after an error, the EEPROM is locked and the torque state is unchanged.
     """
 
     def __init__(
@@ -106,9 +106,10 @@ class SetUp:
             clock: Clock for all waiting times.
             places: Servos of the arm.
             guide: Interface to the person who connects the servos.
-            turn: Whether servos turn their horns to show their gears, if several models share their model number.
-                Otherwise, the torque is never enabled.
-            stopped: Function that is called while a horn turns. When it returns True, StoppedError is raised.
+            turn: Whether servos turn their horns to identify their gears if several models share their model number.
+                Otherwise, torque is never enabled.
+            stopped: Function that is called while a horn is turning. When this function returns True, StoppedError is
+                raised.
         """
         self.turn = turn
         self._stopped = stopped
@@ -120,11 +121,11 @@ class SetUp:
 
     @property
     def done(self) -> tuple[str, ...]:
-        """Joints whose servos are set up."""
+        """Joints whose servos have been set up."""
         return tuple(self._made)
 
     def run(self) -> list[Audit]:
-        """Guide the user through all servos, then check the whole chain. Return the result for each servo.
+        """Guide the user through all servos, and then check the whole chain. Return the result for each servo.
 
         Raises SetUpError, ServoError, PortLost.
         """
@@ -137,7 +138,8 @@ class SetUp:
         return audit
 
     def _recognise(self) -> None:
-        """Find the servos that are already set up. A factory ID counts only if all other servos are set up."""
+        """Find the servos that have already been set up. A factory ID is accepted only if all other servos are set
+        up."""
         answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
         for place in in_order(self._places):
             whole = len(self._made) == len(self._places) - 1
@@ -155,7 +157,7 @@ class SetUp:
             return False
 
     def _one(self, place: ServoPlace) -> None:
-        """Ask the user to connect one servo, and set it up for this joint."""
+        """Ask the user to connect one servo, and set up that servo for this joint."""
         text, problem = f"Connect only the servo for {place.joint}. It gets ID {place.servo_id}", ""
         if self._turns(place):
             text += (
@@ -167,7 +169,7 @@ class SetUp:
             try:
                 self._made[place.joint] = self._set_up(place)
                 return
-            except (NotYet, ServoError) as error:  # Values that were already written are recognized the next time.
+            except (NotYet, ServoError) as error:  # Values already written are recognized at the next attempt.
                 problem = "\n".join([str(error), *getattr(error, "__notes__", [])])
         raise SetUpError(f"{place.joint}: {problem}")
 
@@ -211,7 +213,7 @@ class SetUp:
         return gear
 
     def _report_unknown_gears(self) -> None:
-        """Report the servos whose gears are unknown."""
+        """Report the servos whose gears could not be identified."""
         looks = {place.joint: self._made[place.joint].gear for place in self._places if rivals(place.model)}
         unknown = [joint for joint, gear in looks.items() if gear is None or gear.verdict != "fits"]
         if unknown:
@@ -222,7 +224,7 @@ class SetUp:
             )
 
     def _chain(self) -> list[Audit]:
-        """Ask the user to connect all servos, and check that each of them answers with the right values."""
+        """Ask the user to connect all servos, and check that each servo responds with the right values."""
         text, problem = f"Connect all {len(self._places)} servos in a chain", ""
         problems = self._complaints()
         for _ in range(TRIES):
@@ -236,7 +238,7 @@ class SetUp:
         answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
         known = {place.servo_id for place in self._places}
         problems = [
-            f"a servo with ID {i} answers, but the robot file does not contain it: remove the servo"
+            f"a servo with ID {i} responds, but the robot file does not contain it: remove the servo"
             for i in answers
             if i not in known
         ]
@@ -247,7 +249,7 @@ class SetUp:
 
     def _complaint(self, place: ServoPlace, answer: Answer | None) -> str:
         if answer is None:
-            return "does not answer: check its cable"
+            return "does not respond: check its cable"
         if not answer.clear:
             return "sends only corrupted replies: probably two servos have this ID"
         try:

@@ -1,4 +1,4 @@
-"""Find the only servo on the bus, check that it fits a joint, and set its baud rate."""
+"""Find the only servo on the bus, check that it is suitable for a joint, and set its baud rate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,24 +27,25 @@ from drivers.types import ServoState
 from hal.robot_file.robot_file import RobotFile
 
 FACTORY_ID: Final = 1
-"""Factory ID of every new servo, of all makes."""
+"""Factory ID of every new servo, regardless of make."""
 POSITION_MODES: Final[dict[str, int]] = {STS.name: 0, X.name: x.POSITION_MODE}
 
 
 class SetUpError(CommissioningError):
-    """The set-up cannot continue. The message tells the user what to do. Servos that are already set up stay set up."""
+    """The set-up cannot continue. The message tells the user what to do. Servos that have already been set up remain
+    set up."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoPlace:
-    """The servo of one joint, as the robot file describes it."""
+    """The servo of one joint, as described in the robot file."""
 
     joint: str
     servo_id: int
     model: ServoModel
     settings: tuple[tuple[str, int], ...] = ()
     extended: bool = False
-    """Whether the servo is a Dynamixel X that was calibrated in extended position mode."""
+    """Whether the servo is a Dynamixel X calibrated in extended position mode."""
 
     @property
     def series(self) -> Series:
@@ -74,7 +75,7 @@ class ServoPlace:
 
 
 def places_of(robot: RobotFile, bus: str = "") -> list[ServoPlace]:
-    """Return the servos on one bus of a robot file, in the order of the file."""
+    """Return the servos on one bus of a robot file, in file order."""
     return [
         ServoPlace(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()), joint.extended)
         for name, joint in robot.joints_on(bus).items()
@@ -82,7 +83,7 @@ def places_of(robot: RobotFile, bus: str = "") -> list[ServoPlace]:
 
 
 def in_order(places: Sequence[ServoPlace]) -> list[ServoPlace]:
-    """Return the servos in the order of the set-up, from the gripper to the base.
+    """Return the servos in set-up order, from the gripper to the base.
 
     The servo that keeps the factory ID comes last. Until then, every servo with the factory ID is a new servo.
     """
@@ -100,19 +101,19 @@ class NotYet(SetUpError):
 
 
 def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
-    """Return the only servo that answers at the bus's baud rate or at one of ``rates``.
+    """Return the only servo that responds at the bus's baud rate or at one of ``rates``.
 
-    Raises NotYet if no servo or more than one servo answers.
+    Raises NotYet if no servo or more than one servo responds.
     """
     found = who_answers(bus) or who_answers_elsewhere(bus, [rate for rate in rates if rate != bus.baud])
     if not found:
         raise NotYet(
-            f"no servo answers on {bus.name} at any baud rate. Check that the supply is on, the cable is plugged in at "
-            "both ends, and the adapter is set to USB"
+            f"no servo responds on {bus.name} at any baud rate. Check that the supply is on, the cable is plugged in "
+            "at both ends, and the adapter is set to USB"
         )
     ids = ", ".join(str(answer.servo_id) for answer in found)
     if len(found) > 1:
-        raise NotYet(f"several servos answer (IDs {ids}): connect only one")
+        raise NotYet(f"several servos respond (IDs {ids}): connect only one")
     if not found[0].clear:
         raise NotYet(
             f"all replies of servo {ids} are corrupted: either several servos have ID {ids}, or the cable is bad. "
@@ -122,10 +123,11 @@ def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
 
 
 def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[ServoPlace]) -> float:
-    """Check that a servo may be used for a joint, and return its supply voltage. The bus is at the servo's baud rate.
+    """Check that a servo can be used for a joint, and return its supply voltage. The bus must be at the servo's baud
+    rate.
 
-    Raise NotYet if the servo belongs to another joint, has the wrong model, or has its torque enabled. Raise SetUpError
-    if the voltage is wrong.
+    Raise NotYet if the servo belongs to another joint, has the wrong model, or has torque enabled. Raise SetUpError if
+    the voltage is wrong.
     """
     owner = next((one.joint for one in places if one.servo_id == servo_id), None)
     if servo_id not in (FACTORY_ID, place.servo_id) and owner is not None:
@@ -149,7 +151,7 @@ def voltage(bus: Bus, servo_id: int) -> float:
 
 
 def state_of(bus: Bus, servo_id: int) -> ServoState:
-    """Return the servo's state, confirmed by two consecutive equal position readings. Raises NotYet."""
+    """Return the servo's state, confirmed by two consecutive identical position readings. Raises NotYet."""
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if isinstance(state, ServoState):
         return state
@@ -185,7 +187,7 @@ def _require_voltage(bus: Bus, servo_id: int, place: ServoPlace, voltage_v: floa
 
 
 def _limits(bus: Bus, servo_id: int, place: ServoPlace) -> tuple[float, float]:
-    """Return the voltage limits of the servo, from the robot file or, if it does not contain them, from the servo."""
+    """Return the servo's voltage limits from the robot file or, if they are missing there, from the servo."""
     table, settings = persistent_registers(place.model), dict(place.settings)
     names = next(names for names in LIMITS if names[0] in table)
     lowest, highest = (
@@ -195,16 +197,16 @@ def _limits(bus: Bus, servo_id: int, place: ServoPlace) -> tuple[float, float]:
 
 
 def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate: int) -> None:
-    """Change the baud rate of the only servo on the bus from ``rate`` to that of the bus.
+    """Change the baud rate of the only servo on the bus from ``rate`` to the rate of the bus.
 
-    The torque of the servo must be off. At the end, the EEPROM is locked, even after an error. Raises SetUpError,
+    The servo's torque must be off. At the end, the EEPROM is locked, even after an error. Raises SetUpError,
     ServoError, PortLost.
     """
     series = series_of(model)
     values = {baud: value for value, baud in rates_of(model).items()}
     if bus.baud not in values:
         raise SetUpError(
-            f"servo {servo_id} answers at {rate} baud, and an {model.name} does not support the baud rate of the bus, "
+            f"servo {servo_id} responds at {rate} baud, and an {model.name} does not support the baud rate of the bus, "
             f"{bus.baud}. Correct the baud rate or the model in the robot file"
         )
     register, value = persistent_registers(model)["baud_rate"], values[bus.baud]
@@ -220,7 +222,7 @@ def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate
 def _write(bus: Bus, servo_id: int, lock: Register | None, register: Register, value: int) -> None:
     if lock is not None:
         retry(partial(bus.write, servo_id, lock, OPEN))
-    # The reply arrives at the old rate or not at all, so the servo is checked at the new rate.
+    # The reply arrives at the old rate or not at all, so the servo is then checked at the new rate.
     with suppress(ServoError):
         bus.write(servo_id, register, value)
 
@@ -230,14 +232,14 @@ def _check(bus: Bus, servo_id: int, register: Register, value: int) -> None:
         held = retry(partial(bus.read, servo_id, register))
     except ServoError as error:
         raise SetUpError(
-            f"servo {servo_id} does not answer at {bus.baud} baud after the change of its baud rate: {error.text}"
+            f"servo {servo_id} does not respond at {bus.baud} baud after its baud rate was changed: {error.text}"
         ) from error
     if held != value:
         raise SetUpError(f"servo {servo_id}: {register.name} is still {held} after {value} was written")
 
 
 def _lock(bus: Bus, servo_id: int, lock: Register | None, rate: int) -> None:
-    """Lock the EEPROM at the baud rate at which the servo answers now."""
+    """Lock the EEPROM at the baud rate at which the servo currently responds."""
     if lock is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""Turn the horn of a loose servo a little, back and forth, to identify its gear. At the end, the torque is off."""
+"""Turn the horn of a loose servo slightly back and forth to identify its gear. Torque is off at the end."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,15 +22,16 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 GEARS: Final = {sts.STS3215: 345, sts.STS3215_C001: 345, sts.STS3215_C044: 191, sts.STS3215_C046: 147}
-"""Gear ratios (motor turns per shaft turn) of models with the same model number, from the manufacturers' datasheets.
+"""Gear ratios (motor turns per shaft turn) of models with the same model number, from the manufacturers' data sheets.
 """
 FITS: Final = 0.22
-"""Maximum of |ln(measured / expected)| for a model. Motors of one model differ by up to 10 %, cold motors by more."""
+"""Maximum of |ln(measured / expected)| for a model. Motors of the same model differ by up to 10 %, and cold motors by
+more."""
 CLEARLY: Final = 0.06
-"""Minimum difference of |ln(measured / expected)| between the best model and the second best model."""
+"""Minimum difference of |ln(measured / expected)| between the best and the second-best model."""
 PULLS: Final = 0.1
-"""Maximum constant drive of a free horn, as a fraction of full drive. A larger drive shows that something pulls at the
-horn.
+"""Maximum constant drive of a free horn, as a fraction of full drive. A larger drive shows that something is pulling on
+the horn.
 """
 Verdict = Literal["fits", "other", "not sure"]
 
@@ -41,9 +42,9 @@ class GearResult:
 
     verdict: Verdict
     text: str
-    """Explanation for the user."""
+    """Explanation to show to the user."""
     v_s_rad: float | None = None
-    """Voltage per rad/s of the shaft, without friction."""
+    """Voltage per rad/s of the shaft, excluding friction."""
 
 
 def rivals(model: ServoModel) -> tuple[ServoModel, ...]:
@@ -52,20 +53,20 @@ def rivals(model: ServoModel) -> tuple[ServoModel, ...]:
 
 
 def v_s_rad(model: ServoModel) -> float:
-    """Return the voltage per rad/s of the model's shaft, from its datasheet."""
+    """Return the voltage per rad/s of the model's shaft, derived from its data sheet."""
     return model.rated_voltage_v / model.no_load_speed_rad_s
 
 
 def called(model: ServoModel) -> str:
-    """Return the name of a model with its rated voltage and gear."""
+    """Return the name of a model, including its rated voltage and gear ratio."""
     gear = f", gear 1:{GEARS[model]}" if model in GEARS else ""
     return f"{model.name} ({model.rated_voltage_v:g} V{gear})"
 
 
 def judge_gear(motion: TrialMotion | None) -> GearResult:
-    """Compare the drive of a servo that turned its free horn with the possible models.
+    """Compare the drive of a servo that has turned its free horn with the possible models.
 
-    ``motion`` is None if the servo had no room to turn.
+    ``motion`` is None if the servo did not have enough room to turn.
     """
     if motion is None:
         return GearResult("not sure", "it is too close to its position limits to turn")
@@ -92,23 +93,23 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
 WAY_RAD: Final = 0.8
 """Angle by which the horn turns back and forth, in rad."""
 FASTEST_RAD_S: Final = 0.8
-"""Speed of the goal. The horn itself turns up to 50 % faster, which is a quarter of the slowest model's no-load speed.
-At lower speeds, two gears cannot be distinguished reliably.
+"""Speed at which the goal moves. The horn itself turns up to 50 % faster, which corresponds to a quarter of the slowest
+model's no-load speed. At lower speeds, two gears cannot be distinguished reliably.
 """
 PERIOD_S: Final = 0.04
 PACE: Final = TrialPace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
 """Torque limit, as a fraction of full drive.
 
-Reaching the test speed takes half of this limit; the other half covers friction and weak models.
+The servo needs half of this limit to reach the test speed; the other half allows for friction and weak models.
 """
 MARGIN_COUNTS: Final = 32
-"""Minimum distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""
+"""Minimum distance to the encoder's seam and the servo's limits, because the horn may overshoot."""
 LEAST_ROOM_RAD: Final = 0.4
 """Minimum angle that the horn must be able to turn."""
 ACCELERATION_RAD_S2: Final = 10.0
 JERK_RAD_S3: Final = 100.0
-"""Limits that every joint must have, but that this module does not use."""
+"""Limits that every joint must have but that this module does not use."""
 
 
 def turn_loose(
@@ -116,9 +117,9 @@ def turn_loose(
 ) -> TrialMotion | None:
     """Turn the horn of the only servo on the bus.
 
-    Return the motion, or None if there is no room to turn. The servo must be in position mode with its torque off. At
-    the end, even after an error, its torque is off and its torque limit is restored. If this is impossible because the
-    servo cannot be reached, the exception has a note. Raises StoppedError, NotYet, ServoError, PortLost.
+    Return the motion, or None if there is no room to turn. The servo must be in position mode with torque off. At the
+    end, even after an error, the servo's torque is off and its torque limit is restored. If this is impossible because
+    the servo does not respond, a note is added to the exception. Raises StoppedError, NotYet, ServoError, PortLost.
     """
     joint = _loose_joint(bus, servo_id, place)
     if joint is None:
@@ -127,7 +128,7 @@ def turn_loose(
     with _left_limp(bus, servo_id, place), bus.at_baud(bus.baud, {servo_id: place.model}) as line:
         try:
             with SlowArm(lambda: line, [joint], clock, stopped, FASTEST_RAD_S, PERIOD_S) as arm:
-                arm.relax = False  # The horn carries no load, so the torque is disabled without sinking first.
+                arm.relax = False  # The horn carries no load, so torque is disabled without lowering the horn first.
                 trial = DriveTrial(arm, 0, way, PACE)
                 trial.run()
         except (DriverError, HalError) as error:
@@ -155,7 +156,7 @@ def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
 
 @contextmanager
 def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
-    """Disable the torque and restore the torque limit when the context ends. Report a failure."""
+    """Disable torque and restore the torque limit when the context ends. Report a failure."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
     may_hold = f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
@@ -170,7 +171,7 @@ def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
 
 
 def _release(bus: Bus, servo_id: int, place: ServoPlace, before: Mapping[Register, int]) -> bool:
-    """Disable the torque, then restore these registers. Return whether the servo acknowledged all writes."""
+    """Disable torque, then restore these registers. Return whether the servo acknowledged all writes."""
     try:
         for register, value in {place.series.torque_enable: 0, **before}.items():
             retry(partial(bus.write, servo_id, register, value))

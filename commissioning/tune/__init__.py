@@ -1,1 +1,1 @@
-"""Measure how one joint follows its goals with the gains of its servo, and propose better gains."""
+"""Measure how one joint follows its goals with the servo's present gains, and propose better gains."""

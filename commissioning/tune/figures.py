@@ -1,4 +1,4 @@
-"""Compute the performance figures of a joint, such as overshoot and delay, from its measured steps and sine.
+"""Compute a joint's performance figures, such as overshoot and delay, from its measured step responses and sine motion.
 
 All functions are pure. Positions are in rad or m, times in seconds.
 """
@@ -13,13 +13,13 @@ import numpy as np
 from hal.types import FloatArray
 
 SETTLED_S: Final = 0.6
-"""Duration of the last part of a rest, in which a joint is at rest or swings, in seconds."""
+"""Duration of the last part of a rest, in which the joint is either still or oscillating, in seconds."""
 BAND_SHARE: Final = 0.02
 """Maximum distance of a settled joint from its position at rest, as a fraction of the step."""
 BAND_COUNTS: Final = 2.0
 """Maximum distance of a settled joint from its position at rest, in counts. The larger of the two limits applies."""
 SHAKES_COUNTS: Final = 4.0
-"""Maximum swing at rest, in counts. Encoder steps and a dead zone of one count cause a smaller swing."""
+"""Maximum oscillation at rest, in counts. Encoder steps and a dead zone of one count cause less oscillation."""
 ARRIVED: Final = 1e-9
 
 
@@ -33,27 +33,27 @@ class TuneTrace:
 
     @classmethod
     def of(cls, rows: Sequence[tuple[float, float, float]]) -> "TuneTrace":
-        """Return a trace from rows of time, command and position. The first row gets time 0."""
+        """Return a trace from rows of time, command and position. The time of the first row is 0."""
         time_s, command, position = (np.array(column) for column in zip(*rows, strict=True))
         return cls(time_s - time_s[0], command, position)
 
 
 def rest_error(trace: TuneTrace) -> float:
-    """Return command minus position at the end of a motion, averaged over ``SETTLED_S``."""
+    """Return the command minus the position at the end of a motion, averaged over ``SETTLED_S``."""
     settled = trace.time_s >= trace.time_s[-1] - SETTLED_S
     return float((trace.command - trace.position)[settled].mean())
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Response to one step, from the time at which the command has reached its target."""
+    """Response to one step, starting when the command reaches its target."""
 
     overshoot: float
-    """Largest distance beyond the position at rest."""
+    """Largest overshoot beyond the position at rest."""
     settling_s: float | None
     """Settling time; None if the joint does not settle."""
     rest_error: float
-    """Command minus position at rest."""
+    """The command minus the position at rest."""
     swing: float
     """Distance between the outermost positions at rest."""
     swing_hz: float
@@ -87,10 +87,10 @@ def _crossings_hz(time_s: FloatArray, error: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """Accuracy with which a joint followed a sine."""
+    """Accuracy with which a joint has followed a sine."""
 
     delay_s: float
-    """Delay of the measured position after the command."""
+    """Delay between the command and the measured position."""
     gain: float
     """Measured amplitude, as a fraction of the commanded amplitude."""
     largest: float
@@ -114,7 +114,7 @@ def following(trace: TuneTrace, hz: float) -> Following:
 
 
 def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, float]:
-    """Return amplitude and phase of the sine that fits the curve best. The curve may have an offset."""
+    """Return the amplitude and phase of the sine that best fits the curve. The curve may have an offset."""
     angle = 2.0 * np.pi * hz * time_s
     columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
     (sine, cosine, _), *_ = np.linalg.lstsq(columns, curve)
@@ -139,7 +139,7 @@ class JointFigures:
     following_largest: float
     following_rms: float
     swing: float
-    """Largest swing at rest."""
+    """Largest oscillation at rest."""
     swing_hz: float
     shakes: bool
 
@@ -150,11 +150,11 @@ def figures(
     """Return the performance figures of a joint.
 
     Args:
-        steps: Steps in both directions.
+        steps: Step responses in both directions.
         sine: The sine.
-        hz: Frequency of the sine.
+        hz: Frequency of the sine, in Hz.
         count: Size of an encoder count, in rad or m.
-        half_way: Command minus position at rest at one position, approached from each side.
+        half_way: Command minus position at rest, at one position approached from each side.
     """
     answers = [response(step, count) for step in steps]
     wave = following(sine, hz)

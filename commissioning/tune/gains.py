@@ -1,4 +1,4 @@
-"""Parse, read and write the gains of a servo's position loop, by their usual names such as P, I and D."""
+"""Parse, read and write the gains of a servo's position loop by their common names, such as P, I and D."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -28,12 +28,12 @@ LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 OTHERS: Final = ("cw_dead_zone", "ccw_dead_zone", "minimum_startup_force")
 BOTH: Final[Mapping[str, tuple[str, ...]]] = {"dead_zone": ("cw_dead_zone", "ccw_dead_zone")}
-"""Gain names that set several registers."""
+"""Gain names that each set several registers."""
 _PAIR: Final = re.compile(r"(\w+)=(\d+)")
 
 
 def gains_of(model: ServoModel) -> dict[str, Register]:
-    """Return the gain registers of a servo model, keyed by name. The result is empty if the model has none."""
+    """Return the gain registers of a servo model, keyed by name. The result is empty if the model does not have any."""
     table = {register.name: register for register in registers_of(model) if register.access is Access.READ_WRITE}
     found = {letter: table[name] for letter, names in LETTERS.items() for name in names if name in table}
     return found | {name: table[name] for name in OTHERS if name in table}
@@ -43,7 +43,7 @@ def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
     """Parse gains such as ``P=24 D=32``, given as one string or several. Raises TuneError listing all errors."""
     known = gains_of(model)
     if not known:
-        raise TuneError(f"an {model.name} has no gains that can be set")
+        raise TuneError(f"an {model.name} has no adjustable gains")
     names = [*known, *(both for both, parts in BOTH.items() if set(parts) <= known.keys())]
     found: dict[str, int] = {}
     problems: list[str] = []
@@ -61,7 +61,7 @@ def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
 
 
 def _misfit(name: str, register: Register, value: int) -> str:
-    smallest = 1 if name == "P" else max(register.smallest, 0)  # A servo with P = 0 exerts no force.
+    smallest = 1 if name == "P" else max(register.smallest, 0)  # A servo with P = 0 does not exert any force.
     if smallest <= value <= register.largest:
         return ""
     return f"{name} must be {smallest} to {register.largest}, not {value}"
@@ -70,7 +70,7 @@ def _misfit(name: str, register: Register, value: int) -> str:
 def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
     """Read the gains of the joint's servo, keyed by name. Raises ServoError.
 
-    If P is in RAM and the robot file sets it, return the value in the robot file, because the stack writes this value
+    If P is in RAM and the robot file specifies it, return the robot file's value, because the stack writes this value
     when it enables torque.
     """
     known = gains_of(joint.model)
@@ -79,7 +79,8 @@ def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
 
 
 def as_held(bus: Bus, joint: Joint) -> Joint:
-    """Return the joint with the settings of its servo, so that activation does not write any. Raises ServoError."""
+    """Return the joint with its servo's current settings, so that activation does not write any settings. Raises
+    ServoError."""
     known = {register.name: register for register in registers_of(joint.model)}
     stored = settings_of(joint.model)
     names = [*assumed_settings(joint.model), *(r.name for r in gains_of(joint.model).values() if r.name in stored)]
@@ -92,7 +93,7 @@ def as_held(bus: Bus, joint: Joint) -> Joint:
 
 
 def with_gains(joint: Joint, values: Mapping[str, int]) -> Joint:
-    """Return the joint with these gains."""
+    """Return a copy of the joint with these gains."""
     known, stored = gains_of(joint.model), settings_of(joint.model)
     saved = {known[name].name: value for name, value in values.items() if known[name].name in stored}
     in_ram = series_of(joint.model).position_p is not None and "P" in values
@@ -116,7 +117,8 @@ class Written:
 def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
     """Write these gains to the joint's servo and return the changes.
 
-    Raise ServoError if the servo's torque is enabled or it does not accept a gain, and PortLost if the port disappears.
+    Raise ServoError if the servo's torque is enabled or the servo does not accept a gain, and PortLost if the port
+    disappears.
     """
     known = gains_of(joint.model)
     names = {known[name]: name for name in values}
@@ -130,7 +132,7 @@ def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Writ
 
 
 def _set(bus: Bus, joint: Joint, register: Register, value: int) -> int | None:
-    """Write a RAM register and return its old value; None if it already has the value."""
+    """Write a RAM register and return its old value; None if it already contains the value."""
     held = partial(bus.read, joint.servo_id, register)
     old = retry(held)
     if old == value:

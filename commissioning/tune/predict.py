@@ -1,10 +1,10 @@
 """Predict the performance of a measured joint with different gains, from a model of the servo's position loop.
 
-At rest, the error beyond the dead zone produces the drive that balances load and friction, so this error is
-proportional to 1/P. At constant speed, the error produces the drive that balances the motor's back-EMF, so this part
-of the delay is also proportional to 1/P. D acts only on changes of the error, so it affects neither the error nor the
-delay. The overshoot is simulated in steps of a millisecond, with the loop of an STS and one inertia. The inertia is
-chosen so that the simulation with the present gains overshoots as much as was measured.
+At rest, the error beyond the dead zone produces the drive that balances load and friction. This error is therefore
+proportional to 1/P. At constant speed, the error produces the drive that balances the motor's back-EMF. This part of
+the delay is therefore also proportional to 1/P. D acts only on changes of the error, so it affects neither the error
+nor the delay. The overshoot is simulated in 1 ms steps, with the position loop of an STS and a single inertia. The
+inertia is chosen so that the simulated overshoot with the present gains matches the measured overshoot.
 """
 
 from collections.abc import Mapping
@@ -23,23 +23,23 @@ TICK_S: Final = 0.001
 D_EVERY_TICKS: Final = 20
 """Interval at which an STS computes the change of its error, in ticks: the factory value of register 81."""
 D_SHARE: Final = 1.0 / 8000.0
-"""Drive per unit of D and count of change, as a fraction of full drive."""
+"""Drive per unit of D and per count of error change, as a fraction of full drive."""
 FULL_DRIVE: Final = 0.97
 FRICTION_SHARE: Final = 0.5 * STS_FRICTION_SHARE
 SIMULATED_S: Final = 1.0
-"""Simulated time from the beginning of the step, in seconds."""
+"""Simulated time from the start of the step, in seconds."""
 LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
 """Range of inertias, in fractions of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
-"""Minimum overshoot for determining the inertia. Encoder steps may cause a smaller overshoot."""
+"""Minimum overshoot from which the inertia can be determined. Encoder steps alone may cause a smaller overshoot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
     """Predicted performance figures.
 
-    Figures that cannot be computed are None. Positions are in rad or m, times in seconds.
+    Figures that cannot be predicted are None. Positions are in rad or m, times in seconds.
     """
 
     sag: float | None
@@ -48,13 +48,13 @@ class Predicted:
     overshoot: float | None
     """Predicted overshoot; None if the servo is not an STS or uses I."""
     overshoot_at_most: bool = False
-    """Whether the overshoot is an upper limit, because the measured overshoot was too small to determine the inertia.
+    """Whether the overshoot is only an upper limit, because the measured value was too small to determine the inertia.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Model of an STS position loop with one inertia, in counts, seconds and fractions of full drive."""
+    """Model of an STS position loop with a single inertia, in counts, seconds and fractions of full drive."""
 
     position_p: int
     position_d: int
@@ -105,7 +105,7 @@ class Law:
     """Prediction model of one joint that was measured with its present gains."""
 
     def __init__(self, joint: Joint, plan: TrialPlan, measured: JointFigures) -> None:
-        """Fit the model. ``joint`` must have the settings of its servo, as returned by ``as_held``."""
+        """Fit the model. ``joint`` must contain the current settings of its servo, as returned by ``as_held``."""
         self._joint, self._measured = joint, measured
         self._count = abs(joint.units_per_count)
         self._way, self._speed = abs(plan.step) / self._count, plan.speed / self._count
@@ -114,7 +114,7 @@ class Law:
 
     @property
     def known(self) -> bool:
-        """Whether predictions are possible, because the manufacturer publishes the scale of P."""
+        """Whether predictions are possible, which requires that the manufacturer publishes the scale of P."""
         return self._joint.compliance is not None
 
     @property
@@ -123,7 +123,7 @@ class Law:
         return self._measured.overshoot > CLEAR_COUNTS * self._count
 
     def predict(self, values: Mapping[str, int]) -> Predicted:
-        """Predict the performance figures with these gains. Other gains keep their values."""
+        """Predict the performance figures with these gains. Gains that are not given keep their values."""
         now, then = self._joint, with_gains(self._joint, values)
         before, after = now.compliance, then.compliance
         if before is None or after is None:
@@ -165,5 +165,5 @@ def _dead(joint: Joint) -> float:
 
 
 def _least(joint: Joint) -> float:
-    """Return the effort of the minimum drive, which the servo adds to the drive for the error."""
+    """Return the effort of the minimum drive, which the servo adds to the drive that corrects the error."""
     return dict(joint.settings).get("minimum_startup_force", 0) * sts.TORQUE_UNIT * joint.full_effort

@@ -1,4 +1,5 @@
-"""Propose better gains, with reasons. Changes are small, because only a measurement can show whether a joint shakes."""
+"""Propose better gains and explain why. Changes are small, because only a measurement can show whether a joint
+oscillates."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -12,24 +13,24 @@ from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint
 
 CALMER: Final = 0.75
-"""New P of a joint that shakes, as a fraction of its present P."""
+"""New P of an oscillating joint, as a fraction of its present P."""
 LEAST_P: Final = 8
 DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
 WIDE: Final = 3
-"""Dead zone that stops the minimum drive from moving a joint through its backlash, in counts."""
+"""Dead zone that prevents the minimum drive from moving a joint through its backlash, in counts."""
 FACTORY_P: Final = STS_SETTINGS["position_p"]
 """Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack already compensates sag."""
 STIFFER: Final = 1.5
 """Maximum increase of P in one step, as a factor."""
 ALLOWED_REST_COUNTS: Final = 8.0
-"""Largest acceptable error at rest, in counts (0.7 degrees). A larger error needs a larger P."""
+"""Largest acceptable error at rest, in counts (0.7 degrees). A larger error requires a larger P."""
 ALLOWED_OVERSHOOT: Final = 0.05
 """Acceptable overshoot, as a fraction of the step."""
 WORTH_COUNTS: Final = 2.0
 """Minimum reduction of the overshoot for which a new D is proposed, in counts."""
 D_STEP: Final = 4
 MOST_D_TO_P: Final = 2.0
-"""Maximum ratio of D to P. With a larger D, a servo chatters, because it computes changes of its error only every 20
+"""Maximum ratio of D to P. With a larger D, a servo chatters, because it computes the change of its error only every 20
 ms.
 """
 UNKNOWN: Final = (
@@ -40,13 +41,13 @@ UNKNOWN: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Proposed gains with the reasons."""
+    """Proposed gains and the reasons for them."""
 
     values: Mapping[str, int] = field(default_factory=dict)
     """Proposed gains, keyed by name; empty if no better gains are known."""
     reasons: tuple[str, ...] = ()
     predicted: Predicted | None = None
-    """Predicted performance figures with the proposed gains; None without a prediction."""
+    """Performance figures predicted for the proposed gains; None if no prediction is available."""
 
 
 def propose(joint: Joint, held: Mapping[str, int], plan: TrialPlan, measured: JointFigures) -> Proposal:
@@ -136,7 +137,7 @@ def _stiffer(
 def _damped(
     held: Mapping[str, int], plan: TrialPlan, measured: JointFigures, law: Law, values: Mapping[str, int], count: float
 ) -> Iterator[tuple[str, int, str]]:
-    """Yield the smallest D with an acceptable overshoot, or else the D with the smallest overshoot."""
+    """Yield the smallest D with an acceptable overshoot or, if there is none, the D with the smallest overshoot."""
     allowed, position_p = ALLOWED_OVERSHOOT * abs(plan.step), values.get("P", held["P"])
     now = law.predict(values).overshoot
     if now is None or now <= allowed or not law.weighed:

@@ -16,18 +16,18 @@ from hal.servos.servo_settings import settings_of
 
 @dataclass(frozen=True, slots=True)
 class TuneReport:
-    """Result of the tuning of one joint."""
+    """Tuning result for one joint."""
 
     joint: Joint
     before: Measurement
     proposal: Proposal
     predicted: Predicted | None
-    """Predicted performance figures with the written gains, or with the proposed gains if none were written."""
+    """Performance figures predicted for the written gains, or for the proposed gains if none were written."""
     named: Mapping[str, int]
     """Settings of this joint in the robot file."""
     written: tuple[Written, ...] = ()
     after: Measurement | None = None
-    """Measurement with the written gains; None if none were written."""
+    """Measurement with the written gains; None if no gains were written."""
 
     def completed(self, written: tuple[Written, ...], after: Measurement) -> "TuneReport":
         """Return the report with the written gains and the new measurement."""
@@ -35,7 +35,7 @@ class TuneReport:
 
     @property
     def unit(self) -> str:
-        """Unit of the joint: rad or m."""
+        """Unit of the joint position: rad or m."""
         return self.joint.unit
 
     @property
@@ -55,7 +55,7 @@ class TuneReport:
 
     @property
     def overruled(self) -> dict[str, int]:
-        """Settings in the robot file that differ from the servo.
+        """Settings in the robot file that differ from those in the servo.
 
         ``servoloop up`` will write these settings to the servo.
         """
@@ -87,7 +87,7 @@ def _plain(found: Measurement) -> dict[str, Any]:
 
 
 def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int]) -> dict[str, Any]:
-    """Return the entries for a joint in the robot file that set these gains, in addition to the settings ``named``."""
+    """Return the robot file entries for a joint that set these gains, in addition to the settings in ``named``."""
     known, stored = gains_of(model), settings_of(model)
     settings = {known[name].name: value for name, value in values.items() if known[name].name in stored}
     found: dict[str, Any] = {"settings": {**named, **settings}} if settings else {}
@@ -103,12 +103,13 @@ def tune(
 
     Args:
         tuner: Tuner of the joint.
-        at: Position at which to measure, in rad or m; near the present position if None.
+        at: Position at which to measure, in rad or m; if None, a position near the present one is used.
         write: Gains to write, keyed by name.
         apply: Whether to write the proposed gains if ``write`` is empty.
 
     Raises:
-        TuneError, DriverError, HalError: The tuning failed. Notes list the gains that were already written.
+        TuneError, DriverError, HalError: Tuning failed. Notes on the exception list the gains that were already
+            written.
     """
     tuner.check_write(bool(write or apply))
     joint = tuner.joint

@@ -11,11 +11,11 @@ from commissioning.tune.gains import TuneError
 from hal.joint import Joint
 
 LIFT_RAD: Final = 0.35
-"""Distance by which a joint moves away from its start and from any support. This is more than the sag of a servo."""
+"""Distance that a joint moves away from its start and from any support. This is more than the sag of a servo."""
 STEP_RAD: Final = 0.15
-"""Size of a step (98 counts of an STS)."""
+"""Size of a step in rad (98 counts of an STS)."""
 LEAST_RAD: Final = 0.03
-"""Minimum size of a step. Smaller steps show only dead band and friction."""
+"""Minimum size of a step. Smaller steps show only the effects of dead band and friction."""
 ROOM_SHARE: Final = 0.4
 """Maximum length of the lift and of the step, each as a fraction of the distance to the farther limit."""
 FASTEST_RAD_S: Final = 1.0
@@ -44,12 +44,12 @@ class TrialPlan:
 
 
 def plan_for(joint: Joint, start: float, at: float | None = None) -> TrialPlan:
-    """Return a plan that moves the joint toward its farther limit. The motions are smaller if there is little room.
+    """Return a plan that moves the joint toward its farther limit. The motions are smaller if space is limited.
 
     Args:
         joint: The joint.
         start: Present position of the joint.
-        at: Position at which to measure; a little away from the start if None.
+        at: Position at which to measure; if None, a position slightly away from the start is used.
 
     Raises:
         TuneError: There is not enough room.
@@ -74,14 +74,15 @@ def plan_for(joint: Joint, start: float, at: float | None = None) -> TrialPlan:
 
 
 def _sine_hz(joint: Joint, step: float, speed: float) -> float:
-    """Return the frequency of a sine, with half the step as amplitude, within the limits of speed and acceleration."""
+    """Return the frequency of a sine whose amplitude is half the step, within the speed and acceleration limits."""
     by_speed = SPEED_MARGIN * speed / (pi * step)
     by_acceleration = sqrt(SPEED_MARGIN * joint.limits.acceleration / (0.5 * step)) / (2.0 * pi)
     return min(SINE_HZ, by_speed, by_acceleration)
 
 
 def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str) -> str:
-    """Return the plan as a question to the user. ``end`` is a sentence about the state of the arm at the end."""
+    """Return the plan as a question for the user. ``end`` is a sentence that describes the state of the arm at the
+    end."""
     unit, counts = joint.unit, abs(plan.step / joint.units_per_count)
     held = f" {', '.join(others)} will hold their positions." if others else ""
     return (
@@ -99,7 +100,8 @@ SHORT_REST_S: Final = 0.8
 PERIODS: Final = 3
 """Number of periods of the sine. The first period is not evaluated."""
 BEHIND_RAD: Final = 0.35
-"""Maximum following error, in rad of the servo's shaft. At this error, half the factory P gives almost full drive."""
+"""Maximum following error, in rad of the servo's shaft. At this error, half the factory P results in almost full
+drive."""
 HEARD_SHARE: Final = 0.8
 """Minimum fraction of a motion's cycles in which the joint must be measured."""
 MOVED_SHARE: Final = 0.5
@@ -107,17 +109,17 @@ MOVED_SHARE: Final = 0.5
 
 
 class TuneTrial:
-    """Motions of one joint, which stop if the joint does not follow or its servo reports an alarm."""
+    """Motions of one joint, which stop if the joint does not follow its goals or its servo reports an alarm."""
 
     def __init__(self, arm: SlowArm, index: int, plan: TrialPlan) -> None:
         self._arm, self._index, self._plan = arm, index, plan
         self._joint = arm.joints[index]
 
     def look_for_room(self) -> tuple[float, float]:
-        """Move the joint slowly back and forth once, so that it meets any obstacle gently.
+        """Move the joint slowly back and forth once, so that it touches any obstacle gently.
 
-        The joint also stops in the middle, from each side. Return command minus position in the middle, first when
-        coming from near.
+        The joint also stops in the middle in each direction. Return the command minus the position in the middle for
+        both directions, starting with the motion from near to far.
         """
         near, far = self._plan.near, self._plan.far
         half_way = 0.5 * (near + far)
@@ -136,19 +138,19 @@ class TuneTrial:
         return from_near, from_far
 
     def _slowly(self, target: float) -> float:
-        """Move slowly to the target, rest, and return command minus position."""
+        """Move slowly to the target, rest, and return the command minus the position."""
         targets = self._arm.command.copy()
         targets[self._index] = target
         self._arm.go_all(targets, self._check)
         return rest_error(self._for(SHORT_REST_S, lambda time_s: target))
 
     def step(self, target: float) -> TuneTrace:
-        """Command a step, which the safety gate turns into a ramp at the plan's speed, and wait at the target."""
+        """Command a step, which the safety gate turns into a ramp at the planned speed, and wait at the target."""
         ramp_s = abs(target - float(self._arm.command[self._index])) / self._plan.speed
         return self._for(ramp_s + REST_S, lambda time_s: target)
 
     def sine(self) -> TuneTrace:
-        """Move along a sine between near and far. The trace does not contain the first period."""
+        """Move along a sine between the near and far positions. The trace does not include the first period."""
         near, half, hz = self._plan.near, 0.5 * self._plan.step, self._plan.sine_hz
         whole = self._for(PERIODS / hz, lambda time_s: near + half * (1.0 - cos(2.0 * pi * hz * time_s)))
         later = whole.time_s >= 1.0 / hz
@@ -156,17 +158,18 @@ class TuneTrial:
         return TuneTrace(whole.time_s[later], whole.command[later], whole.position[later])
 
     def _for(self, seconds: float, position: Callable[[float], float]) -> TuneTrace:
-        """Run cycles for a few seconds. ``position`` returns the goal for the expected end of each cycle."""
+        """Run cycles for the given number of seconds. ``position`` returns the goal for the expected end of each
+        cycle."""
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
             self._arm.cycle(self._index, position(elapsed_s + self._arm.period_s))
             self._check()
             cycles += 1
-            if self._joint.name not in self._arm.state.faults:  # Otherwise the position is old.
+            if self._joint.name not in self._arm.state.faults:  # Otherwise, the position is outdated.
                 rows.append(self._row())
         if len(rows) < HEARD_SHARE * cycles:
             raise TuneError(
-                f"{self._called} answered in only {len(rows)} of {cycles} cycles, too few to measure its motion. Run "
+                f"{self._called} responded in only {len(rows)} of {cycles} cycles, too few to measure its motion. Run "
                 "`servoloop doctor` to find the problem of the bus"
             )
         return TuneTrace.of(rows)
@@ -181,8 +184,8 @@ class TuneTrial:
             raise TuneError(f"{self._called} reports an alarm: {', '.join(alarms)}. Run `servoloop doctor` for advice")
         if abs(behind) > BEHIND_RAD * self._joint.transmission:
             raise TuneError(
-                f"{self._called} does not follow: its following error is {behind:+.3f}. Check whether something is in "
-                "its way, or whether it is too weak for its load"
+                f"{self._called} is not following its commands: its following error is {behind:+.3f}. Check whether "
+                "something is in its way, or whether it is too weak for its load"
             )
 
     @property

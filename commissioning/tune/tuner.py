@@ -1,4 +1,4 @@
-"""Measure one joint while the arm holds all other joints, and write gains to its servo while the torque is off."""
+"""Measure one joint while the arm holds all other joints, and write gains to the joint's servo while torque is off."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -19,11 +19,12 @@ from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
-"""Function that opens the buses of these joints, keyed by name, with the P gains that are in RAM."""
+"""Function that opens the buses of these joints, whose P gains may differ from the robot file, and returns the buses
+keyed by name."""
 
 PERIOD_S: Final = 0.02
 TIMES: Final = 2
-"""Number of steps in each direction."""
+"""Number of steps to perform in each direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +32,9 @@ class Ending:
     """State of the arm after a measurement."""
 
     relax: bool
-    """Whether the torque is disabled. Otherwise, the arm holds its position."""
+    """Whether torque is disabled after the measurement. Otherwise, the arm holds its position."""
     park: Mapping[str, float] | None = None
-    """Pose in which the torque is disabled; None if the robot file has none."""
+    """Pose in which torque is disabled; None if the robot file does not define one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,12 @@ class Tuner:
         Args:
             joints: All joints of the arm.
             name: Name of the joint to tune.
-            open_buses: Function that opens the buses of joints.
+            open_buses: Function that opens the buses of the given joints.
             clock: Clock of the cycles.
             ending: State of the arm after a measurement.
-            signals: Function that returns the number of signals. After the first signal, the measurement stops and the
-                arm is left as ``ending`` describes. After the second signal, the rest of the way to the park pose is
-                skipped.
+            signals: Function that returns the number of signals received. After the first signal, the measurement stops
+                and the arm is left in the state described by ``ending``. After the second signal, the remaining motion
+                to the park pose is skipped.
         """
         if name not in (names := [joint.name for joint in joints]):
             raise TuneError(f"the arm has no joint {name}: choose one of {', '.join(names)}")
@@ -108,30 +109,31 @@ class Tuner:
         """Return a warning about servos whose torque is enabled and will be disabled, or an empty string.
 
         Args:
-            writes: Whether gains are written, for which the torque must be off.
+            writes: Whether gains will be written, which requires torque to be off.
         """
         if not self.held or not (writes or self._ending.relax):
             return ""
         return f"Warning: this command disables the torque. {torque_warning(self.held)}."
 
     def check_write(self, wanted: bool) -> None:
-        """Raise TuneError if gains could not be written, because no pose for disabling the torque is known."""
+        """Raise TuneError if gains could not be written, because no pose is known in which torque can be disabled."""
         if wanted and self.held and not self._ending.park:
             raise TuneError(
-                "gains can be written only while the torque is disabled, but the arm's torque is enabled and the robot "
-                "file has no park pose in which it could be disabled safely. Lay the arm down, disable its torque, "
-                "and run this command again"
+                "gains can be written only while the torque is disabled. The arm's torque is enabled, and the robot "
+                "file has no park pose in which it can be disabled safely. Lay the arm down, disable its torque, and "
+                "run this command again"
             )
 
     def measure(self, at: float | None, again: Callable[[Measurement], bool] = lambda found: False) -> Measurement:
-        """Measure the joint, then leave the arm as ``ending`` describes.
+        """Measure the joint, then leave the arm in the state described by ``ending``.
 
         Args:
             at: Position at which to measure, in rad or m; near the present position if None.
-            again: Function that returns whether the joint will be measured again. If so, the torque is always disabled.
+            again: Function that returns whether the joint will be measured again. If it returns True, torque is always
+                disabled.
 
         Raises:
-            TuneError: The joint does not follow.
+            TuneError: The joint does not follow its goals.
             StoppedError, DriverError, HalError: The measurement was stopped or failed.
         """
         arm = SlowArm(lambda: self._open(self.joints), self.joints, self._clock, self._stopped, FASTEST_RAD_S, PERIOD_S)
@@ -140,14 +142,14 @@ class Tuner:
             try:
                 found = self._measured(arm, at)
             except (StoppedError, TuneError):
-                self._end(arm)  # This call stops at once if a servo is still missing.
+                self._end(arm)  # This call stops immediately if a servo is still missing.
                 raise
             arm.relax = again(found) or self._ending.relax
             self._end(arm)
         return found
 
     def write(self, values: Mapping[str, int]) -> tuple[Written, ...]:
-        """Write gains to the joint's servo and return the changes. The torque must be off.
+        """Write gains to the joint's servo and return the changes. Torque must be off.
 
         Raises ServoError, StoppedError.
         """
@@ -160,9 +162,9 @@ class Tuner:
         return done
 
     def _end(self, arm: SlowArm) -> None:
-        """Move the joint back, or move the arm to its park pose if its torque will be disabled.
+        """Move the joint back to its start, or move the arm to its park pose if its torque will be disabled.
 
-        ``hurry`` skips this motion.
+        A second signal ends this motion early.
         """
         arm.stopped = lambda: self._signals() > 1
         target = arm.command.copy()
@@ -188,7 +190,7 @@ class Tuner:
 
 
 def _checked(bus: Bus, joint: Joint) -> Joint:
-    """Check the model of the joint's servo, and return the joint with the settings of the servo."""
+    """Check the model of the joint's servo, and return the joint with the servo's settings."""
     try:
         bus.identify(joint.servo_id, joint.model)
         return as_held(bus, joint)

@@ -1,1 +1,1 @@
-"""Report measured states with controllers that claim no joint (broadcasters)."""
+"""Report measured states with controllers that do not claim any joints (broadcasters)."""

@@ -17,7 +17,7 @@ from hal.types import AT_LIMIT, FloatArray, JointLimits, JointState
 
 @dataclass(frozen=True, slots=True)
 class JointStates:
-    """Joint states of one cycle. Arrays have shape (n,), with NaN for joints without the state interface."""
+    """Joint states measured in one cycle. Arrays have shape (n,), with NaN for joints without the state interface."""
 
     stamp_s: float
     names: tuple[str, ...]
@@ -36,14 +36,14 @@ class Sources(BaseModel):
     effort: str = "effort"
 
     def of(self, field: str) -> str:
-        """Return the state interface for a field."""
+        """Return the state interface for a message field."""
         return str(getattr(self, field))
 
 
 class BroadcasterParameters(Parameters):
-    """Parameters of a joint state broadcaster, with ros2_control's names.
+    """Parameters of a joint state broadcaster, named as in ros2_control.
 
-    As in ros2_control, no parameter can be changed while the broadcaster runs.
+    As in ros2_control, parameters cannot be changed while the broadcaster is running.
     """
 
     joints: tuple[str, ...] = ()
@@ -70,7 +70,7 @@ class BroadcasterParameters(Parameters):
     def source(self, field: str) -> str:
         """Return the state interface for a field.
 
-        As in ros2_control, a field that is listed in ``interfaces`` is not mapped.
+        As in ros2_control, a field that is listed in ``interfaces`` is not remapped.
         """
         return field if self.joints and field in self.interfaces else self.map_interface_to_joint_state.of(field)
 
@@ -95,7 +95,8 @@ class BroadcasterParameters(Parameters):
 
 
 class JointStateBroadcaster:
-    """Broadcaster of joint states, which claims no joint. Mimic joints are computed from the joints that they mimic."""
+    """Broadcaster of joint states, which does not claim any joints. Mimic joints are computed from the joints that they
+    mimic."""
 
     kind: ClassVar[str] = "joint_state_broadcaster/JointStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = BroadcasterParameters
@@ -114,9 +115,9 @@ class JointStateBroadcaster:
         Args:
             name: Name of the controller.
             parameters: Parameters of the controller.
-            state_interfaces: Existing state interfaces of each joint, keyed by joint name.
+            state_interfaces: Available state interfaces of each joint, keyed by joint name.
             mimics: Mimic rule of each mimic joint, keyed by joint name.
-            hardware_joints: Joint names in the order of the hardware.
+            hardware_joints: Joint names in hardware order.
             limits: Limits of each joint, keyed by joint name.
 
         Raises:
@@ -173,22 +174,22 @@ class JointStateBroadcaster:
     def settled(self) -> bool:
         return True
 
-    # The ROS thread calls the following methods, so they do not take time from the loop.
+    # The ROS thread calls the following methods, so they do not delay the loop.
 
     def sample(self, state: JointState) -> JointStates:
-        """Return the values to publish for one cycle. The values are computed once for all nodes."""
+        """Return the values to publish for one cycle. The values are computed once and shared by all nodes."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
             state = replace(state, position=self._at_limits(state.position))
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
         return self._latest
 
     def _at_limits(self, position: FloatArray) -> FloatArray:
-        """Clip positions that are slightly beyond a limit to the limit.
+        """Clip positions that are slightly beyond a limit to that limit.
 
         A joint that was commanded to a limit can come to rest slightly beyond it, because of sag and the encoder's
         resolution.
-        Planners (MoveIt's CheckStartStateBounds) do not start outside the limits. ``values`` returns the measured
-        positions.
+        Planners (MoveIt's CheckStartStateBounds) do not start from positions outside the limits. ``values`` still
+        returns the measured positions.
         """
         inside = np.clip(position, self._lower, self._upper)
         return np.where(np.abs(inside - position) <= self._slack, inside, position)
@@ -199,7 +200,7 @@ class JointStateBroadcaster:
 
 
 class _Column:
-    """One field of a JointState message, from one state interface of all joints.
+    """One field of a JointState message, filled from one state interface of all joints.
 
     The value is NaN for a joint without this interface.
     """
@@ -212,7 +213,7 @@ class _Column:
         hardware_joints: Sequence[str],
         zeros: int,
     ) -> None:
-        """Create a column for ``joints`` with the given interfaces. ``zeros`` is the number of zeros to append."""
+        """Create a column for ``joints`` and their interfaces. ``zeros`` is the number of zeros to append."""
         self._interface = interface
         self._count, self._size = len(joints), len(joints) + zeros
         following = [mimics.get(joint, Mimic(joint, 1.0, 0.0)) for joint in joints]

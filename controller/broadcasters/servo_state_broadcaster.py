@@ -12,29 +12,30 @@ from hal.plausible import Rate
 from hal.types import FloatArray, JointState
 
 ROUNDING = 1e-6
-"""Tolerance for comparing times, in periods. It prevents a rounding error from delaying a due cycle."""
+"""Tolerance for comparing times, in periods. This tolerance prevents a rounding error from delaying a due cycle."""
 
 
 class ServoStateParameters(Parameters):
     """Parameters of a servo state broadcaster."""
 
     joints: tuple[str, ...] = ()
-    """Joints to report. An empty list means all joints."""
+    """Joints to report. An empty list selects all joints."""
     interfaces: tuple[str, ...] = ()
-    """Interfaces to report. An empty list means all interfaces."""
+    """Interfaces to report. An empty list selects all interfaces."""
     rate: Rate = 1.0
     """Rate in Hz. 0 means every cycle."""
 
 
 class ServoStateBroadcaster:
-    """Broadcaster of servo states, which claims no joint. Values are computed only when a node calls ``values``."""
+    """Broadcaster of servo states, which does not claim any joints. Values are computed only when a node calls
+    ``values``."""
 
     kind: ClassVar[str] = "servoloop/ServoStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = ServoStateParameters
     settable: ClassVar[frozenset[str]] = frozenset({"rate"})
 
     def __init__(self, name: str, parameters: ServoStateParameters, hardware_joints: Sequence[str]) -> None:
-        """Create a broadcaster. Raises ValueError if the parameters name unknown joints or interfaces."""
+        """Create a broadcaster. Raises ValueError if the parameters specify unknown joints or interfaces."""
         self.name = name
         self.parameters = parameters
         self.command_interfaces: tuple[str, ...] = ()
@@ -76,7 +77,7 @@ class ServoStateBroadcaster:
     def values(self, state: JointState) -> list[list[float]]:
         """Return all values of every joint, in the order of ``interfaces``.
 
-        The values of a joint without a servo are NaN.
+        The values of joints without a servo are NaN.
         """
         return [[read(state) for read in own] for own in self._readers]
 

@@ -34,7 +34,7 @@ _COUNTERS: Final[dict[str, str]] = {
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
 """Interfaces of a servo: its values (°C, V, fraction of full drive, A, number of alarms), its fault state (1 or 0) and
-the counters of its bus.
+its bus counters.
 """
 
 

@@ -1,1 +1,1 @@
-"""Forward the latest message as the command, for positions, velocities or efforts."""
+"""Forward the latest message as a position, velocity or effort command."""

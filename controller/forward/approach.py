@@ -1,4 +1,4 @@
-"""Let commands approach a goal that may leap, within the velocity and acceleration limits of the joints."""
+"""Let commands approach a goal that may jump, within the velocity and acceleration limits of the joints."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -8,14 +8,15 @@ import numpy as np
 from hal.types import FloatArray, JointLimits
 
 ROUNDING: Final = 1e-9
-"""Maximum distance at which a command counts as having reached its goal, in rad or m."""
+"""Maximum distance from its goal at which a command counts as having reached the goal, in rad or m."""
 
 
 class Approach:
-    """Commands of n joints. A command never passes its goal, unless the goal comes closer than the joint can brake.
+    """Commands of n joints. A command never overshoots its goal, unless the goal comes closer than the joint's braking
+    distance.
 
-    A goal that a joint at rest can reach in one period is commanded at once. A command stays far
-    enough behind a moving goal for the joint to brake, because any goal may be the last one.
+    A goal that a joint at rest can reach in one period is commanded immediately. A command stays far enough behind a
+    moving goal for the joint to brake, because any goal may be the last.
     """
 
     def __init__(self, limits: Sequence[JointLimits]) -> None:
@@ -30,7 +31,7 @@ class Approach:
         self.command, self._velocity = command.copy(), np.zeros(len(command))
 
     def resting_points(self, period_s: float) -> FloatArray:
-        """Return the positions (n,) at which the joints come to rest if they start to brake in the coming period."""
+        """Return the positions (n,) at which the joints come to rest if they start braking in the coming period."""
         change = self._acceleration * period_s
         speed = np.abs(self._velocity)
         braking = np.floor(speed / change)
@@ -44,7 +45,7 @@ class Approach:
         Args:
             goal: Goals (n,) within the limits, in rad or m.
             period_s: Duration of the period, in seconds.
-            share: Fractions (n,) of the velocity limits that the joints may use.
+            share: Fractions (n,) of the velocity limits that may be used.
         """
         change = self._acceleration * period_s
         room = np.abs(goal - self.command)
@@ -59,13 +60,13 @@ class Approach:
 
 
 def _arriving(room: FloatArray, change: FloatArray, period_s: float) -> FloatArray:
-    """Return the speeds (n,) from which joints come to rest after ``room`` if they brake in every later period.
+    """Return the speeds (n,) from which joints come to rest within ``room`` if they brake in every later period.
 
-    With m braking periods a joint travels ``period_s * ((m + 1) * speed - m * (m + 1) / 2 * change)``.
+    With m braking periods, a joint travels ``period_s * ((m + 1) * speed - m * (m + 1) / 2 * change)``.
 
     Args:
         room: Distances (n,) to the goals, in rad or m.
-        change: Maximum changes (n,) of the speed in one period, in rad/s or m/s.
+        change: Maximum changes (n,) in speed during one period, in rad/s or m/s.
         period_s: Duration of a period, in seconds.
     """
     braking = np.maximum(np.ceil((np.sqrt(1.0 + 8.0 * room / (change * period_s)) - 3.0) / 2.0), 0.0)

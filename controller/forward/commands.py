@@ -1,7 +1,7 @@
 """Define the parameters and the command inbox of the forward command controllers.
 
 Unlike in ros2_control, a message of the wrong length is dropped and the controller stays active, so that one invalid
-message does not stop the control of the joints. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
+message does not interrupt the control of the joints. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from hal.plausible import Time
 from hal.types import FloatArray
 
 COMMAND_TIMEOUT_S = 0.5
-"""Default maximum time a velocity or an effort stays valid without a new message, in seconds."""
+"""Default maximum time for which a velocity or an effort remains valid without a new message, in seconds."""
 
 
 class ForwardParameters(Parameters):
@@ -42,13 +42,14 @@ class Inbox:
     """Inbox for the latest command. Any thread may submit a command."""
 
     def __init__(self, joints: Sequence[str], strict: bool = False) -> None:
-        """Create an empty inbox. If ``strict``, ``take`` raises an error after a message of the wrong length."""
+        """Create an empty inbox. If ``strict`` is true, ``take`` raises an error after a message of the wrong
+        length."""
         self._joints = tuple(joints)
         self._strict = strict
         self._commands: deque[FloatArray | str] = deque(maxlen=1)
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Submit a command. Return None, or the reason why the command is dropped. An empty command is ignored."""
+        """Submit a command. Return None, or the reason why the command was dropped. An empty command is ignored."""
         if not values:
             return None
         if len(values) != len(self._joints):
@@ -69,7 +70,7 @@ class Inbox:
         return newest
 
     def clear(self) -> None:
-        """Drop the waiting command, because the controller is activated or deactivated."""
+        """Drop the pending command, because the controller is being activated or deactivated."""
         self._commands.clear()
 
     def __bool__(self) -> bool:

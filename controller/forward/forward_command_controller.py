@@ -19,10 +19,10 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ForwardCommandController:
-    """Controller that moves joints to the positions of the latest message.
+    """Controller that moves joints to the positions in the latest message.
 
-    Before the first message, the controller holds the position. The command approaches the goal within the velocity and
-    acceleration limits of the joints.
+    Before the first message, the controller holds the current position. The command approaches the goal within the
+    velocity and acceleration limits of the joints.
     """
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
@@ -47,7 +47,7 @@ class ForwardCommandController:
         self._upper = np.array([limit.upper for limit in limits])
         self._approach = Approach(limits)
         self._goal = self.command
-        """Goal of the command (n,)."""
+        """Goals (n,) that the commands approach."""
         self._inbox = Inbox(joints, strict)
         self._settling = Settling(self.joints, limits, indices(joints, hardware_joints))
 
@@ -65,8 +65,8 @@ class ForwardCommandController:
         return made
 
     def reconfigure(self, parameters: ForwardParameters) -> None:
-        """Reject every change with ValueError, because the settable parameters do not apply to positions."""
-        raise ValueError("positions have no timeout: command_timeout is for velocities and efforts")
+        """Reject any change with ValueError, because the settable parameters do not apply to positions."""
+        raise ValueError("command_timeout applies only to velocities and efforts, not to positions")
 
     def submit(self, values: Sequence[float]) -> str | None:
         """Submit a command from any thread. Return None, or the reason why the command is dropped.
@@ -110,7 +110,7 @@ class PositionGroupParameters(ForwardParameters):
 
 
 class JointGroupPositionController(ForwardCommandController):
-    """Forward command controller for positions, under the type name of ros2_control."""
+    """Forward command controller for positions, under ros2_control's type name."""
 
     kind: ClassVar[str] = "position_controllers/JointGroupPositionController"
     parameters_type: ClassVar[type[Parameters]] = PositionGroupParameters
@@ -124,7 +124,7 @@ class VelocityGroupParameters(ForwardParameters):
 
 
 class JointGroupVelocityController(ForwardCommandController):
-    """Forward command controller for velocities, under the type name of ros2_control."""
+    """Forward command controller for velocities, under ros2_control's type name."""
 
     kind: ClassVar[str] = "velocity_controllers/JointGroupVelocityController"
     parameters_type: ClassVar[type[Parameters]] = VelocityGroupParameters
@@ -137,7 +137,7 @@ class EffortGroupParameters(ForwardParameters):
 
 
 class JointGroupEffortController(ForwardCommandController):
-    """Forward command controller for efforts, under the type name of ros2_control."""
+    """Forward command controller for efforts, under ros2_control's type name."""
 
     kind: ClassVar[str] = "effort_controllers/JointGroupEffortController"
     parameters_type: ClassVar[type[Parameters]] = EffortGroupParameters

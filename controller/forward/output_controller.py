@@ -15,7 +15,7 @@ NOTHING: Final[FloatArray] = np.empty(0)
 
 
 class OutputController:
-    """Controller that sets outputs to the values of the latest message. It moves no joint.
+    """Controller that sets outputs to the values in the latest message. The controller does not move any joints.
 
     The command of this controller is empty, because the safety gate limits only motions.
     """
@@ -38,11 +38,11 @@ class OutputController:
         return cls(kind, name, parameters, context.outputs)
 
     def reconfigure(self, parameters: ForwardParameters) -> None:
-        """Reject a change with ValueError, because outputs have no timeout."""
-        raise ValueError("outputs have no timeout: command_timeout is for velocities and efforts")
+        """Reject any change with ValueError, because outputs have no timeout."""
+        raise ValueError("command_timeout applies only to velocities and efforts, not to outputs")
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Submit values from any thread. Return None, or the reason why the values are dropped."""
+        """Submit values from any thread. Return None, or the reason why the values were dropped."""
         return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""Forward velocities or efforts, which become 0 if the client does not repeat them.
+"""Forward velocities or efforts, which become 0 if the client stops repeating them.
 
 Unlike in ros2_control, a command becomes 0 after ``command_timeout`` without a new message, so that a crashed client or
 a lost message does not leave the arm moving.
@@ -28,7 +28,7 @@ class RateCommandController:
     settable: ClassVar[frozenset[str]] = frozenset({"command_timeout"})
 
     def __init__(self, kind: str, name: str, parameters: ForwardParameters, limits: Sequence[JointLimits]) -> None:
-        """Create a controller. ``limits`` are in the order of the joints."""
+        """Create a controller. ``limits`` are in the same order as the joints."""
         self.kind = kind
         self.name = name
         self.parameters = parameters
@@ -81,7 +81,7 @@ class RateCommandController:
         self.command = np.clip(self._wanted, self.command - step, self.command + step)
 
     def settled(self) -> bool:
-        """Return whether no joint is driven."""
+        """Return whether the commands of all joints are 0."""
         return not self._inbox and not self._wanted.any() and not self.command.any()
 
     def _rest(self) -> None:

@@ -1,1 +1,1 @@
-"""Move the joint of a gripper until it reaches its goal or stalls on an object."""
+"""Move a gripper joint until it reaches its goal or stalls on an object."""

@@ -12,18 +12,19 @@ from hal.types import JointLimits, position_interfaces
 
 
 class GripperParameters(Parameters):
-    """Parameters of a gripper action controller, with ros2_control's names."""
+    """Parameters of a gripper action controller, named as in ros2_control."""
 
     joint: str = Field(min_length=1)
     action_monitor_rate: MonitorRate = 20.0
     """Rate of the feedback, in Hz."""
     goal_tolerance: Tolerance = 0.01
     allow_stalling: bool = False
-    """Whether a stall short of the goal counts as a success, because the fingers hold an object."""
+    """Whether a stall before the goal counts as success, because the fingers are holding an object."""
     stall_velocity_threshold: Speed = 0.001
     stall_timeout: Time = 1.0
     max_velocity: Speed = 0.0
-    """Maximum velocity of goals without a velocity. 0 means the joint's limit. ros2_control's default is 0.1."""
+    """Maximum velocity for goals that do not specify a velocity. 0 selects the joint's limit. ros2_control's default is
+    0.1."""
     max_effort: Effort = 0.0
     state_interfaces: tuple[str, ...] = ("position", "velocity")
     max_effort_interface: str = ""
@@ -52,7 +53,7 @@ class GripperParameters(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class GripperGoal:
-    """Target position in rad or m, and maximum velocity. A velocity of 0 means the value from the parameters."""
+    """Target position in rad or m, and maximum velocity. A velocity of 0 selects the value from the parameters."""
 
     position: float
     max_velocity: float = 0.0
@@ -71,13 +72,13 @@ class GripperState:
 
 
 class GripperHandle:
-    """An accepted goal. The loop thread decides its result, and any thread may read it."""
+    """An accepted goal. The loop thread sets the result, and any thread may read it."""
 
     def __init__(self, goal: GripperGoal) -> None:
         self.goal = goal
         self.status = GoalStatus.EXECUTING
         self.state = GripperState()
-        """State of the gripper when the result of the goal was decided."""
+        """State of the gripper when the goal's result was determined."""
         self.text = ""
 
     @property
@@ -86,14 +87,15 @@ class GripperHandle:
         return self.status is not GoalStatus.EXECUTING
 
     def decide(self, status: GoalStatus, state: GripperState, text: str) -> None:
-        """Set the result, unless the goal already has one. Other threads poll the status, so it is set last."""
+        """Set the result, unless the goal already has one. Other threads poll the status, so it is set after all other
+        fields."""
         if not self.done:
             self.state, self.text = state, text
             self.status = status
 
 
 def reason_to_reject(goal: GripperGoal, joint: str, limits: JointLimits, parameters: GripperParameters) -> str | None:
-    """Return the reason why a goal is rejected, with the wrong values, or None."""
+    """Return the reason why a goal is rejected, including the invalid values, or None."""
     if not isfinite(goal.position):
         return f"the position of {joint} must be finite, not {goal.position}"
     if not limits.lower <= goal.position <= limits.upper:
@@ -108,5 +110,5 @@ def reason_to_reject(goal: GripperGoal, joint: str, limits: JointLimits, paramet
 
 
 def velocity_of(goal: GripperGoal, limits: JointLimits, parameters: GripperParameters) -> float:
-    """Return the maximum velocity for a goal, within the limit of the joint."""
+    """Return the maximum velocity for a goal, which does not exceed the joint's limit."""
     return min(goal.max_velocity or parameters.max_velocity or limits.velocity, limits.velocity)

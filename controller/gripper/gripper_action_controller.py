@@ -1,7 +1,7 @@
 """Implement parallel_gripper_action_controller/GripperActionController.
 
 Unlike in ros2_control, the fingers move within the velocity, acceleration and jerk limits of the joint. Goals beyond
-the position limits are rejected. A canceled goal stops the fingers without a jump.
+the position limits are rejected. When a goal is canceled, the fingers stop without a jump.
 """
 
 import logging
@@ -38,7 +38,7 @@ With the default tolerance, this is just above one count of a servo with 4096 co
 
 
 class GripperActionController:
-    """Controller of one gripper joint. A new goal starts from the reference of the previous goal."""
+    """Controller of one gripper joint. A new goal starts from the reference position of the previous goal."""
 
     kind: ClassVar[str] = "parallel_gripper_action_controller/GripperActionController"
     parameters_type: ClassVar[type[Parameters]] = GripperParameters
@@ -47,7 +47,7 @@ class GripperActionController:
     )
 
     def __init__(self, name: str, parameters: GripperParameters, limits: JointLimits, index: int) -> None:
-        """Create a controller. ``index`` is the index of the joint in the hardware's joint order."""
+        """Create a controller. ``index`` is the position of the joint in the hardware's joint order."""
         self.name = name
         self.parameters = parameters
         self.joint = parameters.joint
@@ -63,7 +63,7 @@ class GripperActionController:
         self._cancels: deque[GripperHandle] = deque()
         self._active: GripperHandle | None = None
         self.newest_goal: GripperHandle | None = None
-        """The latest goal: queued, active or finished."""
+        """The most recent goal: queued, active or finished."""
         self._motion: RuckigMotion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
@@ -96,11 +96,12 @@ class GripperActionController:
         return handle
 
     def cancel(self, handle: GripperHandle) -> None:
-        """Cancel a goal if it is still active in the next cycle. The fingers stop within their limits."""
+        """Cancel a goal that is still active in the next cycle. The fingers stop within their velocity, acceleration
+        and jerk limits."""
         self._cancels.append(handle)
 
     def reconfigure(self, parameters: GripperParameters) -> None:
-        """Set the parameters that can be changed at run time. The new values take effect at once."""
+        """Set the parameters that can be changed at run time. The new values take effect immediately."""
         self.parameters = parameters
 
     # Only the loop thread may call the following methods.
@@ -172,7 +173,7 @@ class GripperActionController:
     def _take_cancels(self, reference: Kinematics) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
-            while handle in self._inbox:  # This goal has replaced the goals before it.
+            while handle in self._inbox:  # This goal has replaced all earlier goals.
                 if self._active:
                     self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
                 self._active = self._inbox.popleft()
@@ -185,7 +186,7 @@ class GripperActionController:
             if self._active:
                 self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
             self._active = self._inbox.popleft()
-            if not self._inbox:  # A newer goal in the queue would replace this goal at once.
+            if not self._inbox:  # A newer goal in the queue would replace this goal immediately.
                 self._start(self._active, reference)
 
     def _start(self, handle: GripperHandle, reference: Kinematics) -> None:
@@ -206,7 +207,7 @@ class GripperActionController:
         if fault := self._fault_timeout.lasting(state.faults, period_s):
             self._give_up(handle, self._sample(0.0), fault)
         elif self.joint in state.faults:
-            return  # If the fingers are not measured, their last known position does not show a stall.
+            return  # While the fingers are not measured, their last known position does not indicate a stall.
         elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
             self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
         elif self._stalls(self.state, step_s):
@@ -218,8 +219,8 @@ class GripperActionController:
     def _stalls(self, now: GripperState, step_s: float) -> bool:
         """Return whether the fingers have stalled.
 
-        The change of position also counts, because the velocity may be unknown or below the servo's resolution. After
-        the end of the commanded motion, a motion of one encoder count is ignored.
+        The change of position is also checked, because the velocity may be unknown or below the servo's resolution.
+        After the commanded motion ends, a motion of one encoder count is ignored.
         """
         slowest = self.parameters.stall_velocity_threshold
         noise = NOISE_SHARE * self.parameters.goal_tolerance if self._elapsed_s >= self._duration_s else 0.0
@@ -242,6 +243,6 @@ class GripperActionController:
 
 
 class PositionGripperActionController(GripperActionController):
-    """Gripper controller with ros2_control's older action, GripperCommand."""
+    """Gripper controller that uses ros2_control's older action, GripperCommand."""
 
     kind: ClassVar[str] = "position_controllers/GripperActionController"

@@ -1,4 +1,4 @@
-"""Follow the positions that another controller manager sends, and hold the arm when the messages end."""
+"""Follow the positions that another controller manager sends, and hold the arm when no more messages arrive."""
 
 import logging
 import math
@@ -21,17 +21,17 @@ LOG = logging.getLogger("servoloop.controller")
 Flags = NDArray[np.bool_]
 
 MAX_SILENCE_S: Final = 0.2
-"""Maximum time without a command while a joint is on its way, and maximum time without a measurement, in seconds."""
+"""Maximum time without a command while a joint is still moving, and maximum time without a measurement, in seconds."""
 NEAR: Final = 0.02
-"""Maximum distance at which a first command counts as near the joint, as a fraction of the joint's range. This
-distance covers sag.
+"""Maximum distance at which a first command counts as near the joint, as a fraction of the joint's range. This distance
+allows for sag.
 """
 SLOW: Final = 0.1
 """Fraction of the velocity limit at which a joint approaches a first command that is not near the joint."""
 JOINED: Final = 0.002
 """Distance at which a slow approach ends, as a fraction of the joint's range.
 
-A slow joint can brake within this distance.
+A slowly moving joint can brake within this distance.
 """
 
 
@@ -45,16 +45,16 @@ class HostPhase(StrEnum):
 
 
 class HostController:
-    """Controller of n joints whose commands another program sends at its own rate.
+    """Controller of n joints whose commands are sent by another program at its own rate.
 
     The commands approach the latest message within the velocity and acceleration limits. At the start or after a pause
     in the messages, a joint approaches its first command slowly if the command is not near the measured position.
 
     The joints brake and hold their positions in three cases: the messages stop while a joint is still moving to its
-    goal, the sender disconnects, or a joint is not measured. The joints follow again from the next message on.
+    goal, the sender disconnects, or a joint is not measured. The joints start to follow again with the next message.
 
-    NaN in a message means that no controller of the sender commands the joint. A joint that is missing from a message
-    is treated in the same way.
+    NaN in a message means that none of the sender's controllers commands the joint. A joint that is missing from a
+    message is treated in the same way as a joint with NaN.
     """
 
     kind: ClassVar[str] = "servoloop/HostController"
@@ -74,7 +74,7 @@ class HostController:
             joints: Names of the joints.
             limits: Limits in the order of ``joints``.
             hardware_joints: All measured joints, in the order of the measurements.
-            others: Joints of the robot that cannot be commanded. Messages may name these joints.
+            others: Joints of the robot that cannot be commanded. Messages may contain these joints.
         """
         self.name = name
         self.parameters = Parameters()
@@ -92,19 +92,19 @@ class HostController:
         self._upper = np.array([limit.upper for limit in limits])
         spans = self._upper - self._lower
         self._range = np.where(np.isfinite(spans), spans, math.tau)
-        """Range (n,) of each joint, or a full turn if the joint has no limits."""
+        """Range (n,) of each joint, or a full turn for a joint without limits."""
         self._approach = Approach(limits)
         self._goal = self.command
         """Goals (n,) within the limits, in rad or m."""
         self._beyond = np.zeros(len(joints), dtype=bool)
         """Whether the last command of each joint was outside the limits."""
         self._followed = np.zeros(len(joints), dtype=bool)
-        """Whether each joint follows its commands.
+        """Whether each joint is following its commands.
 
-        The other joints hold their positions, and their next command counts as a first command.
+        The other joints hold their positions, and their next command is treated as a first command.
         """
         self._slow = np.zeros(len(joints), dtype=bool)
-        """Whether each joint still approaches its first command."""
+        """Whether each joint is still approaching its first command."""
         self._age_s = np.zeros(len(joints))
         """Time since the last command of each joint, in seconds."""
         self._unmeasured_s = np.zeros(len(joints))
@@ -158,7 +158,7 @@ class HostController:
         return HostPhase.HOLDING if self.reason else HostPhase.WAITING
 
     def _unmeasured(self, state: JointState, period_s: float) -> str:
-        """Return the reason why the joints hold because of missing measurements, or an empty string."""
+        """Return the reason why the joints hold because of missing measurements; an empty string if there is none."""
         if not state.faults:
             self._unmeasured_s[:] = 0.0
             return ""
@@ -183,7 +183,7 @@ class HostController:
     def _hold_if_silent(self, period_s: float) -> None:
         """Brake and hold the joints if no command arrives while joints are still moving to their goals.
 
-        Silence after the joints have arrived is normal.
+        It is normal that no commands arrive after the joints have reached their goals.
         """
         ways = np.abs(self._goal - self.command)
         silent: Flags = self._followed & (self._age_s > MAX_SILENCE_S)
@@ -193,9 +193,9 @@ class HostController:
             self._hold(silent, f"no command for {MAX_SILENCE_S:g} s while {short}", period_s)
 
     def _hold(self, which: Flags, reason: str, period_s: float) -> None:
-        """Brake some joints and hold them where they come to rest.
+        """Brake some joints and hold them at the positions where they come to rest.
 
-        The next command of these joints counts as a first command.
+        The next command for these joints is treated as a first command.
         """
         if which.any():
             LOG.warning("%s: the arm brakes and holds its position until the next command", reason)
@@ -205,7 +205,7 @@ class HostController:
         self._followed &= ~which
 
     def _begin(self, first: Flags, goal: FloatArray, measured: FloatArray) -> None:
-        """Begin to follow the commands of some joints, slowly if they are far from the measured position."""
+        """Begin to follow the commands of some joints, slowly if the commands are far from the measured positions."""
         far = first & (np.abs(goal - measured) > NEAR * self._range)
         self._followed |= first
         self._slow |= far

@@ -1,1 +1,1 @@
-"""Load, configure and switch the controllers of one robot, like the controller manager of ros2_control."""
+"""Load, configure and switch the controllers of one robot, as the controller manager of ros2_control does."""

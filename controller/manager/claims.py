@@ -1,4 +1,4 @@
-"""Check the command interfaces that a controller claims."""
+"""Check the command interfaces claimed by a controller."""
 
 from collections.abc import Iterator
 
@@ -8,9 +8,9 @@ from hal.types import Interface
 
 
 def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
-    """Check that the URDF has each claimed command interface and that no interface is claimed twice.
+    """Check that the URDF contains each claimed command interface and that no interface is claimed twice.
 
-    Yields the name of the wrong parameter and a description of the error.
+    Yields the name of the invalid parameter and a description of the error.
     """
     joints, claims = component.joints, parameters.claims()
     key = "joint" if "joint" in type(parameters).model_fields else "joints"

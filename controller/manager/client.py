@@ -1,6 +1,6 @@
 """Call the controller manager from another thread.
 
-Calls return at once, and the loop serves them between two cycles.
+Calls return immediately, and the loop serves them between two cycles.
 """
 
 from collections.abc import Callable
@@ -23,11 +23,11 @@ SWITCH_TIMEOUT_S: Final = 1.0
 
 
 class ManagerClient:
-    """Client of the controller manager, for use in one thread other than the loop's.
+    """Client of the controller manager, for use in one thread other than the loop thread.
 
-    Slow work, such as reading files and loading plug-ins, runs in the calling thread. A call raises the errors that
-    occur in the calling thread. ``result()`` of the returned request raises the errors that occur in the loop. A call
-    that raises an error changes nothing.
+    Slow work, such as reading files and loading plug-ins, runs in the calling thread. Errors that occur in the calling
+    thread are raised by the call itself. Errors that occur in the loop are raised by ``result()`` of the returned
+    request. A call that raises an error does not change anything.
     """
 
     def __init__(self, loop: ControlLoop, factory: Factory) -> None:
@@ -38,7 +38,7 @@ class ManagerClient:
         """Latest parameter change of each controller, keyed by name. The loop may not have applied the change yet."""
 
     def load(self, name: str, settings: ManagerSettings) -> Request[None]:
-        """Load a controller. The arguments are those of ``Factory.spec``."""
+        """Load a controller. The arguments are the same as for ``Factory.spec``."""
         if name in self._manager.registry.loaded:
             raise ManagerError(f"A controller named '{name}' was already loaded inside the controller manager")
         if not name:
@@ -72,7 +72,7 @@ class ManagerClient:
     def switch(self, request: SwitchRequest, timeout_s: float = 0.0) -> Request[str]:
         """Switch controllers in one cycle.
 
-        If the cycle starts later than ``timeout_s`` from now, nothing is switched. A timeout of 0 means
+        If the cycle starts more than ``timeout_s`` from now, nothing is switched. A timeout of 0 selects
         ``SWITCH_TIMEOUT_S``.
         """
         allowed_s = timeout_s if timeout_s > 0.0 else SWITCH_TIMEOUT_S
@@ -103,7 +103,7 @@ class ManagerClient:
         return spec
 
     def _newest(self, name: str) -> ControllerSpec:
-        """Return the spec of a controller, including a parameter change that the loop has not applied yet."""
+        """Return a controller's spec, including any parameter change that the loop has not applied yet."""
         spec, request = self._changes.get(name, (None, None))
         pending = request is not None and not request.done  # This check must come before the registry is read.
         entry = self._manager.registry.changeable(name, "configured")
@@ -124,7 +124,7 @@ class ManagerClient:
         return self._ask(reload)
 
     def controller_types(self) -> list[str]:
-        """Return the controller types that can be loaded."""
+        """Return the available controller types."""
         return list(controller_types())
 
     def _ask(self, action: Callable[[], None]) -> Request[None]:

@@ -1,4 +1,4 @@
-"""Define the spec of a controller. A spec comes from a controllers file or a spawner."""
+"""Define the specification (spec) of a controller. A spec is created from a controllers file or by a spawner."""
 
 import re
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ ROS_ARGUMENTS: Final = "--ros-args"
 
 
 def name_mistake(name: str) -> str | None:
-    """Return the reason why a controller cannot have this name, or None.
+    """Return the reason why a controller cannot have this name, or None if the name is valid.
 
-    The controller's ROS node has the same name.
+    The ROS node of the controller has the same name.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         return None
@@ -21,13 +21,13 @@ def name_mistake(name: str) -> str | None:
 
 
 def with_ros_flag(arguments: Sequence[str]) -> tuple[str, ...]:
-    """Return ROS arguments with a leading ``--ros-args``, which rcl requires but users may omit."""
+    """Return the ROS arguments with a leading ``--ros-args``, which rcl requires but users may omit."""
     return tuple(arguments) if not arguments or ROS_ARGUMENTS in arguments else (ROS_ARGUMENTS, *arguments)
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerSpec:
-    """Name, type and checked parameters of a controller."""
+    """Name, type and validated parameters of a controller."""
 
     name: str
     kind: str

@@ -27,9 +27,9 @@ MANAGER = "controller_manager"
 GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overruns", "qos_overrides")
 """Groups of manager parameters that look like controllers in the file."""
 DEFAULTS = "controller_defaults"
-"""Key of the robot file for default parameters of controllers."""
+"""Robot file key for default controller parameters."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
-"""Parameters of the manager that have an effect or that every node has."""
+"""Manager parameters that have an effect or that every node has."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
 """Default parameter values, keyed by controller name and parameter name."""
@@ -37,7 +37,7 @@ Defaults = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class ControllersFile:
-    """A checked controllers file. ``sections`` also holds the parameters of nodes that are not controllers."""
+    """A checked controllers file. ``sections`` also contains the parameters of nodes that are not controllers."""
 
     sections: Sections
     update_rate_hz: int
@@ -90,7 +90,8 @@ def load_controllers_file(
 
 
 def _sections(path: Path, namespace: str) -> Sections:
-    """Read the sections of the nodes in a namespace. If the namespace has no manager, read those of the root namespace.
+    """Read the sections of the nodes in a namespace. If the namespace does not contain a manager, read the sections of
+    the root namespace.
 
     Raises ControllersFileError.
     """
@@ -110,14 +111,15 @@ def load_controller(
     """Build the spec of one controller. Required parameters may still be missing.
 
     Args:
-        file: The controllers file of the robot.
+        file: The robot's controllers file.
         name: Name of the controller.
-        settings: Settings that override those in ``file``. Their parameter files also override ``file``.
+        settings: Settings that override those in ``file``. The parameter files in these settings also override
+            ``file``.
         component: The joints and interfaces of the robot.
 
     Raises:
         ControllersFileError: The parameters have errors. The message lists all errors.
-        ValueError: An argument of the node is not valid YAML.
+        ValueError: A node argument is not valid YAML.
     """
     source = _Source(file.sections, file.defaults, file.namespace)
     settings = settings.over(ManagerSettings.of(source.entry(name)))
@@ -136,7 +138,7 @@ class _Source:
     sections: Sections
     defaults: Defaults
     namespace: str
-    """Namespace of the nodes; ``sections`` may be those of the root namespace."""
+    """Namespace of the nodes; ``sections`` may still be those of the root namespace."""
 
     def entry(self, name: str) -> dict[str, Any]:
         """Return the settings of a controller. The manager's section overrides the controller's own section."""
@@ -146,23 +148,23 @@ class _Source:
         return found
 
     def settings(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Yield the settings from the controller's own section, then from the manager's section.
+        """Yield the settings from the controller's own section, and then those from the manager's section.
 
-        Each item holds the node of the section, the prefix of the keys, and the settings.
+        Each item contains the section's node, the prefix of the keys, and the settings.
         """
         own, entry = self.sections.of(name), self.sections.of(MANAGER).get(name)
         yield name, "", {key: own[key] for key in SETTINGS if key in own}
         yield MANAGER, f"{name}.", dict(entry) if isinstance(entry, Mapping) else {}
 
     def controllers(self) -> list[str]:
-        """Return the names of controllers listed by the manager, and of sections with a controller type."""
+        """Return the names of controllers listed by the manager, and the names of sections with a controller type."""
         named = [n for n, entry in self.sections.of(MANAGER).items() if isinstance(entry, Mapping)]
         known = {*controller_types(), *SUCCESSORS}
         typed = [n for n in self.sections.nodes() if n not in named and self.sections.of(n).get("type") in known]
         return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
 
     def parameters(self, name: str, settings: ManagerSettings) -> tuple[Sections, dict[str, Any]]:
-        """Return the sections with the highest priority, and the merged parameters of a controller.
+        """Return the sections with the highest priority and the controller's merged parameters.
 
         Raise ControllersFileError or ValueError.
         """
@@ -181,7 +183,7 @@ class _Source:
 
 
 def no_type(name: str) -> str:
-    """Return the error for a controller without a type. The text starts with ros2_control's own message."""
+    """Return the error message for a controller without a type. The message starts with ros2_control's own message."""
     return (
         f"The 'type' param was not defined for '{name}': set {name}.type on the node {MANAGER}, "
         "or give the controller a section with its type in a parameter file"
@@ -190,14 +192,14 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of the sections of one file, with the errors found so far."""
+    """Reader for the sections of one file, with the errors found so far."""
 
     sections: Sections
     component: HardwareInfo
     problems: list[str]
     places: YamlPlaces
     complete: bool = True
-    """Whether a required parameter that is missing is an error."""
+    """Whether a missing required parameter is an error."""
 
     def report(self, node: str, key: str, text: str) -> None:
         """Record an error with its file and line."""
@@ -253,7 +255,7 @@ class _Reader:
         return len(self.problems) > known
 
     def name_unused(self, manager: ManagerParameters) -> None:
-        """Log the manager parameters that have no effect."""
+        """Log the manager parameters that do not have any effect."""
         extra = manager.model_extra or {}
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
         if unused := [key for key in unused if key not in HONORED]:
@@ -265,7 +267,8 @@ class _Reader:
             )
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
-        """Return the parameters as a ``model``. If the parameters are invalid, record each error and return None."""
+        """Return the parameters as an instance of ``model``. If the parameters are invalid, record each error and
+        return None."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
@@ -307,7 +310,7 @@ class _Reader:
             LOG.info(text, name, ", ".join(missing))
         else:
             self._check_use(name, checked)
-        if name in settings.fallback and not self.complete:  # In the controllers file, ``controllers`` checks this.
+        if name in settings.fallback and not self.complete:  # For the controllers file, ``controllers`` checks this.
             self.report(
                 name, "fallback_controllers", f"names {name} itself: name another controller or remove the entry"
             )
@@ -321,6 +324,6 @@ class _Reader:
 
     @staticmethod
     def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:
-        """Return the entries of a list that name the controller itself or a controller that is not in the file."""
+        """Return the list entries that name the controller itself or a controller that is not in the file."""
         listed = others if isinstance(others, list | tuple) else ()
         return [other for other in listed if other == name or other not in known]

@@ -1,4 +1,4 @@
-"""Update all active controllers, one after the other, and combine their commands."""
+"""Update all active controllers one after another, and combine their commands."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -14,12 +14,13 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """Updater of all active controllers, in the order in which they were loaded. The loop thread runs the updates."""
+    """Updater of all active controllers, in the order in which they were loaded. The updates run in the loop thread."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[ActiveEntry, FloatArray], None]
     ) -> None:
-        """Create the cycle. ``fail`` deactivates a failed controller, given the last command (n,) of all interfaces."""
+        """Create the cycle. ``fail`` deactivates a failed controller; its argument is the last command (n,) of all
+        interfaces."""
         self.seen: JointState | None = None
         """Latest measurement."""
         self.leaving = LeavingControllers(stops)
@@ -33,8 +34,8 @@ class ControllerCycle:
         """Run one cycle and return the command (n,) of all interfaces.
 
         An interface without a controller keeps its ``last`` command. A controller that fails is deactivated, and the
-        others continue. If joints of a controller are still stopping from another controller's motion, the controller
-        starts after they are at rest.
+        other controllers continue. If a controller's joints are still stopping after another controller's motion, the
+        controller starts when they are at rest.
         """
         self.seen = state
         wanted = last.copy()
@@ -45,7 +46,7 @@ class ControllerCycle:
                 entry.controller.update(state, now_s, period_s)
                 wanted[entry.index] = _shaped(entry)
             except Exception:
-                LOG.exception("%s failed and is deactivated: its joints come to rest", entry.spec.name)
+                LOG.exception("%s failed and is being deactivated: its joints are brought to rest", entry.spec.name)
                 self._fail(entry, last)
         if self.leaving.entries:
             self.leaving.fill(wanted, last, state, now_s, period_s)
@@ -55,9 +56,9 @@ class ControllerCycle:
         return wanted
 
     def sent(self, command: FloatArray, last: FloatArray) -> None:
-        """Record the last two commands (n,) after the safety gate.
+        """Record the last two commands (n,) that passed the safety gate.
 
-        Joints that lose their controller stop from these commands.
+        Joints that lose their controller start to stop from these commands.
         """
         self._command, self._last = command, last
 
@@ -70,7 +71,7 @@ class ControllerCycle:
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """End the relief of the interfaces at ``index``, because a controller claims them.
+        """End the relief of the interfaces at ``index``, because a controller is claiming them.
 
         The joints of these interfaces stop first.
         """
@@ -78,12 +79,12 @@ class ControllerCycle:
             self.stop(ended)
 
     def at_rest(self, index: Sequence[int]) -> bool:
-        """Return whether no joint of the interfaces at ``index`` is being stopped or relieved."""
+        """Return whether none of the interfaces at ``index`` is being stopped or relieved."""
         return not self._stops.holds(index) and not self.leaving.holds(index)
 
 
 def _shaped(entry: ActiveEntry) -> FloatArray:
-    """Return the command of a controller after a check of its shape. numpy would broadcast a single value."""
+    """Return a controller's command after checking its shape. numpy would broadcast a single value."""
     command = entry.controller.command
     if command.shape != (len(entry.index),):
         raise ValueError(f"the command has shape {command.shape}, expected ({len(entry.index)},)")

@@ -1,4 +1,4 @@
-"""Build controllers from parameter files and the arguments of spawners."""
+"""Build controllers from parameter files and spawner arguments."""
 
 from dataclasses import dataclass
 
@@ -20,34 +20,34 @@ class Factory:
     context: ControllerContext
 
     def spec(self, name: str, settings: ManagerSettings) -> ControllerSpec:
-        """Return the checked spec of a controller. The controllers file provides settings that are not in ``settings``.
+        """Return a controller's validated spec. The controllers file provides settings that are not in ``settings``.
 
         Raises:
             ControllersFileError: The parameters have errors. The message lists all errors.
             ValueError: An argument of the node is not valid YAML.
         """
         if name in settings.fallback:
-            raise ControllersFileError(f"{name} cannot be its own fallback: name another controller")
+            raise ControllersFileError(f"{name} cannot be its own fallback: choose another controller")
         return load_controller(self.file, name, settings, self.context.component)
 
     def make(self, spec: ControllerSpec) -> Controller:
         """Build an inactive controller.
 
-        Raise ValueError if the controller does not fit the robot or lacks parameters.
+        Raise ValueError if the controller is not suitable for the robot or lacks parameters.
         """
         if missing := spec.parameters.missing():
             node = f"{self.file.namespace}/{spec.name}"
             them = "them" if len(missing) > 1 else "it"
-            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node {node}")
+            raise ValueError(f"{spec.name} requires {', '.join(missing)}: set {them} on its node {node}")
         for key, text in claim_mistakes(spec.parameters, self.context.component):
             raise ValueError(f"{spec.name}.{key} {text}")
         return controller_types()[spec.kind].build(spec.name, spec.parameters, self.context)
 
     def fill(self, manager: ControllerManager) -> None:
-        """Load and configure all controllers of the file, in its order.
+        """Load and configure all controllers in the file, in file order.
 
         Raises:
-            ControllersFileError: A controller does not fit the robot.
+            ControllersFileError: A controller is not suitable for the robot.
             ClaimError: A controller claims an interface that the hardware does not have.
         """
         for spec in self.file.controllers:

@@ -1,4 +1,4 @@
-"""Run deactivated controllers that still relieve their joints, until another controller claims these joints."""
+"""Run deactivated controllers that are still relieving their joints, until another controller claims these joints."""
 
 import logging
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class _Leaving:
-    """A deactivated controller. ``index`` holds the indices of its command interfaces."""
+    """A deactivated controller. ``index`` contains the indices of the controller's command interfaces."""
 
     controller: Relieving
     index: list[int]
@@ -21,15 +21,17 @@ class _Leaving:
 
 
 class LeavingControllers:
-    """Deactivated controllers that relieve their joints. The loop starts their relief after the joints are at rest."""
+    """Deactivated controllers that are relieving their joints. The loop starts the relief when the controller's joints
+    are at rest."""
 
     def __init__(self, stops: DecelerationStops) -> None:
         self.entries: list[_Leaving] = []
-        """Controllers that relieve their joints. While this list is empty, the cycle calls no method of this class."""
+        """Controllers that are currently relieving their joints. While this list is empty, the cycle does not call any
+        method of this class."""
         self._stops = stops
 
     def add(self, controller: Relieving, index: list[int]) -> None:
-        """Add a controller that has been deactivated. The relief starts when its joints are at rest."""
+        """Add a controller that has been deactivated. The relief starts when the controller's joints are at rest."""
         self.entries.append(_Leaving(controller, index))
 
     def holds(self, index: Sequence[int]) -> bool:
@@ -37,16 +39,16 @@ class LeavingControllers:
         return any(i in entry.index for entry in self.entries for i in index)
 
     def end(self, index: Sequence[int]) -> list[list[int]]:
-        """End every relief that uses an interface at ``index``, because a controller claims this interface.
+        """End every relief that uses an interface at ``index``, because a controller is claiming that interface.
 
-        Returns the indices of all interfaces of each ended relief.
+        Returns the indices of all interfaces whose relief has ended.
         """
         ended = [entry for entry in self.entries if any(i in entry.index for i in index)]
         self.entries = [entry for entry in self.entries if entry not in ended]
         return [entry.index for entry in ended]
 
     def restart(self) -> None:
-        """Restart each relief at the current positions, because another command has moved the joints."""
+        """Restart each relief at the current positions, because a different command has moved the joints."""
         for entry in self.entries:
             entry.begun = False
 

@@ -1,4 +1,4 @@
-"""Load controllers, and switch between the controllers that command the joints."""
+"""Load controllers, and switch between controllers that command the joints."""
 
 import logging
 from collections.abc import Collection, Iterable, Mapping
@@ -23,7 +23,7 @@ INACTIVE, ACTIVE = LifecycleState.INACTIVE, LifecycleState.ACTIVE
 class ControllerManager:
     """Manager that loads controllers and switches between them.
 
-    ``registry`` holds the loaded controllers, and ``cycle`` runs the active controllers. The thread rules of
+    ``registry`` contains the loaded controllers, and ``cycle`` runs the active controllers. The threading rules of
     ``ControllerRegistry`` apply.
     """
 
@@ -32,8 +32,8 @@ class ControllerManager:
 
         Args:
             hardware: The hardware with its command interfaces.
-            limits: Limits of each joint, keyed by joint name. A joint that loses its controller stops within them.
-            outputs: Command interfaces that move no joint.
+            limits: Limits of each joint, keyed by joint name. A joint that loses its controller stops within these
+            limits. outputs: Command interfaces that do not move any joints.
         """
         self.registry = ControllerRegistry(hardware.command_interfaces, outputs)
         self.stops = DecelerationStops(hardware.command_interfaces, limits)
@@ -41,7 +41,7 @@ class ControllerManager:
         self.cycle = ControllerCycle(self.registry, self.stops, self._replace)
 
     def switch(self, request: SwitchRequest, command: FloatArray) -> str:
-        """Switch all controllers of a request at once, or none of them.
+        """Switch all controllers of a request at once, or do not switch any of them.
 
         Args:
             request: Controllers to activate and to deactivate.
@@ -51,7 +51,7 @@ class ControllerManager:
             Summary of the switched controllers.
 
         Raises:
-            SwitchError: Nothing was switched, or not all previous controllers could be activated again.
+            SwitchError: Nothing was switched, or some of the previous controllers could not be reactivated.
         """
         plan = plan_switch(self.registry.loaded, request, self._hardware)
         for name in plan.deactivate:
@@ -60,14 +60,14 @@ class ControllerManager:
             for name in plan.activate:
                 self._start(name, command)
         except Exception as error:
-            LOG.exception("a controller cannot be activated: nothing is switched")
+            LOG.exception("a controller cannot be activated, so no controllers were switched")
             raise SwitchError(f"{error}{self._undo(plan, command)}") from error
         summary = plan.summary()
         LOG.info("%s", summary.replace("\n", " "))
         return summary
 
     def _undo(self, plan: SwitchPlan, command: FloatArray) -> str:
-        """Undo a switch that failed halfway. Return the end of the error message."""
+        """Undo a switch that failed halfway. Return the last part of the error message."""
         for name in reversed(plan.activate):
             if self.registry.loaded[name].active:
                 self._stop(name)
@@ -79,17 +79,17 @@ class ControllerManager:
         return ". Nothing was switched."
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        """Activate the controllers in the order of loading, at the start of the loop.
+        """Activate the controllers in loading order when the loop starts.
 
-        Fallback controllers, and controllers whose joints another controller has claimed, stay inactive. ``command``
-        (n,) is the last command of the hardware.
+        Fallback controllers stay inactive, as do controllers whose joints another controller has claimed. ``command``
+        (n,) is the last command sent to the hardware.
         """
         fallbacks = {name for entry in self.registry.loaded.values() for name in entry.spec.fallback}
         loaded = self.registry.loaded.items()
         self.activate_each([n for n, entry in loaded if entry.state is INACTIVE and n not in fallbacks], state, command)
 
     def activate_each(self, names: Iterable[str], state: JointState, command: FloatArray) -> None:
-        """Activate controllers one after the other. A controller whose activation fails stays inactive."""
+        """Activate controllers one after another. A controller that fails to activate stays inactive."""
         self.cycle.seen = state
         for name in names:
             try:
@@ -98,7 +98,7 @@ class ControllerManager:
                 LOG.warning("%s stays inactive: %s", name, error)
 
     def deactivate(self) -> None:
-        """Deactivate all controllers, then raise the first error if there was one."""
+        """Deactivate all controllers, then raise the first error that occurred, if any."""
         errors = [error for entry in self.registry.running if (error := self._stop(entry.spec.name))]
         if errors:
             raise errors[0]
@@ -114,11 +114,11 @@ class ControllerManager:
             self.registry.unload(name)
 
     def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> list[str]:
-        """Deactivate the controllers that use any of these command interfaces.
+        """Deactivate all controllers that use any of these command interfaces.
 
         Args:
             interfaces: Names of the interfaces.
-            reason: Why the controllers are deactivated, for the log and the results of goals.
+            reason: Reason for the deactivation, for the log and the goal results.
             states: Whether to also deactivate controllers that use one of the interfaces as a state interface.
 
         Returns:
@@ -129,7 +129,7 @@ class ControllerManager:
             read = entry.controller.state_interfaces if states else ()
             if used := lost.intersection((*entry.controller.command_interfaces, *read)):
                 name = entry.spec.name
-                LOG.error("%s is deactivated because it uses %s: %s", name, ", ".join(sorted(used)), reason)
+                LOG.error("%s is being deactivated because it uses %s: %s", name, ", ".join(sorted(used)), reason)
                 self._stop(name, reason)
                 names.append(name)
         return names
@@ -170,7 +170,7 @@ class ControllerManager:
 def _deactivated(controller: Controller, reason: str = "") -> Exception | None:
     try:
         controller.deactivate(reason)
-    except Exception as error:  # The clients of the other controllers still wait for their results.
+    except Exception as error:  # Clients of the other controllers are still waiting for their results.
         LOG.exception("%s failed when it was deactivated", controller.name)
         return error
     return None

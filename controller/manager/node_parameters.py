@@ -1,4 +1,4 @@
-"""Find the parameters of one node in ROS parameter files, with the same priorities as rclcpp."""
+"""Find the parameters of one node in ROS parameter files, using the same priorities as rclcpp."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,13 +10,13 @@ from typing import Any
 from controller.manager.parameter_file import PARAMETERS, parse_value
 
 Content = Mapping[str, Mapping[str, Any]]
-"""The nodes (or node patterns) of a file in the order of the file, each with its ``ros__parameters``."""
+"""The nodes (or node patterns) of a file in file order, each with its ``ros__parameters``."""
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
-    """Return the parameters of a node. As in rclcpp, later entries of a file take priority.
+    """Return the parameters of a node. As in rclcpp, later entries in a file take priority.
 
-    A name without a slash at its start is in the root namespace, in the file as well as in ``node``.
+    A name without a leading slash is in the root namespace, both in the file and in ``node``.
     """
     found: dict[str, Any] = {}
     for pattern, section in content.items():
@@ -36,7 +36,7 @@ def _absolute(name: str) -> str:
 
 
 def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
-    """Return the parameters of a node in ROS arguments: ``-p name:=value``, or ``-p node:name:=value`` for one node.
+    """Return a node's parameters from ROS arguments: ``-p name:=value``, or ``-p node:name:=value`` for one node.
 
     Raises ValueError if a value is not valid YAML.
     """
@@ -53,12 +53,12 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
 
 
 def files_in(arguments: Sequence[str]) -> list[Path]:
-    """Return the parameter files that are named in ROS arguments and that rcl reads."""
+    """Return the parameter files that are specified in ROS arguments and read by rcl."""
     return [Path(value) for flag, value in pairwise(arguments) if flag == "--params-file"]
 
 
 def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge two groups of parameters recursively. ``second`` takes priority, and dots in a name separate groups."""
+    """Merge two parameter groups recursively. ``second`` takes priority, and dots in a name separate groups."""
     found = dict(first)
     for key, value in second.items():
         group, _, rest = str(key).partition(".")
@@ -71,6 +71,6 @@ def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any
 
 
 def named(content: Content, node: str) -> bool:
-    """Return whether the file has a section with the name of this node, not only a matching wildcard."""
+    """Return whether the file has a section with this node's name, and not only a matching wildcard."""
     name = node.rpartition("/")[2]
     return any(pattern.rpartition("/")[2] == name and matches(pattern, node) for pattern in content)

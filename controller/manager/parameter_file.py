@@ -1,4 +1,4 @@
-"""Read ROS parameter files with rcl's rules for node names and value types."""
+"""Read ROS parameter files using rcl's rules for node names and value types."""
 
 import math
 import re
@@ -17,7 +17,7 @@ PARAMETERS: Final = "ros__parameters"
 MOST_NODES: Final = 300
 """Maximum number of nodes and node patterns in one file."""
 MOST_VALUES: Final = 2000
-"""Maximum number of values of one node. Each entry of a list counts."""
+"""Maximum number of values per node. Each entry of a list counts as one value."""
 _RESOLVER: Final[Any] = Loader("")
 _NODE: Final = re.compile(r"(/?(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))(/(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))*")
 _TEXT: Final = "tag:yaml.org,2002:str"
@@ -29,12 +29,12 @@ _NOT_FINITE: Final = re.compile(r"[+-]?\.?(inf|nan)|[+-]?infinity", re.IGNORECAS
 
 
 class _TooMany(Exception):
-    """The file has too many nodes or values. The message is appended to the name of the file."""
+    """The file contains too many nodes or values. The message is appended to the file name."""
 
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one parameter file, which collects the parameters of each node and the errors."""
+    """Reader for one parameter file, which collects the parameters of each node and the errors."""
 
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -141,7 +141,7 @@ def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
 
 
 def _tagged_as_text(node: yaml.ScalarNode) -> bool:
-    """Return whether a ``!!str`` tag makes a string of a value that would otherwise have another type."""
+    """Return whether a ``!!str`` tag turns a value that would otherwise have another type into a string."""
     return bool(node.tag == _TEXT and _RESOLVER.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
 
 
@@ -158,7 +158,7 @@ def _integer(text: str) -> int | None:
 
 
 def parse_value(text: str) -> Any:
-    """Parse a value as rcl parses the value in ``-p name:=value``. Raises ValueError."""
+    """Parse a value in the same way as rcl parses the value in ``-p name:=value``. Raises ValueError."""
     try:
         aliases = check_size(yaml.parse(text, Loader=Loader))
         root = Loader(text).get_single_node()
@@ -179,10 +179,10 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         error: Type of the exception to raise.
 
     Returns:
-        The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in the file's order.
+        The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in file order.
 
     Raises:
-        error: The file has errors that rcl also rejects. The message lists all errors with their line numbers.
+        error: The file contains errors that rcl also rejects. The message lists all errors with their line numbers.
     """
     file = compose(path, error)
     reader = _Reader(file)

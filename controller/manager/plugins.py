@@ -1,4 +1,4 @@
-"""Find the controller types that a controllers file can name: built-in types and installed plug-ins."""
+"""Find the controller types that a controllers file can specify: built-in types and installed plug-ins."""
 
 import sys
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from controller.interface import ControllerType
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 
 ENTRY_POINTS: Final = "servoloop.controllers"
-"""Entry-point group of controllers in user packages. An entry reads ``package/Class = module:Class``."""
+"""Entry-point group for controllers in user packages. An entry has the form ``package/Class = module:Class``."""
 
 
 _OURS: Final[tuple[ControllerType, ...]] = (
@@ -45,23 +45,23 @@ SUCCESSORS: Final[Mapping[str, str]] = {
     "position_controllers/JointPositionController": "position_controllers/JointGroupPositionController",
     "effort_controllers/GripperActionController": "parallel_gripper_action_controller/GripperActionController",
 }
-"""Controller types of older ros2_control releases, and the types that replace them."""
+"""Controller types of older ros2_control releases, and the types that replaced them."""
 
 
 def outdated(kind: str) -> str | None:
-    """Return the error for a type of an older release, or None for any other type."""
+    """Return the error message for a type from an older release, or None for any other type."""
     return f"its type {kind} is outdated: use {SUCCESSORS[kind]}" if kind in SUCCESSORS else None
 
 
 @cache
 def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
-    """Return the installed controller types, and the errors of types that cannot be loaded, both keyed by ``type``."""
+    """Return the installed controller types, and the errors for types that cannot be loaded, both keyed by ``type``."""
     sound: dict[str, ControllerType] = {}
     broken_plugins: dict[str, str] = {}
     for point in entry_points(group=ENTRY_POINTS):
         try:
             sound[point.name] = point.load()
-        except Exception as error:  # The import of a user's module can raise any error.
+        except Exception as error:  # Importing a user's module can raise any error.
             broken_plugins[point.name] = f"the controller {point.name} {why_not_loaded(point, error)}"
     return sound, broken_plugins
 
@@ -69,7 +69,7 @@ def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
 def why_not_loaded(point: EntryPoint, error: Exception) -> str:
     """Return the reason why an installed class cannot be loaded.
 
-    The text completes a message that starts with the type.
+    The text completes a message that starts with the type name.
     """
     remedy = ""
     if point.module.split(".")[0] in sys.stdlib_module_names:
@@ -83,7 +83,7 @@ def controller_types() -> Mapping[str, ControllerType]:
 
 
 def broken_plugins() -> Mapping[str, str]:
-    """Return the errors of installed types that cannot be used, keyed by ``type``."""
+    """Return the errors for installed types that cannot be used, keyed by ``type``."""
     return _installed()[1]
 
 

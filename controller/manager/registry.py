@@ -1,4 +1,4 @@
-"""Keep the loaded controllers and their lifecycle states. The registry does not command any joint."""
+"""Store the loaded controllers and their lifecycle states. The registry does not command any joints."""
 
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
@@ -13,12 +13,12 @@ from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE
 KEPT_TRANSITIONS: Final = 1000
-"""Maximum number of transitions that are kept for a slow reader."""
+"""Maximum number of transitions kept for a slow reader."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A change of a controller from one state to another."""
+    """A change in the state of a controller."""
 
     name: str
     start: LifecycleState
@@ -27,12 +27,12 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class ActiveEntry:
-    """An active controller, with the data that the cycle needs."""
+    """An active controller and the data that the cycle needs."""
 
     spec: ControllerSpec
     controller: Controller
     index: list[int]
-    """Indices of the controller's commands among the commands of the hardware."""
+    """Indices of the controller's commands among the hardware's commands."""
 
 
 class ControllerRegistry:
@@ -46,17 +46,17 @@ class ControllerRegistry:
         """Create an empty registry.
 
         Args:
-            command_interfaces: Command interfaces of the hardware, such as ``joint1/position``, in order.
-            outputs: Command interfaces that move no joint, such as ``lamp/led``.
+            command_interfaces: Command interfaces of the hardware, such as ``joint1/position``, in hardware order.
+            outputs: Command interfaces that do not move any joints, such as ``lamp/led``.
         """
         self.command_interfaces = tuple(command_interfaces)
         self._outputs = frozenset(outputs)
         self.transitions: deque[Transition] = deque(maxlen=KEPT_TRANSITIONS)
-        """Transitions for one reader in another thread, which removes them from the left."""
+        """Transitions for a single reader in another thread, which removes them from the left."""
         self.loaded: Mapping[str, Loaded] = {}
-        """All loaded controllers, keyed by name, in the order of loading."""
+        """All loaded controllers, keyed by name, in loading order."""
         self.running: tuple[ActiveEntry, ...] = ()
-        """The active controllers, in the order of loading."""
+        """The active controllers, in loading order."""
         self.controllers: Mapping[str, Controller] = {}
         """All configured controllers, keyed by name."""
 
@@ -70,7 +70,7 @@ class ControllerRegistry:
         return self.loaded[name].state
 
     def load(self, spec: ControllerSpec) -> None:
-        """Load a controller in the unconfigured state."""
+        """Load a controller without configuring it."""
         if spec.name in self.loaded:
             raise ManagerError(f"A controller named '{spec.name}' was already loaded inside the controller manager")
         self.put(Loaded(spec))
@@ -91,7 +91,7 @@ class ControllerRegistry:
         self.put(Loaded(entry.spec, INACTIVE, controller, index))
 
     def add(self, controller: Controller) -> None:
-        """Load and configure a controller that is already built."""
+        """Load and configure a controller that has already been built."""
         self.load(ControllerSpec(controller.name, controller.kind, controller.parameters))
         self.configure(controller.name, controller)
 
@@ -108,14 +108,15 @@ class ControllerRegistry:
         self._hold({other: entry for other, entry in self.loaded.items() if other != name})
 
     def update_spec(self, spec: ControllerSpec) -> None:
-        """Set the spec that a loaded controller uses from its next configuration on."""
+        """Set the spec that a loaded controller uses from its next configuration onward."""
         if spec.name in self.loaded:
             self._hold({**self.loaded, spec.name: replace(self.loaded[spec.name], spec=spec)})
 
     def changeable(self, name: str, verb: str) -> Loaded:
         """Return a loaded controller. Any thread may call this method.
 
-        Raises ManagerError if the controller is not loaded or is active. ``verb`` names the operation in the message.
+        Raises ManagerError if the controller is not loaded or is active. ``verb`` specifies the operation in the
+        message.
         """
         if name not in self.loaded:
             raise ManagerError(f"Controller '{name}' can not be {verb}: no controller with this name exists")
@@ -124,7 +125,7 @@ class ControllerRegistry:
         return self.loaded[name]
 
     def put(self, entry: Loaded) -> None:
-        """Replace the entry of a controller. Record a transition if its state changes."""
+        """Replace the entry of a controller. Record a transition if the controller's state changes."""
         before = self.loaded.get(entry.name)
         if before is not None and before.state is not entry.state:
             self.transitions.append(Transition(entry.name, before.state, entry.state))

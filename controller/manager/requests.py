@@ -11,7 +11,7 @@ ENDED = "the control loop has ended"
 
 
 class Request(Generic[Result]):
-    """A request from another thread. The loop thread serves it, and any thread may read its state."""
+    """A request from another thread. The loop thread serves the request, and any thread may read its state."""
 
     def __init__(self, action: Callable[[], Result]) -> None:
         self._action = action
@@ -20,10 +20,10 @@ class Request(Generic[Result]):
         self._error: Exception | None = None
 
     def serve(self) -> None:
-        """Serve the request. Other threads poll ``done``, so it is set last."""
+        """Serve the request. Other threads poll ``done``, so it is set after all other fields."""
         try:
             self._result = self._action()
-        except Exception as error:  # ``result`` raises the error in the thread of the client.
+        except Exception as error:  # ``result`` raises the error in the client's thread.
             self._error = error
         self.done = True
 
@@ -41,18 +41,18 @@ class Request(Generic[Result]):
 
 
 class LoopRequests:
-    """Queue of requests that wait for the loop."""
+    """Queue of requests that are waiting for the loop."""
 
     def __init__(self) -> None:
         self.inbox: deque[Request[Any]] = deque()
-        """Waiting requests. The loop may check without the lock whether the queue is empty."""
+        """Waiting requests. The loop may check whether the queue is empty without holding the lock."""
         self._lock = (
             Lock()
         )  # The lock is held only while a request is added or removed, never while a request is served.
         self._ended = False
 
     def ask(self, action: Callable[[], Result]) -> Request[Result]:
-        """Request a call of ``action`` at the start of the next cycle.
+        """Request that the loop call ``action`` at the start of the next cycle.
 
         Any thread may call this method. The call never waits.
         """
@@ -65,12 +65,12 @@ class LoopRequests:
         return request
 
     def serve(self) -> None:
-        """Serve all waiting requests. Call this method in the loop thread."""
+        """Serve all pending requests. Call this method in the loop thread."""
         while request := self._next():
             request.serve()
 
     def end(self) -> None:
-        """Refuse all waiting and later requests. Call this method in the loop thread, after its last cycle."""
+        """Reject all pending and future requests. Call this method in the loop thread, after its last cycle."""
         with self._lock:
             self._ended = True
         while request := self._next():

@@ -1,4 +1,4 @@
-"""Read the sections of a parameter file that apply to the nodes of one namespace, and find the lines of values."""
+"""Read the sections of a parameter file that apply to the nodes of one namespace, and find the line of each value."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from hal.yaml_nodes import YamlFile
 
 @dataclass(frozen=True, slots=True)
 class Sections:
-    """The sections of a file that concern the nodes of one namespace."""
+    """The sections of a file that apply to the nodes of one namespace."""
 
     file: YamlFile
     content: Content
     namespace: str = ""
-    """Absolute namespace such as ``/left``; empty for the root namespace."""
+    """Absolute namespace, such as ``/left``; empty for the root namespace."""
 
     @classmethod
     def read(cls, path: Path, namespace: str, error: type[Exception]) -> "Sections":
@@ -38,18 +38,18 @@ class Sections:
         return self.has(node) or ALL in self.content
 
     def elsewhere(self, node: str) -> bool:
-        """Return whether this node's name appears only in sections for the root namespace."""
+        """Return whether this node's name appears only in sections of the root namespace."""
         return bool(self.namespace) and not self.has(node) and named(self.content, f"/{node}")
 
     def nodes(self) -> Iterator[str]:
-        """Yield the names of the nodes of this namespace that have a section, in the order of the file."""
+        """Yield the names of all nodes in this namespace that have a section, in file order."""
         for pattern in self.content:
             name = pattern.rpartition("/")[2]
             if name.isidentifier() and self.has(name):
                 yield name
 
     def place(self, location: Sequence[int | str]) -> str:
-        """Return the file and line of a value. The location begins with the name of a node."""
+        """Return the file and line of a value. The location starts with the name of a node."""
         node, *rest = location
         places = [location]
         for pattern in self.content:
@@ -60,12 +60,12 @@ class Sections:
 
 @dataclass(frozen=True, slots=True)
 class SectionsWithDefaults:
-    """Finder of the lines of parameters. Default values are in another file."""
+    """Lookup for the line of a parameter. Default values are stored in a different file."""
 
     sections: Sections
     defaults: YamlPlaces
     key: str
-    """Key of the default values in their file."""
+    """Key under which the default values are stored in their file."""
 
     def place(self, location: Sequence[int | str]) -> str:
         """Return the file and line of a value, as ``Sections.place`` does."""

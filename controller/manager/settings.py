@@ -1,4 +1,4 @@
-"""Read the manager's settings of a controller from the controllers file, a service call or the spawner."""
+"""Read the manager's settings for a controller from the controllers file, a service call or the spawner."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ SETTINGS: Final = ("type", "fallback_controllers", "params_file", "node_options_
 
 @dataclass(frozen=True, slots=True)
 class ManagerSettings:
-    """Settings of one controller. An empty setting counts as not set."""
+    """The manager's settings for one controller. An empty setting is treated as not set."""
 
     kind: str = ""
     files: tuple[Path, ...] = ()
@@ -25,18 +25,19 @@ class ManagerSettings:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
-        """Read settings from values without ``setting_mistakes``. Values with other names are ignored."""
+        """Read settings from values for which ``setting_mistakes`` reports no errors. Values with other names are
+        ignored."""
         arguments = values.get("node_options_args")
         return cls(
             values.get("type") or "",
             tuple(Path(path) for path in _texts(values.get("params_file"))),
             _texts(values.get("fallback_controllers")),
-            # A single string is split, as the spawner splits --controller-ros-args.
+            # A single string is split in the same way as the spawner splits --controller-ros-args.
             tuple(arguments.split()) if isinstance(arguments, str) else _texts(arguments),
         )
 
     def over(self, other: "ManagerSettings") -> "ManagerSettings":
-        """Return these settings, with missing values taken from ``other``."""
+        """Return these settings, taking missing values from ``other``."""
         return ManagerSettings(
             self.kind or other.kind,
             self.files or other.files,
@@ -46,14 +47,14 @@ class ManagerSettings:
 
 
 def setting_mistakes(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the name of each setting with an invalid value, and a description of the error."""
+    """Yield the name of each setting that has an invalid value, and a description of the error."""
     for name in SETTINGS:
         if name in values and (mistake := setting_mistake(name, values[name])):
             yield name, mistake
 
 
 def setting_mistake(name: str, value: Any) -> str:
-    """Describe the error in the value of a setting. The text is empty if the value is valid."""
+    """Describe the error in the value of a setting. The description is empty if the value is valid."""
     shown = printable(repr(value))
     if name == "type":
         return (

@@ -15,10 +15,10 @@ NOTHING = "After checking the controllers, no controllers need to be activated o
 
 
 class Strictness(IntEnum):
-    """Strictness of a switch, with the values of the SwitchController service.
+    """Strictness of a switch, using the values of the SwitchController service.
 
-    STRICT fails if any part is impossible. BEST_EFFORT skips impossible parts. AUTO equals BEST_EFFORT, because there
-    are no chained controllers. FORCE_AUTO also deactivates controllers that claim a requested interface.
+    STRICT fails if any part is impossible. BEST_EFFORT skips the impossible parts. AUTO is equivalent to BEST_EFFORT,
+    because there are no chained controllers. FORCE_AUTO also deactivates controllers that claim a requested interface.
     """
 
     BEST_EFFORT = 1
@@ -29,7 +29,7 @@ class Strictness(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A loaded controller: its spec and, after its configuration, the controller object."""
+    """A loaded controller: its spec and, after configuration, the controller object."""
 
     spec: ControllerSpec
     state: LifecycleState = LifecycleState.UNCONFIGURED
@@ -53,12 +53,12 @@ class Loaded:
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Command interfaces of the controller, empty while it is unconfigured."""
+        """Command interfaces of the controller; empty while it is unconfigured."""
         return self.controller.command_interfaces if self.controller else ()
 
     @property
     def states(self) -> tuple[str, ...]:
-        """State interfaces of the controller, empty while it is unconfigured."""
+        """State interfaces of the controller; empty while it is unconfigured."""
         return self.controller.state_interfaces if self.controller else ()
 
 
@@ -79,7 +79,7 @@ class SwitchPlan:
     deactivate: tuple[str, ...]
 
     def summary(self) -> str:
-        """Return the result of the switch, with the same message as in ros2_control."""
+        """Return the result of the switch, using the same message as ros2_control."""
         if not self.activate and not self.deactivate:
             return NOTHING
         parts = (("Deactivated", self.deactivate), ("Activated", self.activate))
@@ -98,16 +98,16 @@ class Interfaces(Protocol):
         ...
 
     def ready(self, interface: str) -> bool:
-        """Return whether a controller can use this command interface now."""
+        """Return whether a controller can currently use this command interface."""
         ...
 
     def measured(self, interface: str) -> bool:
-        """Return whether a controller can use this state interface now."""
+        """Return whether a controller can currently use this state interface."""
         ...
 
 
 def plan_switch(loaded: Loads, request: SwitchRequest, hardware: Interfaces) -> SwitchPlan:
-    """Plan the possible part of a request. Raises SwitchError if nothing may be switched."""
+    """Plan the part of a request that is possible. Raises SwitchError if nothing may be switched."""
     activate, deactivate = dict.fromkeys(request.activate), dict.fromkeys(request.deactivate)
     bad = {name: why for name in deactivate if (why := _why_not_deactivate(loaded, name))}
     bad |= {name: why for name in activate if (why := _why_not_activate(loaded, name, set(deactivate) - set(bad)))}
@@ -123,7 +123,7 @@ def plan_switch(loaded: Loads, request: SwitchRequest, hardware: Interfaces) -> 
 
 
 def taken(loaded: Loads, without: Iterable[str] = ()) -> dict[str, str]:
-    """Map each claimed command interface to its active controller, except for controllers in ``without``."""
+    """Map each claimed command interface to the active controller that claims it, except controllers in ``without``."""
     excluded = set(without)
     return {
         claim: entry.name

@@ -1,1 +1,1 @@
-"""Teaching by hand: the user moves the compliant arm, and the recorded motion becomes a trajectory."""
+"""Teaching by hand: the user moves the compliant arm, and the recorded motion is converted to a trajectory."""

@@ -1,4 +1,4 @@
-"""Let the user move the joints of an arm by hand. A joint holds its position until a hand moves it."""
+"""Let the user move the joints of an arm by hand. Each joint holds its position until it is moved by hand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,42 +18,42 @@ SMOOTHED_S: Final = 0.04
 LED_RAD_S: Final = 1.0
 """Maximum shaft speed at which servo lag is compensated, in rad/s.
 
-A servo that lags less than its known lag must not mistake the compensation for a push and keep moving.
+A servo whose actual lag is shorter than its known lag must not mistake the compensation for a push and keep moving.
 """
 
 
 SLACK: Final = 0.15
-"""Fraction of a servo's full drive with which a free joint resists the hand, in addition to gear friction."""
+"""Fraction of a servo's full drive with which a free joint resists motion by hand, in addition to gear friction."""
 
 
 @dataclass(frozen=True, slots=True)
 class GuidedJoint:
-    """A joint that a hand may move, in rad or m."""
+    """A joint that may be moved by hand, in rad or m."""
 
     joint: str
     limits: JointLimits
     slack: float
-    """Maximum distance of the set point from the measured position while no hand moves the joint."""
+    """Maximum distance of the set point from the measured position while the joint is not moved by hand."""
     compliance: Compliance | None = None
-    """Compliance and lag of the servo. None means that the servo follows at once."""
+    """Compliance and lag of the servo. None means that the servo follows immediately."""
     transmission: float = 1.0
     """Joint units per radian of the servo's shaft."""
 
 
 def guided_joint(joint: Joint) -> GuidedJoint:
-    """Describe a joint that a hand may move. The servo of the joint pulls with at most ``SLACK`` of its full drive."""
+    """Describe a joint that may be moved by hand. The joint's servo pulls with at most ``SLACK`` of its full drive."""
     slack = SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
     return GuidedJoint(joint.name, joint.limits, slack, joint.compliance, joint.transmission)
 
 
 class FreedriveController:
-    """Controller that lets a hand move the joints.
+    """Controller that allows the joints to be moved by hand.
 
-    The set point of a joint stays constant while the joint is within the slack, so the servo acts as a slipping brake.
-    A push that is weaker than the servo's pull at this error does not move the joint further. A stronger push moves the
-    joint, which then stays where the hand leaves it.
+    A joint's set point stays constant while the joint is within the slack, so the servo acts like a slipping brake. A
+    push that is weaker than the servo's pull at this error does not move the joint further. A stronger push moves the
+    joint, which then stays where the user leaves it.
 
-    The gravity compensation of the hardware carries the weight of the links. The joints are held until this
+    The hardware's gravity compensation carries the weight of the links. The joints are held until the gravity
     compensation has faded in.
     """
 
@@ -67,11 +67,11 @@ class FreedriveController:
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.holds = False
-        """Whether the joints must be held at their positions. Another thread sets this flag."""
+        """Whether the joints must hold their positions. This flag is set by another thread."""
         self.held = False
-        """Whether the joints are held because of ``holds``."""
+        """Whether the joints are being held because of ``holds``."""
         self.free = False
-        """Whether the joints yield to a hand."""
+        """Whether the joints can be moved by hand."""
         self._index = indices(self.joints, hardware_joints)
         self._slack = np.array([guided.slack for guided in joints])
         self._lower, self._upper = np.array([(guided.limits.lower, guided.limits.upper) for guided in joints]).T
@@ -108,13 +108,14 @@ class FreedriveController:
         self.command = self.command + np.clip(near - self.command, -reach, reach)
 
     def _update_velocity(self, measured: FloatArray, period_s: float) -> None:
-        """Update the velocities. A joint that lacks a measurement now or in the previous cycle counts as at rest."""
+        """Update the velocities. A joint that is not measured now or was not measured in the previous cycle counts as
+        at rest."""
         moved = np.full_like(measured, np.nan) if self._last is None else measured - self._last
         self._velocity += (np.nan_to_num(moved) / period_s - self._velocity) * min(1.0, period_s / SMOOTHED_S)
         self._last = measured
 
     def _lead(self, period_s: float) -> FloatArray:
-        """Return the distances (n,) that the joints move until their servos act on the new set points.
+        """Return the distances (n,) that the joints will move before their servos act on the new set points.
 
         Without this lead, the set points would hold the joints back.
         """

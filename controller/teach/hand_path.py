@@ -1,4 +1,4 @@
-"""Convert a recorded hand motion to a path: remove the shaking and keep only the necessary knots."""
+"""Convert a recorded hand motion to a path: remove hand tremor and keep only the necessary knots."""
 
 import math
 from collections.abc import Sequence
@@ -13,26 +13,26 @@ from hal.types import FloatArray, JointLimits
 GRID_S: Final = 0.02
 """Time between two samples of a path during processing, in seconds."""
 WINDOW: Final = 15
-"""Number of samples over which the shaking of a hand (about 10 Hz) is averaged. A reversal within 0.3 s keeps its size.
+"""Number of samples over which hand tremor (about 10 Hz) is averaged. A reversal within 0.3 s keeps its amplitude.
 """
 ORDER: Final = 3
-"""Order of the polynomials that approximate the motion of a hand."""
+"""Order of the polynomials that approximate the hand motion."""
 TOLERANCE: Final = 0.001
-"""Maximum deviation of the thinned path from the smooth path, as a fraction of a joint's range. It corresponds to 0.2
-degrees, or two encoder counts.
+"""Maximum deviation of the thinned path from the smooth path, as a fraction of a joint's range. This deviation
+corresponds to 0.2 degrees, or two encoder counts.
 """
 STIRS: Final = 0.003
 """Maximum motion of a joint that counts as at rest, as a fraction of its range."""
 BEFORE_S: Final = 0.3
-"""Time at rest that is kept before the first and after the last motion, in seconds."""
+"""Time at rest to keep before the first and after the last motion, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandPath:
-    """A path through m knots for n joints, with a cubic between adjacent knots.
+    """A path through m knots for n joints, with a cubic between consecutive knots.
 
-    ``times_s`` (m,) starts at 0 and is strictly increasing. ``position`` and ``velocity`` (m, n) are in rad or m, and
-    per second.
+    ``times_s`` (m,) starts at 0 and is strictly increasing. ``position`` (m, n) is in rad or m, and ``velocity`` (m, n)
+    is in rad/s or m/s.
     """
 
     times_s: FloatArray
@@ -50,21 +50,21 @@ class HandPath:
         return _cubic(self, index, index + 1, times_s)
 
     def knot_before(self, time_s: float) -> int:
-        """Return the index of the knot at which the cubic for this time starts."""
+        """Return the index of the knot at which the cubic that contains this time starts."""
         return int(self._knots_before(np.array([time_s]))[0])
 
     def _knots_before(self, times_s: FloatArray) -> np.ndarray:
         return np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.times_s) - 2)
 
     def sampled(self, step_s: float = GRID_S) -> Self:
-        """Return the same path with a knot about every ``step_s``."""
+        """Return the same path with knots approximately ``step_s`` apart."""
         times_s = np.linspace(0.0, self.duration_s, max(2, round(self.duration_s / step_s) + 1))
         return type(self)(times_s, *self.at(times_s))
 
     def divided(self, least: int) -> Self:
         """Return the same path with at least ``least`` knots.
 
-        Each segment between two knots gets the same number of new knots.
+        Each segment between two knots is divided by the same number of new knots.
         """
         parts = math.ceil((least - 1) / (len(self.times_s) - 1))
         places = np.linspace(0.0, len(self.times_s) - 1.0, parts * (len(self.times_s) - 1) + 1)
@@ -72,9 +72,10 @@ class HandPath:
         return type(self)(times_s, *self.at(times_s))
 
     def thinned(self, tolerance: FloatArray) -> Self:
-        """Return the path without unnecessary knots. The new path passes each removed knot within ``tolerance`` (n,).
+        """Return the path without unnecessary knots. The new path passes within ``tolerance`` (n,) of each removed
+        knot.
 
-        This is the Douglas-Peucker algorithm with cubics as chords.
+        This is the Douglas-Peucker algorithm with cubics instead of straight chords.
         """
         kept = {0, len(self.times_s) - 1}
         open_spans = [(0, len(self.times_s) - 1)]
@@ -106,14 +107,14 @@ def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatAr
 
 
 def tolerances(limits: Sequence[JointLimits], share: float = TOLERANCE) -> FloatArray:
-    """Return a fraction of each joint's range (n,), in rad or m."""
+    """Return the given fraction of each joint's range (n,), in rad or m."""
     return share * np.array([limit.upper - limit.lower for limit in limits])
 
 
 def path_of(times_s: FloatArray, position: FloatArray, limits: Sequence[JointLimits]) -> HandPath | None:
     """Return the path of a recording, or None if no joint moved.
 
-    Rest before and after the motion is removed, and positions outside the limits are clipped.
+    Rest periods before and after the motion are removed, and positions outside the limits are clipped.
 
     Args:
         times_s: Times of the k samples, which need not be evenly spaced.
@@ -130,7 +131,7 @@ def kept_inside(path: HandPath, limits: Sequence[JointLimits]) -> HandPath:
     """Clip a path to the limits.
 
     Next to clipped knots, the velocity is limited to three times the smaller slope at the knot (Fritsch and Carlson),
-    so that the cubics do not swing beyond the limits.
+    so that the cubics do not overshoot the limits.
     """
     position = inside(path.position, limits)
     slopes = np.pad(np.diff(position, axis=0) / np.diff(path.times_s)[:, None], ((1, 1), (0, 0)))
@@ -144,7 +145,7 @@ def kept_inside(path: HandPath, limits: Sequence[JointLimits]) -> HandPath:
 
 
 def movement(times_s: FloatArray, position: FloatArray, stirs: FloatArray) -> slice | None:
-    """Return the samples from the first to the last motion of more than ``stirs`` (n,), plus ``BEFORE_S`` around them.
+    """Return the samples from the first to the last motion larger than ``stirs`` (n,), plus ``BEFORE_S`` on each side.
 
     Returns None if no joint moved.
     """
@@ -158,7 +159,8 @@ def movement(times_s: FloatArray, position: FloatArray, stirs: FloatArray) -> sl
 
 
 def smoothed(times_s: FloatArray, position: FloatArray) -> HandPath:
-    """Resample at even times from 0 on and smooth with a Savitzky-Golay filter. The path is at rest at both ends."""
+    """Resample at evenly spaced times starting at 0 and smooth with a Savitzky-Golay filter. The path is at rest at
+    both ends."""
     since_s = times_s - times_s[0]
     even_s = np.linspace(0.0, since_s[-1], max(2, round(since_s[-1] / GRID_S) + 1))
     even = np.stack([np.interp(even_s, since_s, column) for column in position.T], axis=1)
@@ -184,13 +186,13 @@ def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 
 
 def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if all are within."""
+    """Return the maximum distance (n,) by which positions (k, n) exceed the limits, in rad or m; 0 if none does."""
     most: FloatArray = excess(position, limits).max(axis=0)
     return most
 
 
 def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the distance (k, n) of each position beyond the limits, in rad or m.
+    """Return the distance (k, n) by which each position exceeds the limits, in rad or m.
 
     The distance is 0 for positions within the limits.
     """

@@ -1,4 +1,4 @@
-"""Slow down a taught path to a requested speed and to the limits of the joints."""
+"""Slow down a taught path to a requested speed and to the joint limits."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,18 +12,18 @@ from controller.trajectory.paths import FEW
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.9
-"""Fraction of the velocity and acceleration limits for paths. Lag compensation and smoothing need the rest."""
+"""Fraction of the velocity and acceleration limits that paths may use. Lag compensation and smoothing need the
+remaining fraction."""
 LEAST: Final = FEW + 2
-"""Minimum number of knots of a path, including the first."""
+"""Minimum number of knots in a path, including the first knot."""
 SPREAD: Final = 8
 """Number of samples before and after a slowed sample over which the speed changes gradually."""
 
 
 def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandPath:
-    """Return the path at ``speed`` (0 to 1) times the speed of the hand.
+    """Return the path, executed at ``speed`` (0 to 1) times the speed of the hand.
 
-    At points where a joint would exceed its limits, all joints slow down together. The path itself is kept within the
-    limits.
+    Where a joint would exceed its limits, all joints slow down together. The path itself is kept within the limits.
     """
     even = path.sampled(GRID_S * speed)
     times_s, velocity = even.times_s / speed, even.velocity * speed
@@ -34,7 +34,7 @@ def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandP
 
 
 def _needed(times_s: FloatArray, velocity: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the factors (k,) by which the time at each sample must be stretched to keep the limits of all joints."""
+    """Return the time-stretch factors (k,) at each sample that keep all joints within their limits."""
     fastest = SHARE * np.array([limit.velocity for limit in limits])
     strongest = SHARE * np.array([limit.acceleration for limit in limits])
     acceleration = np.gradient(velocity, times_s, axis=0)
@@ -45,7 +45,7 @@ def _needed(times_s: FloatArray, velocity: FloatArray, limits: Sequence[JointLim
 
 
 def _spread(needed: FloatArray) -> FloatArray:
-    """Return a smooth curve (k,) that is nowhere below ``needed`` (k,)."""
+    """Return a smooth curve (k,) that is never below ``needed`` (k,)."""
     width = 2 * SPREAD + 1
     largest = sliding_window_view(np.pad(needed, SPREAD, mode="edge"), width).max(axis=1)
     smooth: FloatArray = sliding_window_view(np.pad(largest, SPREAD, mode="edge"), width).mean(axis=1)
@@ -53,9 +53,9 @@ def _spread(needed: FloatArray) -> FloatArray:
 
 
 def goal_points(path: HandPath, limits: Sequence[JointLimits]) -> tuple[GoalPoint, ...]:
-    """Return the knots after the first as points of a trajectory goal. The joints start at the first knot.
+    """Return all knots except the first as points of a trajectory goal. The joints start at the first knot.
 
-    The trajectory has more points than the planner accepts for ruckig, so that the planner uses a smoothed spline.
+    The trajectory has more points than the planner accepts for ruckig, which makes the planner use a smoothed spline.
     """
     thin = path.thinned(tolerances(limits)).divided(LEAST)
     rows = zip(thin.times_s[1:], thin.position[1:], thin.velocity[1:], strict=True)

@@ -14,16 +14,18 @@ from hal.compensation.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 
 LEAP_RAD_S: Final = 20.0
-"""Maximum plausible speed of the leader, in rad/s. A hand cannot turn a joint faster, so a higher speed is an error."""
+"""Maximum plausible speed of the leader, in rad/s. A joint cannot be turned faster by hand, so a higher speed indicates
+an error."""
 FAR_OUTSIDE: Final = 0.05
 """Maximum distance beyond a limit, as a fraction of the joint's range.
 
-Both arms have mechanical stops at their limits, so a larger distance shows a wrong calibration.
+Both arms have mechanical stops at their limits, so a larger distance indicates a wrong calibration.
 """
 FULL_SPEED_S: Final = 1.0
-"""Time the follower's speed limit takes to rise to its maximum after the follower joins the leader, in seconds."""
+"""Time in which the follower's speed limit rises to its maximum after joining the leader, in seconds."""
 SMOOTHED_S: Final = 0.04
-"""Time constant of the filter for the leader's velocity, in seconds. The velocity compensates for servo lag."""
+"""Time constant of the filter for the leader's velocity, in seconds. The filtered velocity is used to compensate for
+servo lag."""
 
 
 class FollowerPhase(StrEnum):
@@ -36,7 +38,7 @@ class FollowerPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FollowedJoint:
-    """A joint of the follower. The target of the joint is ``offset + gain * leader``, in rad or m."""
+    """A joint of the follower. The joint's target is ``offset + gain * leader``, in rad or m."""
 
     joint: str
     leader: str
@@ -48,7 +50,7 @@ class FollowedJoint:
 
 
 def _beyond(followed: FollowedJoint, wanted: float) -> str:
-    """Return the error for a leader joint that is far outside the follower's limits."""
+    """Return the error message for a leader joint that is far outside the follower's limits."""
     lower, upper = followed.limits.lower, followed.limits.upper
     return (
         f"{followed.leader} would move {followed.joint} to {wanted:.3f}, outside its limits {lower:.3f} to "
@@ -57,7 +59,7 @@ def _beyond(followed: FollowedJoint, wanted: float) -> str:
 
 
 class LeaderFollowerController:
-    """Controller of a follower arm.
+    """Controller for a follower arm.
 
     The follower joins its leader slowly and then follows the leader's motion. The follower holds its position in every
     cycle in which motion is not allowed or a leader joint is not measured. After such a cycle, the follower joins the
@@ -67,22 +69,23 @@ class LeaderFollowerController:
     kind: ClassVar[str] = "servoloop/LeaderFollowerController"
 
     def __init__(self, name: str, joints: Sequence[FollowedJoint], hardware_joints: Sequence[str]) -> None:
-        """Create a controller. ``hardware_joints`` are the joints of both arms, in the order of the measurements."""
+        """Create a controller. ``hardware_joints`` are the joints of both arms, in measurement order."""
         self.name = name
         self.parameters = Parameters()
         self.command_interfaces = position_interfaces(followed.joint for followed in joints)
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
-        """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
+        """Whether the follower is allowed to move. Another thread sets this flag when the operator allows motion."""
         self.phase = FollowerPhase.HOLDING
         self.reason = ""
-        """Reason why the follower holds its position although it may move."""
+        """Reason why the follower holds its position although it is allowed to move."""
         self.joints = tuple(joints)
         self.wanted: FloatArray = np.full(len(joints), np.nan)
-        """Positions (n,) that the leader requests, before the limits apply. NaN if the leader is not measured."""
+        """Positions (n,) requested by the leader, before the limits are applied. The positions are NaN if the leader is
+        not measured."""
         self.beyond: Mapping[str, str] = {}
-        """Errors of joints that the leader would move far outside their limits, keyed by the follower's joint name."""
+        """Errors for joints that the leader would move far outside their limits, keyed by the follower's joint name."""
         self._leader = indices([followed.leader for followed in joints], hardware_joints)
         self._limits = tuple(followed.limits for followed in joints)
         self._lower = np.array([followed.limits.lower for followed in joints])
@@ -130,7 +133,7 @@ class LeaderFollowerController:
             self._follow(target, period_s)
 
     def _check_limits(self) -> None:
-        """Record which joints the leader would move far outside their limits."""
+        """Record which joints would be moved far outside their limits by the leader."""
         slack = FAR_OUTSIDE * (self._upper - self._lower)
         far = (self.wanted < self._lower - slack) | (self.wanted > self._upper + slack)
         if not far.any() and not self.beyond:
@@ -142,7 +145,7 @@ class LeaderFollowerController:
         }
 
     def _unfit(self, state: JointState, leader: FloatArray, period_s: float) -> str:
-        """Return the reason why the leader cannot be followed in this cycle, or an empty string."""
+        """Return the reason why the leader cannot be followed in this cycle; an empty string if it can."""
         for followed in self.joints:
             if followed.leader in state.faults:
                 return state.faults[followed.leader].text
@@ -170,7 +173,7 @@ class LeaderFollowerController:
     def _follow(self, target: FloatArray, period_s: float) -> None:
         """Follow the leader within the speed limit.
 
-        The command is ahead of the leader by the period and the lag of the servos.
+        The command leads the leader's position by one period plus the servo lag.
         """
         lag_s, profile_acceleration, _ = self._lags
         velocity = np.clip(self._velocity, -self._fastest, self._fastest)

@@ -11,14 +11,14 @@ from hal.types import FloatArray, JointLimits
 SHARE: Final = 0.25
 """Fraction of each joint's velocity limit that the ramp uses."""
 JOINED: Final = 0.01
-"""Maximum distance at which a joint has joined its leader, as a fraction of the joint's range."""
+"""Maximum distance from its leader at which a joint counts as joined, as a fraction of the joint's range."""
 
 
 class RampIn:
-    """A ramp to the leader, computed online by ruckig. Arrays have shape (n,), in rad or m."""
+    """A ramp to the leader's position, computed online by ruckig. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, command: FloatArray, limits: Sequence[JointLimits], period_s: float) -> None:
-        """Start at ``command``, at which the follower is at rest."""
+        """Start at ``command``, where the follower is at rest."""
         count = len(limits)
         self._ruckig = Ruckig(count, period_s)
         self._task, self._output = InputParameter(count), OutputParameter(count)
@@ -31,11 +31,11 @@ class RampIn:
         self.command = command
 
     def step(self, target: FloatArray) -> None:
-        """Move towards the target for one period. Raises ArithmeticError if ruckig finds no motion."""
+        """Move toward the target for one period. Raises ArithmeticError if ruckig cannot find a motion."""
         self._task.target_position = target.tolist()
         result = self._ruckig.update(self._task, self._output)
         if result not in (Result.Working, Result.Finished):
-            raise ArithmeticError(f"no motion to the leader's pose found ({result.name})")
+            raise ArithmeticError(f"no motion to the leader's pose was found ({result.name})")
         self._output.pass_to_input(self._task)
         self.command = np.array(self._output.new_position)
 

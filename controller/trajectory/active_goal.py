@@ -25,42 +25,42 @@ that is further away may still be approaching its reference.
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """Data of one controller cycle. Arrays have shape (n,)."""
+    """Data for one controller cycle. Arrays have shape (n,)."""
 
     state: JointState
     reference: Kinematics
     measured: FloatArray
     """Measured positions."""
     measured_before: FloatArray
-    """Measured positions of the previous cycle."""
+    """Measured positions in the previous cycle."""
     velocity: FloatArray
     """Measured velocities."""
     error: FloatArray
-    """Position error: reference minus measurement."""
+    """Position error, which is the reference minus the measurement."""
     error_before: FloatArray
-    """Position error of the previous cycle."""
+    """Position error in the previous cycle."""
     step_s: float
     period_s: float
     parameters: TrajectoryParameters
     tolerances: Tolerances
-    """Default tolerances for goals without tolerances."""
+    """Default tolerances for goals that do not specify any."""
     waits: bool
-    """Whether the trajectory waits for joints that are not measured or still move to a late command."""
+    """Whether the trajectory is waiting for joints that are not measured or are still moving to a late command."""
 
     @property
     def confirmed(self) -> FloatArray:
         """Median (n,) of this reading, the previous reading and the reference.
 
-        The median rejects a single false reading.
+        The median rejects a single wrong reading.
         """
         position: FloatArray = np.median([self.measured, self.measured_before, self.reference.position], axis=0)
         return position
 
     @property
     def confirmed_error(self) -> FloatArray:
-        """The smaller error (n,) of this reading and the previous reading, because either reading may be false.
+        """The smaller error (n,) of this reading and the previous reading, because one of the readings may be wrong.
 
-        If the two errors differ in sign, the result is 0.
+        If the two errors have opposite signs, the result is 0.
         """
         agree = self.error * self.error_before > 0.0
         smaller = np.sign(self.error) * np.minimum(np.abs(self.error), np.abs(self.error_before))
@@ -80,19 +80,19 @@ class ActiveGoal:
     """Time since the cycle for which the goal was planned, in seconds."""
     begun: bool = False
     recall_s: float = 0.0
-    """Remaining time in which the started goal can still be made to wait, in seconds."""
+    """Remaining time in which the started goal can still be put back into the waiting state, in seconds."""
     ending: GoalResult | None = None
-    """Result to report after the joints have come to rest."""
+    """Result to report when the joints have come to rest."""
     rest: Rest | None = None
-    """Rest detector for joints within the goal tolerance. None until the joints reach the tolerance."""
+    """Rest detector for joints within the goal tolerance. None until the joints are within the tolerance."""
     near_s: float = 0.0
-    """Time the joints have been within the goal tolerance, in seconds."""
+    """Time for which the joints have been within the goal tolerance, in seconds."""
 
     def settles(self, now: Cycle, still: FloatArray) -> bool:
         """Return whether joints within the goal tolerance are at rest, or have had enough time to come to rest.
 
-        ``still`` (n,) is the largest change of position that does not count as motion. The next goal is planned from
-        the measured positions. Joints that follow exactly are at rest when their reference is at rest.
+        ``still`` (n,) is the largest change in position that does not count as motion. The next goal is planned from
+        the measured positions. Joints that follow exactly are at rest as soon as their reference is at rest.
         """
         self.rest = self.rest or Rest(still)
         self.rest.update(now.measured, now.step_s)
@@ -103,10 +103,10 @@ class ActiveGoal:
         return bool(rests.all()) or self.near_s > LONGEST_REST_S
 
     def off_path(self, joints: Sequence[str], now: Cycle) -> GoalResult | None:
-        """Return the result if a joint is further off the path than its servo may lag, or else None.
+        """Return the result if a joint is further from the path than its servo may lag, or None otherwise.
 
         A servo at full power may fall behind a fast path, but its joint moves along the path. A blocked joint does not
-        move, so the tolerance for joints at rest applies to it.
+        move, so the tolerance for joints at rest is used for it.
         """
         wanted, moves, lag_time_s = now.reference.velocity, now.velocity, self.tolerances.lag_time_s
         along = np.where(wanted * moves > 0.0, np.minimum(np.abs(wanted), np.abs(moves)), 0.0)

@@ -1,4 +1,4 @@
-"""Execute the goals of a trajectory controller one after the other, each from its start to its result."""
+"""Execute a trajectory controller's goals one after another, each from its start to its result."""
 
 import logging
 from collections import deque
@@ -29,11 +29,12 @@ from hal.fault_timeout import FaultTimeout
 LOG = logging.getLogger("servoloop.controller")
 
 LATE_S: Final = 0.001
-"""Minimum delay of the first cycle at which the controller plans the motion to the first point again, in seconds."""
+"""Minimum delay of the first cycle at which the controller replans the motion to the first point, in seconds."""
 RECALL_S: Final = 0.05
-"""Maximum time after its start at which a goal can still be made to wait, in seconds. The minimum is one cycle.
+"""Maximum time after its start at which a goal can still be put back into the waiting state, in seconds. The minimum
+value is one cycle.
 
-A command sent to another controller at the same instant as the goal may arrive just after the goal. The arm has hardly
+A command sent to another controller at the same time as the goal may arrive just after the goal. The arm has hardly
 moved by then.
 """
 
@@ -51,7 +52,7 @@ class GoalExecution:
         self._relief = Relief(name, joints, sampler)
         self._stretches = StretchLog(name)
         self._unmeasured = FaultTimeout(self._joints)
-        """Fault timeout for joints that are relieved without a goal."""
+        """Fault timeout for joints that are being relieved without a goal."""
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
@@ -70,11 +71,11 @@ class GoalExecution:
 
     @property
     def idle(self) -> bool:
-        """Whether no goal is active or queued."""
+        """Whether no goals are active or queued."""
         return self.active is None and not self._inbox
 
     def end(self, reason: str = "") -> None:
-        """Abort all goals, because the controller is deactivated. ``reason`` is added to the result text."""
+        """Abort all goals, because the controller is being deactivated. ``reason`` is added to the result text."""
         text = f"{DEACTIVATED} {reason}".rstrip()
         if self.active:
             self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
@@ -91,7 +92,7 @@ class GoalExecution:
     def relieve(self, now: Cycle) -> bool:
         """Run one cycle of the relief. Return whether another cycle is needed.
 
-        A limp joint is still measured, and its neighbors may press against an obstacle.
+        A limp joint is still measured, and its neighbors may be pressing against an obstacle.
         """
         faults = now.state.faults
         gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
@@ -125,13 +126,14 @@ class GoalExecution:
                 continue
             if self.active and self.active.handle is handle:
                 self._halt(now)
-            # The copy is needed because other threads may append at the same time.
+            # The copy is needed because other threads may append goals at the same time.
             for waiting in [entry for entry in tuple(self._inbox) if entry[0] is handle]:
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
     def _replace_by(self, handle: GoalHandle, now: Cycle) -> None:
-        """Let a queued goal that is canceled replace the goals before it. Otherwise, those goals would continue."""
+        """If a queued goal is canceled, let it replace the goals before it. Otherwise, the earlier goals would
+        continue."""
         queued = [waiting for waiting, _ in tuple(self._inbox)]
         if handle not in queued or (self.active is None and queued[0] is handle):
             return
@@ -145,14 +147,15 @@ class GoalExecution:
         self.active = None
 
     def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle, fault: str | None) -> None:
-        """Report the result after the joints are at rest. The client may plan its next goal from their positions."""
+        """Report the result when the joints are at rest. The client may plan its next goal from the positions of the
+        resting joints."""
         if fault:
-            LOG.error("%s: the goal finishes before its joints are measured at rest: %s", self._name, fault)
+            LOG.error("%s: the goal ends before its joints have been measured at rest: %s", self._name, fault)
         if fault or self._relief.done:
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
-        """Stop the joints, because the active goal has finished before the end of its path."""
+        """Stop the joints, because the active goal ended before the end of its path."""
         self.active = None
         if now.parameters.constraints.decelerate_on_cancel:
             self._brake(now)
@@ -160,7 +163,7 @@ class GoalExecution:
             self._sampler.hold(now.confirmed)
 
     def _brake(self, now: Cycle) -> None:
-        """Stop on the path, then relieve joints that press against an obstacle."""
+        """Stop along the path, then relieve joints that press against an obstacle."""
         self._sampler.stop(now.reference, now.parameters, along=True)
         self._relief.begin()
 
@@ -169,12 +172,12 @@ class GoalExecution:
             handle, plan = self._inbox.popleft()
             active = self._activate(handle, plan, now)
             if self._inbox:
-                continue  # A newer goal in the queue replaces this goal at once.
-            # A trajectory on the topic may belong to a stream. If every trajectory of a stream waited, the arm would
-            # never move.
+                continue  # A newer goal in the queue replaces this goal immediately.
+            # A trajectory received on the topic may be part of a stream. If every trajectory in a stream waited, the
+            # arm would never move.
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
-                # The first cycle does not count, because the other controllers cannot have changed yet.
+                # The first cycle is not counted, because the other controllers cannot have changed yet.
                 active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
                 self._begin(active, now)
             else:
@@ -198,7 +201,7 @@ class GoalExecution:
             return default
 
     def _begin(self, active: ActiveGoal, now: Cycle) -> None:
-        # A stamp is an absolute time, so the time spent waiting counts toward the trajectory.
+        # A stamp is an absolute time, so the waiting time counts as part of the trajectory.
         waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
         try:
             path = active.plan.join(now.reference, waited_s)
@@ -224,14 +227,14 @@ class GoalExecution:
             self._finish(active, found, now)
 
     def _result(self, active: ActiveGoal, path: Path, now: Cycle) -> GoalResult | None:
-        """Return the result of the goal, or None while it continues or waits."""
+        """Return the result of the goal, or None while the goal is still running or waiting."""
         if now.waits:
             return None
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
             found = result_at_end(self._joints, active.tolerances, path, after_end_s, now.error)
             if found and not found.stop and not now.state.faults.keys().isdisjoint(self._joints):
-                return None  # The last known position of an unmeasured joint does not show that it has arrived.
+                return None  # The last known position of an unmeasured joint does not prove that the joint has arrived.
             return found if found is None or found.stop or active.settles(now, self._sampler.still) else None
         if excess(self._joints, now.error, active.tolerances.path, now.state.faults):
             return active.off_path(self._joints, now)
@@ -247,14 +250,14 @@ class GoalExecution:
         return all(map(self._others_settled, now.parameters.wait_for))
 
     def _recalled(self, active: ActiveGoal, now: Cycle) -> bool:
-        """Return whether a goal that has just started must wait after all."""
+        """Return whether a goal that has just started must be put back into the waiting state."""
         active.recall_s -= now.step_s
         active.waited_s += now.step_s
         active.begun = self._ready(now)
         return not active.begun
 
     def _wait(self, active: ActiveGoal, now: Cycle) -> None:
-        """Start the goal when the other controllers have settled, or when the wait times out."""
+        """Start the goal when the other controllers have settled or when the wait times out."""
         ready = self._ready(now)
         late = active.waited_s >= now.parameters.wait_for_timeout
         if late and not ready:

@@ -1,6 +1,6 @@
 """Define a trajectory goal and its handle, and check goals before the arm moves.
 
-If ros2_control has the same check, the text of the rejection is the same.
+If ros2_control performs the same check, the rejection message is the same.
 """
 
 import math
@@ -15,19 +15,21 @@ from controller.trajectory.tolerances import Tolerances
 from hal.types import AT_LIMIT, FloatArray, JointLimits, apart, beyond_range
 
 LARGEST_GOAL: Final = 5_000
-"""Maximum number of points of one goal. The ROS thread prepares this many points in a few tenths of a second."""
+"""Maximum number of points in one goal. The ROS thread prepares this many points in a few tenths of a second."""
 LONGEST_GOAL_S: Final = 3_600.0
-"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually means a wrong stamp.
+"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually indicates a wrong
+stamp.
 """
 ROUNDING: Final = 1e-6
-"""Fraction by which a value may exceed a limit. Planners use limits fully and have rounding errors (MoveIt: 1e-13)."""
+"""Fraction by which a value may exceed a limit. Planners use the full limits and have rounding errors (MoveIt:
+1e-13)."""
 STANDS_STILL: Final = 1.19e-7
 """Maximum final velocity that counts as zero, as in ros2_control."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalPoint:
-    """One waypoint, in the joint order of the client. Times are in seconds from the start of the trajectory."""
+    """One waypoint, in the client's joint order. Times are in seconds from the start of the trajectory."""
 
     positions: tuple[float, ...]
     time_from_start_s: float
@@ -38,19 +40,19 @@ class GoalPoint:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
-    """A goal from a client. ``delay_s`` is the stamp of the goal relative to now; 0 means now."""
+    """A goal from a client. ``delay_s`` is the goal's stamp relative to the current time; 0 means now."""
 
     joints: tuple[str, ...]
     points: tuple[GoalPoint, ...]
     tolerances: Tolerances = field(default_factory=Tolerances)
     delay_s: float = 0.0
     from_topic: bool = False
-    """Whether the goal came from the topic, so that no client waits for its result."""
+    """Whether the goal was received on the topic, so that no client is waiting for its result."""
     next_cycle_s: float = 0.0
     """Time from now to the cycle in which the goal can start, in seconds."""
     begins_s: float | None = None
     """Time of the cycle in which the goal can start, on the loop's clock, in seconds. None means that the goal is never
-    late.
+    considered late.
     """
 
     @property
@@ -82,7 +84,7 @@ class GoalHandle:
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """Special kinds of goals that the parameters of a controller allow."""
+    """Special types of goals that a controller's parameters allow."""
 
     partial: bool = False
     integration: bool = False
@@ -105,10 +107,10 @@ def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allow
 def limits_reason(
     goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits], stands: Sequence[FloatArray] = ()
 ) -> str | None:
-    """Describe the first point beyond a limit, or return None if all points are within the limits.
+    """Describe the first point that exceeds a limit, or return None if all points are within the limits.
 
-    ``stands`` holds the measured and the commanded positions (n,) of the joints. A joint at or beyond a limit may start
-    from its position. The plan moves such points to the limit.
+    ``stands`` contains the measured and the commanded positions (n,) of the joints. A joint that is at or beyond a
+    limit may start from its current position. The plan moves points beyond a limit to that limit.
     """
     by_name = dict(zip(joints, limits, strict=True))
     ends = {name: _ends(by_name[name], [float(at[i]) for at in stands]) for i, name in enumerate(joints)}
@@ -128,7 +130,7 @@ def limits_reason(
 
 
 def _ends(limit: JointLimits, stands: Sequence[float]) -> tuple[float, float]:
-    """Return the lowest and the highest position that a point may have."""
+    """Return the lowest and the highest position that a point may specify."""
     slack = AT_LIMIT * (limit.upper - limit.lower)
     lower, upper = min(stands, default=math.inf), max(stands, default=-math.inf)
     return (

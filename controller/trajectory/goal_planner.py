@@ -1,7 +1,7 @@
-"""Plan a goal in the thread that accepts goals, before the arm moves.
+"""Plan a goal in the thread that accepts it, before the arm moves.
 
-A plan starts from the current joint positions. If the joints have moved when the goal starts, the loop thread
-plans the motion to the first point again and joins the rest of the plan.
+A plan starts from the current joint positions. If the joints have moved when the goal starts, the loop thread replans
+the motion to the first point and then joins the rest of the plan.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,17 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time (s) that moving, jerk-limited joints need to reach another path. A point beyond twice this time is far away."""
+"""Time (s) that moving, jerk-limited joints need to join a different path. A point further ahead than twice this time
+counts as far away."""
 
 
 class GoalRejected(Exception):
-    """A goal is rejected. The message is sent to the client."""
+    """A goal is rejected. The error message is sent to the client."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalPlanner:
-    """Planner that checks and plans the goals of one controller. ``endless`` holds the indices of continuous joints."""
+    """Planner that checks and plans goals for one controller. ``endless`` contains the indices of continuous joints."""
 
     joints: tuple[str, ...]
     limits: tuple[JointLimits, ...]
@@ -70,13 +71,13 @@ class GoalPlanner:
         return plan
 
     def warm_up(self) -> None:
-        """Plan a dummy goal, so that the first real goal does not wait for modules to load."""
+        """Plan a dummy goal, so that the first real goal does not have to wait for modules to load."""
         here = np.clip(np.zeros(len(self.joints)), *self._ends())
         point = GoalPoint(tuple(here.tolist()), 1.0)
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
     def _rest(self, named: Sequence[str], reference: Kinematics) -> FloatArray:
-        """Return targets for joints that the goal does not name: current positions, or stop positions if in motion."""
+        """Return targets for joints that the goal omits: current positions, or stop positions for joints in motion."""
         if len(named) == len(self.joints) or not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)
@@ -87,9 +88,9 @@ class GoalPlanner:
 
 
 def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> Waypoints:
-    """Convert the points of a goal to waypoints. Joints that the goal does not name stay at ``rest`` (n,).
+    """Convert the points of a goal to waypoints. Joints that the goal does not include stay at ``rest`` (n,).
 
-    The joints hold the last point, so they reach it at rest, even if the goal gives it a velocity.
+    The joints hold the last point, so they must be at rest there, even if the goal specifies a velocity for it.
     """
     columns = [joints.index(name) for name in goal.joints]
     count = len(goal.points)
@@ -109,7 +110,7 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
 
 
 def ahead(waypoints: Waypoints) -> Waypoints:
-    """Return the waypoints whose time has not passed. The last waypoint is always included."""
+    """Return the waypoints whose time has not passed yet. The last waypoint is always included."""
     first = first_ahead(waypoints.times_s, 0.0)
     return Waypoints(*(getattr(waypoints, field.name)[first:] for field in fields(waypoints)))
 
@@ -130,23 +131,24 @@ def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
 
 
 def first_ahead(times_s: FloatArray, now_s: float) -> int:
-    """Return the index of the first point whose time has not passed, or of the last point."""
+    """Return the index of the first point whose time has not passed yet, or of the last point if there is none."""
     return min(int(np.searchsorted(times_s, now_s, side="right")), len(times_s) - 1)
 
 
 def joined_at(times_s: FloatArray, now_s: float) -> int:
     """Return the index of the point at which moving joints join a path.
 
-    This is the first point that leaves the joints enough time, or the point before it if that point is far away. A
-    motion to a point that is too near in time ends late, and a stream of short paths would lag further with each
-    message.
+    This is the first point that leaves the joints enough time, or the previous point if that point is far away. A
+    motion to a point that is too close in time ends late, and a stream of short paths would fall further behind with
+    each message.
     """
     index = first_ahead(times_s, now_s + JOINS_S)
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))
 
 
 def prepare(method: Method, task: PathTask) -> "Plan":
-    """Prepare a plan with an interpolation method. Raises MotionError if there is no motion within the limits."""
+    """Prepare a plan using the given interpolation method. Raises MotionError if no motion is possible within the
+    limits."""
     if method == "none":
         return StepPlan(task.waypoints)
     if method == "splines" or len(task.waypoints.times_s) > 1:
@@ -160,19 +162,19 @@ def prepare(method: Method, task: PathTask) -> "Plan":
 
 @dataclass(frozen=True, slots=True)
 class PathPlan:
-    """Plan of a whole path. ``passes_s`` (m,) holds the times at which the path passes each point."""
+    """Plan of a whole path. ``passes_s`` (m,) contains the times at which the path passes each point."""
 
     task: PathTask
     path: Path
     passes_s: FloatArray
     smooth: bool
-    """Whether ruckig plans the motion to the path."""
+    """Whether the motion to the path is planned with ruckig."""
 
     def join(self, reference: Kinematics, waited_s: float) -> Path:
-        """Return the path from the current state of the joints, ``waited_s`` after the planned start.
+        """Return the path from the joints' current state, ``waited_s`` after the planned start.
 
-        This is the planned path if nothing has changed. Otherwise, a new motion leads to the next point of the path.
-        Raises MotionError.
+        If nothing has changed, this is the planned path. Otherwise, the returned path starts with a new motion to the
+        next point of the planned path. Raises MotionError.
         """
         if not waited_s and self._still_there(reference):
             return self.path

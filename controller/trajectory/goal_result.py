@@ -1,4 +1,4 @@
-"""Decide the result of a trajectory goal. The texts are the same as in ros2_control."""
+"""Determine the result of a trajectory goal. The result strings are the same as in ros2_control."""
 
 import logging
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
-"""Result text of a goal that a trajectory on the topic replaces. The behavior differs from ros2_control on purpose. In
-ros2_control, the goal succeeds with a trajectory that the client of the goal never sent.
+"""Result string of a goal that is replaced by a trajectory on the topic. The behavior intentionally differs from that
+of ros2_control. In ros2_control, the goal succeeds with a trajectory that the goal's client never sent.
 """
 
 
@@ -29,13 +29,13 @@ class ErrorCode:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """Final status of a goal, with the error code and the text for its client."""
+    """Final status of a goal, with the error code and the message for its client."""
 
     status: GoalStatus
     error_code: int
     text: str
     stop: bool = True
-    """Whether the joints must stop, because they still move or are not at their goal."""
+    """Whether the joints must stop, because they are still moving or are not at their goal."""
     at_rest: bool = False
     """Whether the result is reported only after the joints are at rest and do not press against an obstacle."""
 
@@ -49,7 +49,7 @@ TIMED_OUT: Final = GoalResult(
 def result_at_end(
     joints: Sequence[str], tolerances: Tolerances, path: Path, after_end_s: float, error: FloatArray
 ) -> GoalResult | None:
-    """Return the result of a goal ``after_end_s`` after the end of its path, or None if joints are still moving.
+    """Return the result of a goal ``after_end_s`` after its path ended, or None if joints are still moving.
 
     ``error`` (n,) is the reference minus the latest measurement.
     """
@@ -71,7 +71,7 @@ def cannot_begin(controller: str, error: Exception) -> GoalResult:
 
 
 def path_violated(off: str) -> GoalResult:
-    """Return the result of a goal whose joints left its path. ``off`` describes the joint and its deviation."""
+    """Return the result of a goal whose joints left its path. ``off`` describes the joint and the deviation."""
     text = f"Aborted due to path tolerance violation: {off}"
     return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text, at_rest=True)
 

@@ -1,4 +1,4 @@
-"""Integrate the positions of goals that contain only velocities or accelerations."""
+"""Integrate positions for goals that contain only velocities or accelerations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 
 
 def integrated(goal: TrajectoryGoal, joints: Sequence[str], start: Kinematics) -> TrajectoryGoal:
-    """Return a copy of a goal in which missing positions and velocities are integrated."""
+    """Return a copy of a goal in which missing positions and velocities are computed by integration."""
     columns = [joints.index(name) for name in goal.joints]
     before = GoalPoint(tuple(start.position[columns]), -goal.starts_s, tuple(start.velocity[columns]))
     points: list[GoalPoint] = []

@@ -30,7 +30,7 @@ class JointTrajectoryController:
     """Controller that follows one trajectory at a time.
 
     A new goal starts from the reference of the previous goal. ros2_control starts from the measured state, which makes
-    the arm sag or jump at each goal.
+    the arm sag or jump at the start of each goal.
     """
 
     kind: ClassVar[str] = "joint_trajectory_controller/JointTrajectoryController"
@@ -55,7 +55,7 @@ class JointTrajectoryController:
         self.reconfigure(parameters)
         self.command: FloatArray = np.full(len(self.joints), np.nan)
         self.tracking: Tracking | None = None
-        """Data of the latest cycle, or None while the controller is inactive."""
+        """Data for the latest cycle, or None while the controller is inactive."""
         self._unseen: deque[Tracking] = deque(maxlen=UNSEEN)
         self.running = False
         self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, endless)
@@ -68,7 +68,7 @@ class JointTrajectoryController:
         self._execution = GoalExecution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._planning = Lock()
-        """Lock that is held while a goal is planned or submitted. ROS and the command socket have threads of their own.
+        """Lock that is held while a goal is planned or submitted. ROS and the command socket use separate threads.
         """
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
@@ -88,7 +88,8 @@ class JointTrajectoryController:
     # Any thread may call the following methods.
 
     def check(self, goal: TrajectoryGoal) -> str | None:
-        """Return the reason why a goal is rejected, or None. An accepted goal is planned for ``submit``."""
+        """Return the reason why a goal is rejected, or None. If the goal is accepted, its plan is kept for
+        ``submit``."""
         with self._planning:
             return self._check(goal)
 
@@ -103,7 +104,7 @@ class JointTrajectoryController:
         return None
 
     def _next_reference(self) -> Kinematics:
-        """Return the reference of the next cycle."""
+        """Return the reference for the next cycle."""
         tracking = self.tracking
         return tracking.at(self.period_s)[0] if tracking is not None else self._start
 
@@ -128,9 +129,10 @@ class JointTrajectoryController:
         self._execution.cancel(handle)
 
     def tracked(self, stamp_s: float) -> Iterator[Tracking]:
-        """Yield the tracking of the cycle with the measurement time ``stamp_s``, for a single observer.
+        """Yield the tracking data of the cycle with the measurement time ``stamp_s``, for a single observer.
 
-        Each cycle is yielded once. Nothing is yielded if the controller was inactive or was not updated in that cycle.
+        Each cycle is yielded only once. Nothing is yielded if the controller was inactive or was not updated in that
+        cycle.
         """
         while self._unseen and self._unseen[0].stamp_s <= stamp_s:
             tracking = self._unseen.popleft()
@@ -140,7 +142,7 @@ class JointTrajectoryController:
     def reconfigure(self, parameters: TrajectoryParameters) -> None:
         """Set the parameters that can be changed at run time.
 
-        ``cmd_timeout`` applies from the next cycle on. The other parameters apply from the next goal on.
+        ``cmd_timeout`` applies from the next cycle onward. The other parameters apply from the next goal onward.
         """
         self._allowed, self._tolerances = parameters.allowed(), parameters.tolerances()
         self.parameters: TrajectoryParameters = parameters
@@ -158,7 +160,8 @@ class JointTrajectoryController:
         self.running = True
 
     def deactivate(self, reason: str = "") -> None:
-        """Abort all goals. If no client requested the deactivation, ``reason`` tells the clients why."""
+        """Abort all goals. If the deactivation was not requested by a client, ``reason`` tells the clients the
+        cause."""
         self.running = False
         self._execution.end(reason)
         self.tracking = None
@@ -192,7 +195,7 @@ class JointTrajectoryController:
         self._unseen.append(self.tracking)
 
     def _advance(self, state: JointState, now_s: float, period_s: float) -> Cycle:
-        """Advance the reference to this cycle and compare the joints with it."""
+        """Advance the reference to this cycle, and compare the joints with it."""
         step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
         parameters, sampler, standstill = self.parameters, self._sampler, self._standstill
         measured, velocity = state.position.take(self._index), state.velocity.take(self._index)
@@ -208,9 +211,9 @@ class JointTrajectoryController:
         )
 
     def _put_command(self, now: Cycle) -> None:
-        """Set the command to the reference at the end of the cycle, plus the lag of the joints."""
+        """Set the command to the reference at the end of the cycle, shifted ahead by the lag of the joints."""
         sampler, parameters, period_s = self._sampler, now.parameters, now.period_s
-        # A change of the lead during a motion would make the command leap.
+        # Changing the lead during a motion would make the command jump.
         if not sampler.on_goal or (sampler.ended and self._execution.idle):
             self._lead_s = parameters.command_lead
         if not now.waits:

@@ -1,4 +1,4 @@
-"""Define the parameters of a joint trajectory controller, with ros2_control's names and defaults."""
+"""Define the parameters of a joint trajectory controller, using ros2_control's names and defaults."""
 
 from typing import Final, Literal
 
@@ -20,36 +20,36 @@ SETTABLE: Final = frozenset(
         "constraints",
     }
 )
-"""Parameters and groups that can be changed while the controller runs."""
+"""Parameters and parameter groups that can be changed while the controller is running."""
 
 
 class JointConstraints(BaseModel):
-    """Constraints of one joint. Tolerances are in rad or m; 0 means no tolerance."""
+    """Constraints of one joint. Tolerances are in rad or m; 0 disables a tolerance."""
 
     model_config = ConfigDict(frozen=True)
 
     trajectory: Tolerance = 0.0
     goal: Tolerance = 0.0
     lag_time: Time = 0.0
-    """Lag that is allowed for a moving joint, in seconds (not in ros2_control).
+    """Lag that is allowed for a moving joint, in seconds (not available in ros2_control).
 
-    The joint may exceed ``trajectory`` by its speed times this value.
+    The joint's error may exceed ``trajectory`` by the joint's speed times this value.
     """
     max_deceleration_on_cancel: Deceleration = 0.0
-    """Maximum deceleration in rad/s² or m/s². 0 means the limit of the joint, which is never exceeded."""
+    """Maximum deceleration in rad/s² or m/s². 0 selects the joint's limit, which is never exceeded."""
 
 
 class Constraints(Parameters):
-    """Constraints of a trajectory controller. Additional fields hold the constraints of each joint."""
+    """Constraints of a trajectory controller. Additional fields contain the constraints of each joint."""
 
     goal_time: Time = 0.0
     # ros2_control applies this tolerance only to velocity commands, which this controller does not send.
     stopped_velocity_tolerance: Speed = 0.01
     decelerate_on_cancel: bool = True
-    """Whether joints brake when a goal is canceled.
+    """Whether joints decelerate when a goal is canceled.
 
-    The default differs from ros2_control on purpose. If False, the measured position is commanded at once, at any
-    speed.
+    The default intentionally differs from that of ros2_control. If False, the measured position is commanded
+    immediately, at any speed.
     """
     __pydantic_extra__: dict[str, JointConstraints]
 
@@ -59,7 +59,7 @@ class Constraints(Parameters):
 
 
 class ScalingParameters(BaseModel):
-    """Parameters of speed scaling. ros2_control's parameters for hardware interfaces have no effect."""
+    """Parameters for speed scaling. ros2_control's parameters for hardware interfaces have no effect."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -69,12 +69,13 @@ class ScalingParameters(BaseModel):
 class TrajectoryParameters(Parameters):
     """Parameters of the trajectory controller.
 
-    The last three parameters, and ``interpolation_method: ruckig``, do not exist in ros2_control.
+    The last three parameters and ``interpolation_method: ruckig`` do not exist in ros2_control.
     """
 
     joints: tuple[str, ...] = Field(min_length=1)
     command_interfaces: tuple[Literal["position", "velocity", "acceleration", "effort"], ...] = ("position",)
-    """Command interfaces, which must include position. Other entries are ignored, because servos accept positions."""
+    """Command interfaces, which must include position. Other entries are ignored, because servos accept only
+    positions."""
     state_interfaces: tuple[Literal["position", "velocity"], ...] = ("position", "velocity")
     allow_partial_joints_goal: bool = False
     allow_integration_in_goal_trajectories: bool = False
@@ -84,22 +85,22 @@ class TrajectoryParameters(Parameters):
     speed_scaling: ScalingParameters = ScalingParameters()
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
-    """Interpolation method, with the default of ros2_control. servoloop's robot files set ruckig (jerk-limited) for
-    controllers files without this parameter.
+    """Interpolation method, with the same default as in ros2_control. servoloop's robot files set ruckig (jerk-limited)
+    for controllers files without this parameter.
     """
     command_lead: Time | None = None
     """Time by which each command is sent early to compensate for servo lag, in seconds.
 
-    None uses the known lag of each servo.
+    If None, the known lag of each servo is used.
     """
     wait_for: tuple[str, ...] = ()
-    """Controllers that must have settled before a goal starts.
+    """Controllers that must settle before a goal starts.
 
-    The timeout of a client starts when the goal is accepted. MoveIt cancels after 1.1 times the duration plus 0.5 s.
-    For MoveIt, keep ``wait_for_timeout`` below 0.5 s or raise its ``allowed_goal_duration_margin``.
+    A client's timeout starts when the goal is accepted. MoveIt cancels a goal after 1.1 times its duration plus 0.5 s.
+    For MoveIt, keep ``wait_for_timeout`` below 0.5 s or increase MoveIt's ``allowed_goal_duration_margin``.
     """
     wait_for_timeout: Time = 1.5
-    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. After this time, the goal starts
+    """Maximum time that a goal waits for the controllers in ``wait_for``, in seconds. After this time, the goal starts
     anyway.
     """
 
@@ -113,7 +114,7 @@ class TrajectoryParameters(Parameters):
     @field_validator("constraints")
     @classmethod
     def _every_joint(cls, constraints: Constraints, info: ValidationInfo) -> Constraints:
-        """Add constraints for joints that have none, so that their parameters exist and can be set later."""
+        """Add constraints for joints that do not have any, so that their parameters exist and can be set later."""
         known = constraints.by_joint()
         others: dict[str, dict[str, float]] = {n: {} for n in info.data.get("joints", ()) if n not in known}
         return Constraints.model_validate(constraints.model_dump() | others) if others else constraints
@@ -127,7 +128,7 @@ class TrajectoryParameters(Parameters):
         return super().unused() + [f"constraints.{other}" for other in sorted(others)] + kinds
 
     def tolerances(self) -> Tolerances:
-        """Return the default tolerances for goals without tolerances."""
+        """Return the default tolerances for goals that do not specify any."""
         by_joint = self.constraints.by_joint()
         return Tolerances(
             {name: c.trajectory for name, c in by_joint.items()},
@@ -137,7 +138,7 @@ class TrajectoryParameters(Parameters):
         )
 
     def allowed(self) -> Allowed:
-        """Return the special kinds of goals that are allowed."""
+        """Return the special types of goals that are allowed."""
         return Allowed(
             self.allow_partial_joints_goal,
             self.allow_integration_in_goal_trajectories,

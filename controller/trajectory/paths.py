@@ -1,4 +1,4 @@
-"""Plan paths through several points, and motions from the current joint positions to a point of a path."""
+"""Plan paths through several points, and motions from the current joint positions to a point on a path."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -12,29 +12,30 @@ from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, wi
 from hal.types import FloatArray, JointLimits
 
 FEW: Final = 50
-"""Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
+"""Maximum number of points for which ruckig is tried. Ruckig passes through each point exactly."""
 
 MISSES: Final = 0.02
-"""Maximum distance at which a smoothed spline may pass a point if there are few points, in rad or m."""
+"""Maximum distance by which a smoothed spline may miss a point if there are few points, in rad or m."""
 SLOWER: Final = 1.2
 """Factor by which a spline that misses a point is slowed down."""
 SLOWEST: Final = 10.0
-"""Maximum factor by which a spline is slowed down. The miss decreases with the fourth power of the factor."""
+"""Maximum factor by which a spline is slowed down. The distance to the missed point decreases with the fourth power of
+the factor."""
 SAMPLES: Final = 21
-"""Number of samples that are compared with each point. The samples cover the windows that smooth the spline near the
-point.
+"""Number of samples that are compared with each point. The samples cover the windows that are used to smooth the spline
+near the point.
 """
 BEGINNING_S: Final = 0.3
-"""Time that a path that starts off its plan takes to return to the plan, in seconds."""
+"""Time that a path takes to return to its plan if it starts away from the plan, in seconds."""
 NEAR: Final = 0.05
-"""Maximum distance of the measured position from the commanded position, in rad or m. This distance covers sag,
+"""Maximum distance of the measured position from the commanded position, in rad or m. This distance allows for sag,
 backlash and following error.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class PathTask:
-    """Input of a plan. ``limits`` and ``names`` are in joint order."""
+    """Input for planning. ``limits`` and ``names`` are in joint order."""
 
     start: Kinematics
     waypoints: Waypoints
@@ -46,7 +47,7 @@ def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
     """Shift the first points so that they lead from ``here`` (n,) to the remaining points.
 
     Planners start from the measured position, which differs slightly from the commanded position. A step between the
-    two positions would slow down the whole path, because its sharpest bend determines the smoothing.
+    two positions would slow down the whole path, because the sharpest bend of the path determines the smoothing.
     """
     times_s, position = waypoints.times_s, waypoints.position
     lasts_s = min(BEGINNING_S, float(times_s[-1]))
@@ -72,9 +73,9 @@ def spline_path(task: PathTask) -> tuple[Path, FloatArray]:
 def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
 
-    If there are few points and ruckig's path takes no longer than requested, this path is used. Otherwise, the shorter
-    of ruckig's path and a smoothed spline is used. Few points may be far apart, so the spline is slowed down until it
-    hardly misses any of them.
+    If there are few points, and ruckig's path does not take longer than requested, this path is used. Otherwise, the
+    shorter of ruckig's path and a smoothed spline is used. Few points may be far apart, so the spline is slowed down
+    until it passes close to all of them.
     """
     exact = _exact(task)
     if exact is not None:
@@ -92,7 +93,7 @@ def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
 def _smooth(task: PathTask) -> SmoothPath:
     """Return the smoothed spline.
 
-    If there are few points, the spline is slowed down until it misses no point by more than ``MISSES``.
+    If there are few points, the spline is slowed down until it does not miss any point by more than ``MISSES``.
     """
     smooth = smooth_path(task.start, task.waypoints, task.limits, task.names)
     if len(task.waypoints.times_s) > FEW:
@@ -114,7 +115,7 @@ def _slowed(waypoints: Waypoints, factor: float) -> Waypoints:
 
 
 def _largest_miss(path: SmoothPath, points: FloatArray) -> float:
-    """Return the largest distance of any joint between the path and any of the points (m, n), in rad or m."""
+    """Return the largest deviation of any joint between the path and any of the points (m, n), in rad or m."""
     window_s = sum(path.windows_s)
     near_s = _passes(path.spline)[:, None] + np.linspace(0.0, window_s, SAMPLES)
     samples = np.array([[path.sample(time_s).position for time_s in row] for row in near_s.tolist()])
@@ -122,7 +123,7 @@ def _largest_miss(path: SmoothPath, points: FloatArray) -> float:
 
 
 def _exact(task: PathTask) -> RuckigMotion | None:
-    """Return the path through few points by ruckig, or None if it would leave the position limits between them."""
+    """Return ruckig's path through a few points, or None if it would exceed the position limits between them."""
     if len(task.waypoints.times_s) > FEW:
         return None
     try:
@@ -137,7 +138,7 @@ def _passes(path: SplinePath) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """A path that consists of ``first``, followed by ``rest`` from ``from_s`` on."""
+    """A path that consists of ``first``, followed by the part of ``rest`` that starts at ``from_s``."""
 
     first: Path
     rest: Path
@@ -146,7 +147,7 @@ class Joined:
 
     @property
     def duration_s(self) -> float:
-        """Duration of both parts, in seconds."""
+        """Total duration of both parts, in seconds."""
         return self.first.duration_s + max(self.rest.duration_s - self.from_s, 0.0)
 
     def sample(self, time_s: float) -> Kinematics:
@@ -157,12 +158,12 @@ class Joined:
 
 
 def smooth_lead(task: PathTask, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
-    """Plan a jerk-limited motion from ``reference`` to the path's state ``target`` at the point ``index``."""
+    """Plan a jerk-limited motion from ``reference`` to ``target``, the state of the path at the point ``index``."""
     return motion_to(reference, within(target, Bounds.of(task.limits)), task.limits, span_s, task.names)
 
 
 def spline_lead(task: PathTask, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
-    """Plan a spline from ``reference`` to ``target``: linear, cubic or quintic, as the point defines."""
+    """Plan a spline from ``reference`` to ``target``: linear, cubic or quintic, depending on the data of the point."""
     waypoint = Waypoints(
         np.array([span_s]),
         target.position[None],

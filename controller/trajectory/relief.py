@@ -1,8 +1,8 @@
 """Relieve joints that press against an obstacle after a goal has ended.
 
-The arm first brakes along its path. If a joint rests short of its command, the command then moves back slowly to the
-measured position. If the joint moves along with its command, the joint is free. The command then stops, so that the
-relief never becomes a motion.
+The arm first brakes along its path. If a joint comes to rest before it reaches its command, the command then moves back
+slowly to the measured position. If the joint moves along with its command, the joint is free. The command then stops,
+so that the relief never turns into a motion of its own.
 """
 
 import logging
@@ -25,35 +25,35 @@ PRESSES: Final = 15.0
 """Minimum distance from its command at which a joint at rest counts as pressing, in multiples of the still threshold.
 """
 CREEPS_SHARE: Final = 0.05
-"""Maximum motion of a joint that counts as rest, as a fraction of its distance from the command. A blocked joint may
-slide slowly along its obstacle, but a free joint soon covers more of the distance."""
+"""Maximum motion of a joint that counts as at rest, as a fraction of its distance from the command. A blocked joint may
+slide slowly along its obstacle, but a free joint soon covers a larger part of the distance."""
 LOOSE: Final = 5.0
-"""Minimum motion that shows that a joint is free, in multiples of the still threshold."""
+"""Minimum motion that indicates that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
 """Fraction of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 GROWS: Final = 1.25
-"""Minimum factor by which the distance between a seemingly free joint and its command grows if a neighbor has pushed
-the joint. The factor refers to the distance before the command moved back."""
+"""Minimum factor by which the distance between a seemingly free joint and its command must grow to indicate that a
+neighbor has pushed the joint. The factor is relative to the distance before the command moved back."""
 GROWS_AGAIN: Final = 1.4
-"""The same factor, but for the smallest distance while the command moved back. A free joint lags behind its command at
-this time, so its distance also grows a little without a neighbor.
+"""The same factor, but relative to the smallest distance while the command moved back. A free joint lags behind its
+command at this time, so its distance also grows slightly without being pushed by a neighbor.
 """
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
-blocked after that, so one attempt is not enough.
+blocked afterward, so one attempt is not enough.
 """
 JERK_SHARE: Final = 0.25
-"""Fraction of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
+"""Fraction of the jerk limit to use for the return motion. The slow start leaves enough time to detect a free joint."""
 SPEED_SHARE: Final = 0.5
 """Fraction of the velocity limit used for the return, which matters only for a joint that is far from its command."""
 
 
 class Relief:
-    """Relief of one trajectory controller's joints, in the loop thread."""
+    """Relief of one trajectory controller's joints, which runs in the loop thread."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler) -> None:
         self.due = False
-        """Whether joints still have to come to rest or to be relieved."""
+        """Whether joints still have to come to rest or be relieved."""
         self._name, self._joints, self._sampler = name, tuple(joints), sampler
         self._limits = [
             replace(limit, jerk=JERK_SHARE * limit.jerk, velocity=SPEED_SHARE * limit.velocity)
@@ -64,15 +64,15 @@ class Relief:
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._free_error = np.full(len(joints), np.inf)
-        """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that were not
-        found to be free."""
+        """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that have not
+        been found to be free."""
         self._least_error = np.full(len(joints), np.inf)
         """Smallest distance of each joint from its command (n,) since the commands started to move back."""
         self._begun: Cycle | None = None
-        """The cycle in which commands started to move back, or None while no command moves back."""
+        """The cycle in which the commands started to move back, or None while they are not moving back."""
 
     def begin(self) -> None:
-        """Start the relief after a goal has ended. The joints may still be braking."""
+        """Start the relief after a goal ends. The joints may still be braking."""
         self.due, self._begun = True, None
         self._relieved[:] = False
         self._attempts[:] = 0
@@ -81,11 +81,11 @@ class Relief:
 
     @property
     def done(self) -> bool:
-        """Whether the goal may finish, because the joints are at rest or have had enough time to come to rest."""
+        """Whether the goal may end, because the joints are at rest or have had enough time to come to rest."""
         return not self.due or self._stood_s > LONGEST_REST_S
 
     def step(self, now: Cycle) -> None:
-        """Run one cycle in which relief is due."""
+        """Run one cycle while relief is due."""
         faults = now.state.faults
         unknown = np.array([now.waits or name in faults for name in self._joints])
         creeps = CREEPS_SHARE * np.abs(now.error)
@@ -111,7 +111,7 @@ class Relief:
             self.due = not (self._rest.for_at_least(RESTS_S) & settled).all()
 
     def _relieve(self, held: BoolArray, now: Cycle) -> None:
-        """Start to move the commands of the ``held`` joints (n,) back to their measured positions."""
+        """Start moving the commands of the ``held`` joints (n,) back to the measured positions."""
         for index in np.flatnonzero(held):
             text = "%s: %s is blocked %.4f short of its command: the command moves back to relieve the joint"
             LOG.warning(text, self._name, self._joints[index], abs(now.error[index]))
@@ -132,8 +132,8 @@ class Relief:
         """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
 
         A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
-        other joints that still rest short of their commands are relieved again, because a joint that advances toward
-        its old command may meet the obstacle again.
+        other joints that still rest before reaching their commands are relieved again, because a joint that advances
+        toward its old command may touch the obstacle again.
         """
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)

@@ -8,18 +8,18 @@ from controller.trajectory.waypoints import BoolArray
 from hal.types import FloatArray
 
 RESTS_S: Final = 0.09
-"""Minimum time in place for a joint to count as at rest, in seconds (two cycles at 20 Hz).
+"""Minimum time for which a joint must stay in place to count as at rest, in seconds (two cycles at 20 Hz).
 
 A joint that reverses its direction stays in place for less time.
 """
 HELD_S: Final = 0.25
-"""Minimum time at rest away from its command for a joint to count as blocked, in seconds.
+"""Minimum time for which a joint must rest away from its command to count as blocked, in seconds.
 
-A joint that catches up with its command rests for less time.
+A joint that is catching up with its command rests for less time.
 """
 LONGEST_REST_S: Final = 1.0
-"""Maximum time a goal waits for its joints to come to rest, in seconds. After this time, the goal finishes
-even if joints still swing.
+"""Maximum time that a goal waits for its joints to come to rest, in seconds. After this time, the goal ends even if
+joints are still oscillating.
 """
 
 
@@ -27,7 +27,7 @@ class Rest:
     """Detector of joints at rest, which measures the time that each joint has stayed in place."""
 
     def __init__(self, still: FloatArray) -> None:
-        """Set the largest change of position that does not count as motion, ``still`` (n,)."""
+        """Set ``still`` (n,), the largest change of position that does not count as motion."""
         self._still = still
         self._place = np.full(len(still), np.nan)
         self.stayed_s = np.zeros(len(still))
@@ -38,7 +38,8 @@ class Rest:
         Args:
             position: Measured positions (n,). NaN marks a joint that was not measured.
             step_s: Time since the previous cycle, in seconds.
-            creeps: Change of position that does not count as motion in this cycle, if it is larger than ``still``.
+            creeps: Largest change of position that does not count as motion in this cycle, used if it exceeds
+                ``still``.
         """
         moved = ~(np.abs(position - self._place) <= np.maximum(self._still, creeps))
         self.stayed_s = np.where(moved, 0.0, self.stayed_s + step_s)

@@ -24,7 +24,7 @@ class Tracking:
     feedback_position: FloatArray
     feedback_velocity: FloatArray
     error: FloatArray
-    """Position error. For a continuous joint, this is the error the shorter way around."""
+    """Position error. For a continuous joint, this is the error in the shorter direction."""
     output: FloatArray
     """Command."""
     speed_scaling_factor: float
@@ -32,14 +32,14 @@ class Tracking:
     elapsed_s: float
     """Time on the path, in seconds."""
     on_goal: bool
-    """Whether the path belongs to a goal, not to a stop or a held position."""
+    """Whether the path belongs to a goal, rather than to a stop or a held position."""
     rate: float
     """Rate at which time passes on the path."""
 
     def at(self, later_s: float) -> tuple[Kinematics, bool]:
-        """Return the reference at ``later_s`` after this cycle, and whether a goal is active at that time.
+        """Return the reference ``later_s`` after this cycle, and whether a goal is active at that time.
 
-        If ``later_s`` is negative, the time is before this cycle.
+        If ``later_s`` is negative, the time is earlier than this cycle.
         """
         time_s = self.elapsed_s + later_s * self.rate
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
@@ -50,7 +50,7 @@ class _Lag(NamedTuple):
 
     lag_s: float
     braking: float
-    """Profile acceleration, with which the servo brakes for each goal, in rad/s² or m/s²."""
+    """Profile acceleration, at which the servo brakes for each goal, in rad/s² or m/s²."""
     inertia_s2: float
 
 
@@ -58,7 +58,7 @@ NO_LAG: Final = _Lag(0.0, math.inf, 0.0)
 
 
 class TrajectorySampler:
-    """Sampler that follows one path at a time, at the requested speed, in the loop thread."""
+    """Sampler that runs in the loop thread and follows one path at a time, at the requested speed."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
         """Create a sampler. ``lags`` come from hal.compensation.servo_compliance; None means no lag."""
@@ -72,12 +72,12 @@ class TrajectorySampler:
         self._lags = [NO_LAG] * len(limits) if lags is None else [_Lag(*lag) for lag in lags.T.tolist()]
         self._ends = [(limit.lower, limit.upper) for limit in limits]
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) / 2.0 for limit in limits])
-        """Still threshold (n,): largest change of position that does not count as motion (two encoder counts)."""
+        """Still threshold (n,): the largest change of position that does not count as motion (two encoder counts)."""
 
     def advance(self, step_s: float) -> Kinematics:
         """Advance the path by one cycle and return the current reference.
 
-        The elapsed period was commanded with the previous scaling factor. A new factor applies from now on.
+        The commands of the elapsed period used the previous scaling factor. A new factor applies from now on.
         """
         assert self.path is not None, "the controller is updated before it is activated"
         self.elapsed_s += step_s * self.rate
@@ -95,11 +95,11 @@ class TrajectorySampler:
         return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
     def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
-        """Return the command (n,) that brings the joints to the reference at the end of the cycle.
+        """Return the command (n,) that brings the joints to the reference by the end of the cycle.
 
-        The command leads the reference by the lag of the joints. A servo brakes for each goal until the next goal
-        arrives, and the lag includes half of this braking. ``lead_s`` replaces the known lags by one value for all
-        joints.
+        The command leads the reference by the lag of each joint. A servo brakes as it approaches each goal until the
+        next goal arrives, and the lag includes half of this braking. ``lead_s`` replaces the known lags with one value
+        for all joints.
         """
         if lead_s is not None:
             return self.inside(self.reference(period_s + lead_s).position)
@@ -126,13 +126,13 @@ class TrajectorySampler:
         return clipped(position, self._lower, self._upper)
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
-        """Stop within the limits and hold the position. If ``along``, stop on the path of the goal if possible."""
+        """Stop within the limits and hold the position. If ``along`` is True, stop on the goal's path if possible."""
         gentle = gentle_limits(self.limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:
             self.follow(on_path or stop_path(reference, self.limits, gentle), reference, on_goal=False)
-        self.on_goal = False  # The path of the goal continues if it ends about as soon as a stop.
+        self.on_goal = False  # The goal's path may continue, if it ends about as soon as a stop would.
 
     @property
     def ended(self) -> bool:
@@ -151,13 +151,13 @@ def _led(
 
 
 def _moving(path: Path, time_s: float, rate: float) -> Kinematics:
-    """Return the kinematics on a path on which time passes at ``rate``."""
+    """Return the kinematics of a path on which time passes at ``rate``."""
     state = path.sample(time_s)
     return state if rate == 1.0 else scaled(state, rate)
 
 
 def shorter_way(error: FloatArray, endless: Sequence[int]) -> FloatArray:
-    """Return a position error (n,), measured the shorter way around for continuous joints (indices ``endless``)."""
+    """Return a position error (n,), measured in the shorter direction for continuous joints (indices ``endless``)."""
     if endless:
         columns = list(endless)
         error = error.copy()

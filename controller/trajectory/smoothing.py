@@ -1,10 +1,10 @@
 """Smooth a spline through many waypoints to limit its jerk.
 
 The spline is averaged over two time windows. An average never exceeds the range of the averaged values, so the path
-keeps the limits of the spline. The first window turns steps of velocity into ramps, and the second window turns steps
-of acceleration into ramps. The path ends later by the length of both windows (a few tenths of a second) and cuts
-corners by acceleration * window² / 24. Ruckig would have to meet each of many close points within the jerk limit, which
-can take many times as long.
+stays within the limits of the spline. The first window turns steps of velocity into ramps, and the second window turns
+steps of acceleration into ramps. The path ends later by the combined length of both windows (a few tenths of a second)
+and cuts corners by acceleration * window² / 24. With many closely spaced points, ruckig would have to reach each of
+them within the jerk limit, which can take many times as long.
 """
 
 from bisect import bisect_right
@@ -29,8 +29,8 @@ MARGIN: Final = 0.95
 class SmoothPath:
     """Average of a spline over two time windows.
 
-    ``spline`` is relative to ``origin`` (n,), for accuracy at large positions. ``integrals`` (k, 2, n) holds the first
-    and second integral of the spline from its start to the start of each segment.
+    The positions of ``spline`` are relative to ``origin`` (n,), for accuracy at large positions. ``integrals`` (k, 2,
+    n) holds the first and second integrals of the spline from its start to the start of each segment.
     """
 
     spline: SplinePath
@@ -75,7 +75,8 @@ class SmoothPath:
 
 
 def _powers(t: float) -> FloatArray:
-    """Return the factors of a polynomial's coefficients: rows for the second integral, first integral and value."""
+    """Return the factors of a polynomial's coefficients, with rows for the second integral, the first integral and the
+    value."""
     t2, t3, t4, t5 = t * t, t**3, t**4, t**5
     t6, t7 = t3 * t3, t3 * t4
     return np.array(
@@ -90,7 +91,7 @@ def _powers(t: float) -> FloatArray:
 def smooth_path(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
 ) -> SmoothPath:
-    """Plan a smooth path from rest at ``start`` through all points. Raises MotionError."""
+    """Plan a smooth path that starts at rest at ``start`` and passes through all points. Raises MotionError."""
     bounds = Bounds.of(limits)
     still = Kinematics.at_rest(start.position)
     positions = np.vstack((start.position, waypoints.position))
@@ -147,7 +148,7 @@ def _changes(values: FloatArray, grains: int) -> FloatArray:
 
 
 def _window(values: FloatArray, rate: FloatArray) -> int:
-    """Return the shortest window, in grid steps, in which ``values`` (count, n) change at most at ``rate`` (n,)."""
+    """Return the shortest window, in grid steps, in which ``values`` (count, n) change by at most ``rate`` (n,)."""
     largest = 2.0 * np.abs(values).max(axis=0, initial=0.0)
     longest = int(np.ceil((largest / rate).max() / (MARGIN * GRAIN_S))) + 1
     for grains in range(1, longest):

@@ -1,4 +1,4 @@
-"""Scale the speed of a path as ``~/speed_scaling_input`` requests, within the acceleration limits."""
+"""Scale the speed of a path as requested on ``~/speed_scaling_input``, within the acceleration limits."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,8 @@ from controller.motion import Kinematics
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.5
-"""Fraction of the remaining acceleration that a change of speed may use. Lag compensation also needs acceleration."""
+"""Fraction of the remaining acceleration that a speed change may use. Lag compensation also needs some of the
+acceleration."""
 FASTEST: Final = 5.0
 """Maximum change of the factor, per second."""
 
@@ -36,11 +37,11 @@ class SpeedScaling:
         return None
 
     def idle(self) -> None:
-        """Apply the requested factor at once, because no path is active."""
+        """Apply the requested factor immediately, because no path is active."""
         self.factor = self.asked
 
     def restart(self, moving: bool) -> None:
-        """Start with a new path. If the joints are moving, the path already has the right speed at factor 1."""
+        """Start a new path. If the joints are moving, the path already has the right speed for a factor of 1."""
         self.factor = 1.0 if moving else self.asked
 
     def advance(self, reference: Kinematics, step_s: float) -> None:
@@ -51,9 +52,9 @@ class SpeedScaling:
     def _room(self, reference: Kinematics, step_s: float) -> float:
         """Return the rate (1/s) at which the factor may change within the acceleration limits.
 
-        A change of the factor accelerates the joints by their velocity times this rate, in addition to the acceleration
-        of the path. The rate is never 0, so that even a path at its acceleration limit can be paused. (The linear
-        splines of ros2_control have unlimited steps of velocity anyway.)
+        A change of the factor accelerates the joints by their velocity times this rate, in addition to the path's own
+        acceleration. The rate is never 0, so that even a path at its acceleration limit can be paused. (Linear splines
+        in ros2_control have unlimited velocity steps anyway.)
         """
         direction = math.copysign(1.0, self.asked - self.factor) * np.sign(reference.velocity)
         own = reference.acceleration * self.factor**2 * direction
@@ -64,7 +65,7 @@ class SpeedScaling:
 
 
 def scaled(state: Kinematics, factor: float) -> Kinematics:
-    """Return the kinematics of a state on a path on which time passes ``factor`` times as fast."""
+    """Return the kinematics of a state on a path when time passes ``factor`` times as fast."""
     if factor == 1.0:
         return state
     velocity: FloatArray = state.velocity * factor

@@ -22,9 +22,10 @@ _ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class SplinePath:
-    """A spline of k segments for n joints.
+    """Spline of k segments for n joints.
 
-    ``coefficients`` (k, 6, n) belong to the powers of the time since the segment's start in ``starts_s``, lowest first.
+    ``coefficients`` (k, 6, n) belong to the powers of the time since the segment's start in ``starts_s``, lowest power
+    first.
     """
 
     starts_s: tuple[float, ...]
@@ -33,7 +34,7 @@ class SplinePath:
     asked_s: float
 
     def sample(self, time_s: float) -> Kinematics:
-        """Return the kinematics at ``time_s`` after the start, at rest after the end."""
+        """Return the kinematics ``time_s`` after the start; after the end, the joints are at rest."""
         inside_s = min(max(time_s, 0.0), self.duration_s)
         index = max(bisect_right(self.starts_s, inside_s) - 1, 0)
         t = inside_s - self.starts_s[index]
@@ -56,15 +57,15 @@ def spline(
 ) -> SplinePath:
     """Plan a spline from ``start`` through all points.
 
-    A segment is quintic if both its ends have accelerations, cubic if both have velocities, and otherwise linear.
-    Segments that would exceed the velocity limits get more time, and the velocities at their ends are reduced. Raises
-    MotionError if a segment would still leave the position limits.
+    A segment is quintic if accelerations are given at both ends, cubic if velocities are given at both ends, and
+    otherwise linear. Segments that would exceed the velocity limits get more time, and the velocities at their ends are
+    reduced. Raises MotionError if a segment would still leave the position limits.
     """
     positions = np.vstack((start.position, waypoints.position))
     asked_s = np.maximum(np.diff(waypoints.times_s, prepend=0.0), 0.0)
     distances = np.abs(np.diff(positions, axis=0))
     top = np.array([limit.velocity for limit in limits])
-    # A segment without length still needs a duration above 0 for the divisions.
+    # A segment of zero length still needs a positive duration, because the code divides by it.
     spans_s = np.maximum(np.maximum(asked_s, (distances / top).max(axis=1)), 1e-9)
     smooth = np.append(True, waypoints.has_velocity), np.append(True, waypoints.has_acceleration)
     curved = smooth[0][:-1] & smooth[0][1:]
@@ -87,7 +88,7 @@ def spline(
 def _slowed(
     start: Kinematics, waypoints: Waypoints, asked_s: FloatArray, spans_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return velocities and accelerations (m + 1, n), reduced at segments that take longer than requested.
+    """Return the velocities and accelerations (m + 1, n), reduced at segments that take longer than requested.
 
     The values at the start are not changed.
     """
@@ -128,7 +129,7 @@ def _coefficients(
 
 
 def _sample(coefficients: FloatArray, spans_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the positions (m, SAMPLES, n) of all segments, and their highest speeds (m, n)."""
+    """Return the positions (m, SAMPLES, n) of all segments, and the highest speeds of the segments (m, n)."""
     times = np.linspace(0.0, 1.0, SAMPLES)[None, :] * spans_s[:, None]
     powers = times[:, :, None] ** np.arange(6)
     positions: FloatArray = powers @ coefficients

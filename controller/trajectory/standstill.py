@@ -1,4 +1,4 @@
-"""Continue a trajectory from rest after a bus stall, which leaves the joints at rest at their last command."""
+"""Resume a trajectory from rest after a bus stall, which leaves the joints at rest at their last command."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,20 +15,21 @@ from controller.unmeasured import Unmeasured
 from hal.types import FloatArray, JointFault
 
 LONGEST_LEAD_S: Final = 0.5
-"""Maximum time ahead of the reference to search for the path point nearest to the last command, in seconds.
+"""Maximum time ahead of the reference in which to search for the path point nearest to the last command, in seconds.
 
 This time covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
-"""Number of instants that the search samples. A finer search around the best instant uses the same number."""
+"""Number of instants that the search samples. A finer search around the best instant samples the same number of
+instants."""
 REJOIN_S: Final = 0.3
-"""Time on the path in which joints that start next to the path return to it, in seconds."""
+"""Time on the path within which joints that start beside the path return to it, in seconds."""
 
 
 class Standstill(Unmeasured):
-    """Standstill of one trajectory during a stall, in the loop thread.
+    """Standstill of one trajectory during a bus stall, handled in the loop thread.
 
-    Call ``step`` in cycles with faults and in the cycles after them, until ``cycles`` is 0.
+    Call ``step`` in cycles with faults and in the following cycles, until ``cycles`` is 0.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class Standstill(Unmeasured):
         measured: FloatArray,
         parameters: TrajectoryParameters,
     ) -> float:
-        """Return the time (s) by which the trajectory advances. ``sent`` is the last command (n,)."""
+        """Return the time by which the trajectory advances, in seconds. ``sent`` is the last command (n,)."""
         sampler, waited = self._sampler, self.waits
         ahead = shorter_way(sent - measured, self._endless)
         step_s = self.step_s(faults, step_s, lambda: bool((np.abs(ahead) <= NEAR).all()))
@@ -53,12 +54,12 @@ class Standstill(Unmeasured):
             if sampler.on_goal:
                 restart(sampler, sent, parameters.command_lead or 0.0)
             else:
-                sampler.hold(sent)  # A trajectory that was already stopping does not continue.
+                sampler.hold(sent)  # A trajectory that was already stopping is not resumed.
         return step_s
 
 
 def restart(sampler: TrajectorySampler, sent: FloatArray, lead_s: float = 0.0) -> None:
-    """Continue the path from rest at the last command ``sent`` (n,), which led the path by the lag of each joint."""
+    """Resume the path from rest at the last command ``sent`` (n,), which led the path by the lag of each joint."""
     assert sampler.path is not None, "the controller is updated before it is activated"
     path, now_s = sampler.path, sampler.elapsed_s
     while isinstance(path, OffsetPath) and now_s >= path.from_s + REJOIN_S:
@@ -72,7 +73,7 @@ def restart(sampler: TrajectorySampler, sent: FloatArray, lead_s: float = 0.0) -
 
 
 def _nearest_s(path: Path, position: FloatArray, first_s: float, last_s: float) -> float:
-    """Return the time at which the path first comes nearest to a position (n,)."""
+    """Return the time at which the path is first closest to a position (n,)."""
     nearest_s, least = first_s, np.inf
     for time_s in np.linspace(first_s, last_s, SAMPLES + 1).tolist():
         off = float(np.linalg.norm(path.sample(time_s).position - position))
@@ -85,7 +86,7 @@ def _nearest_s(path: Path, position: FloatArray, first_s: float, last_s: float) 
 
 @dataclass(frozen=True, slots=True)
 class OffsetPath:
-    """A path that starts at ``from_s`` with an ``offset`` (n,) from another path and soon rejoins that path."""
+    """A path that starts at ``from_s`` with an ``offset`` (n,) from another path and soon rejoins it."""
 
     path: Path
     offset: FloatArray
@@ -93,7 +94,7 @@ class OffsetPath:
 
     @property
     def duration_s(self) -> float:
-        """Time at which the joints are back on the path and the path has ended, in seconds."""
+        """Time at which the joints have rejoined the path and the path has ended, in seconds."""
         return max(self.path.duration_s, self.from_s + REJOIN_S)
 
     @property

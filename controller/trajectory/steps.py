@@ -1,4 +1,5 @@
-"""Plan a goal without interpolation: the reference leaps between points, and the velocity limit slows the command."""
+"""Plan a goal without interpolation: the reference jumps from point to point, and the velocity limit slows the
+command."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from hal.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class StepPlan:
-    """Plan whose reference leaps from point to point."""
+    """Plan whose reference jumps from point to point."""
 
     waypoints: Waypoints
 
@@ -24,7 +25,7 @@ class StepPlan:
 class StepPath:
     """Path that holds the start until the time of the first point.
 
-    From the time of each point on, the path holds the next point.
+    From the time of each point onward, the path holds the next point.
 
     ``positions`` has shape (m, n).
     """

@@ -1,4 +1,5 @@
-"""Plan paths that stop the joints of a trajectory within the limits, on their path or each joint separately."""
+"""Plan paths that stop the joints of a trajectory within the limits, either along their path or separately for each
+joint."""
 
 import logging
 import math
@@ -15,19 +16,20 @@ from hal.types import FloatArray, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Fractions of the acceleration and jerk limits that are tried for a stop on a path. The path itself needs the rest."""
+"""Fractions of the acceleration and jerk limits to try for a stop along a path. The path itself needs the remaining
+fraction."""
 DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
-"""Delays that are tried for a stop on a path, in seconds. No stop can start while the path brakes at a limit."""
+"""Delays to try for a stop along a path, in seconds. No stop can start while the path brakes at a limit."""
 LONGEST_STOP: Final = 2.0
-"""Maximum duration of a stop on a path, in multiples of the duration of the quickest stop.
+"""Maximum duration of a stop along a path, as a multiple of the duration of the quickest stop.
 
-A path continues to its own end only if it ends at most ``STOP_MARGIN_S`` after the quickest stop: such a path does not
-slow down before its end, so the joints would travel much further than on a stop of the same duration.
+A path continues to its own end only if it ends at most ``STOP_MARGIN_S`` after the quickest stop. Such a path does not
+slow down before its end, so the joints would travel much further than during a stop of the same duration.
 """
 STOP_MARGIN_S: Final = 0.2
-"""Time by which a stop on a path, or the end of the path, may be later than these maximums, in seconds."""
+"""Additional time allowed beyond these maximums for a stop along a path, or for the end of the path, in seconds."""
 TRIES: Final = 12
-"""Maximum number of stops that are checked against the limits, quickest first. The loop waits for these checks."""
+"""Maximum number of stops to check against the limits, quickest first. The loop waits for these checks."""
 SAMPLES: Final = 40
 """Number of instants at which the accelerations of a stop are compared with the limits."""
 SLACK: Final = 1.001
@@ -36,7 +38,7 @@ SLACK: Final = 1.001
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A path that ends at once at the position limits ``lower`` and ``upper`` (n,)."""
+    """A path that ends immediately at the position limits ``lower`` and ``upper`` (n,)."""
 
     path: Path
     lower: FloatArray
@@ -62,9 +64,9 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True)
 class Slowing:
-    """A path on which time slows down and stops.
+    """A path on which time slows down until it stops.
 
-    ``progress`` is a motion of one dimension: the time on the path. Until ``delay_s``, time passes at ``rate``.
+    ``progress`` is a one-dimensional motion: the time on the path. Until ``delay_s``, time passes at ``rate``.
     """
 
     path: Path
@@ -83,7 +85,7 @@ class Slowing:
         return self.duration_s
 
     def on_path(self, time_s: float) -> tuple[float, float, float]:
-        """Return the time on the path (s) at ``time_s`` after the start, its rate, and the change of the rate (1/s)."""
+        """Return the time on the path (s) ``time_s`` after the start, its rate, and the change of the rate (1/s)."""
         later_s = time_s - self.delay_s
         now = self.progress.sample(later_s)
         if later_s < 0.0:
@@ -101,7 +103,7 @@ class Slowing:
 def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Path | None:
     """Return the quickest stop on a path from ``elapsed_s``, at which time passes at ``rate``.
 
-    Returns the path itself if it ends about as soon as the quickest stop, and None if the path leaves no room to brake
+    Returns the path itself if it ends about as soon as the quickest stop, and None if the path does not allow braking
     soon within the limits.
     """
     stops = sorted(_stops(path, elapsed_s, rate, limits), key=lambda stop: stop.duration_s)
@@ -118,7 +120,7 @@ def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[Joint
 
 
 def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Iterator[Slowing]:
-    """Yield candidate stops on the path, which may exceed the limits."""
+    """Yield candidate stops along the path, which may exceed the limits."""
     for delay_s in DELAYS_S:
         at_s = min(elapsed_s + rate * delay_s, path.duration_s)
         speed = np.maximum(np.abs(path.sample(at_s).velocity), 1e-6)
@@ -131,10 +133,10 @@ def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimi
 
 
 def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
-    """Return whether a stop accelerates each joint within its limit, or at most as much as the path itself.
+    """Return whether a stop keeps each joint's acceleration within its limit, or at most as high as on the path itself.
 
-    The jerk limit applies to the path and the stop separately. With a limit on their sum, a path at its jerk limit
-    could not be stopped at once.
+    The jerk limit applies separately to the path and to the stop. If their sum were limited, a path at its jerk limit
+    could not be stopped immediately.
     """
     times_s = np.linspace(0.0, slowing.duration_s, SAMPLES)
     braked = np.array([slowing.sample(time_s).acceleration for time_s in times_s])
@@ -147,8 +149,8 @@ def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
 def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequence[JointLimits]) -> Path:
     """Plan a gentle stop, or the fastest stop if the gentle stop would end outside the position limits.
 
-    If even the fastest stop would end outside the limits (splines have no acceleration limit), the joint stops at once
-    at its limit.
+    If even the fastest stop would end outside the limits (splines have no acceleration limit), the joint stops
+    immediately at its limit.
     """
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
@@ -159,12 +161,12 @@ def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequ
                 return path
         return Bounded(path, lower, upper)
     except MotionError as error:
-        LOG.error("cannot plan a stop within the limits, so the joints hold at once: %s", error)
+        LOG.error("cannot plan a stop within the limits, so the joints stop abruptly: %s", error)
         return plan_stop(Kinematics.at_rest(reference.position), limits)
 
 
 def gentle_limits(limits: Sequence[JointLimits], parameters: TrajectoryParameters) -> list[JointLimits]:
-    """Return limits with ``max_deceleration_on_cancel`` applied, which can only lower the acceleration limits."""
+    """Return the limits with ``max_deceleration_on_cancel`` applied, which can only lower the acceleration limits."""
     by_joint = parameters.constraints.by_joint()
     asked = [by_joint[name].max_deceleration_on_cancel for name in parameters.joints]
     pairs = zip(limits, asked, strict=True)

@@ -1,4 +1,4 @@
-"""Log motions that the joint limits stretch. A stream of trajectories gets one warning per minute."""
+"""Log motions that the joint limits stretch. A stream of trajectories causes at most one warning per minute."""
 
 import logging
 import math
@@ -10,11 +10,11 @@ from controller.trajectory.goal import TrajectoryGoal
 LOG = logging.getLogger("servoloop.controller")
 
 STREAM_AGAIN_S: Final = 60.0
-"""Minimum time between two warnings about trajectories on the topic, in seconds."""
+"""Minimum time between two warnings about trajectories sent to the topic, in seconds."""
 
 
 class StretchLog:
-    """Log of one controller's warnings about motions that the limits stretch."""
+    """One controller's log of warnings about motions that the limits stretch."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -22,11 +22,11 @@ class StretchLog:
         self._unlogged = 0
 
     def log(self, goal: TrajectoryGoal, path: Path, now_s: float) -> None:
-        """Log that the limits stretch the path of a goal, unless it belongs to a stream with a recent warning.
+        """Log that the limits stretch a goal's path, unless the goal belongs to a stream with a recent warning.
 
         Args:
             goal: The goal.
-            path: Its path, which takes longer than requested.
+            path: The goal's path, which takes longer than requested.
             now_s: Current time, in seconds.
         """
         more = ""

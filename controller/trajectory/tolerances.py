@@ -1,4 +1,4 @@
-"""Check the distance of joints from the path and the end of a goal against tolerances."""
+"""Check the joints' distance from the path, and their distance from the goal at the end, against tolerances."""
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from typing import Final
 from hal.types import FloatArray, apart
 
 ERASE: Final = -1.0
-"""Value with which a goal disables a tolerance (control_msgs/JointTolerance)."""
+"""Value with which a goal disables a tolerance (see control_msgs/JointTolerance)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Tolerances:
     path: Mapping[str, float] = field(default_factory=dict)
     goal: Mapping[str, float] = field(default_factory=dict)
     goal_time_s: float = 0.0
-    """Maximum time after the end of the path to reach the goal tolerance, in seconds; 0 means no limit."""
+    """Maximum time to reach the goal tolerance after the path ends, in seconds; 0 means no limit."""
     lag_time_s: Mapping[str, float] = field(default_factory=dict)
     """Time by which a moving joint may lag behind its path, in addition to the path tolerance, in seconds."""
 
@@ -50,7 +50,7 @@ def _resolved(asked: float, default: float) -> float:
 def excess(
     joints: Sequence[str], error: FloatArray, tolerance: Mapping[str, float], unmeasured: Container[str] = ()
 ) -> str:
-    """Describe the joint whose error (n,) exceeds its tolerance most, or return an empty string.
+    """Describe the joint whose error (n,) exceeds its tolerance the most, or return an empty string.
 
     Joints in ``unmeasured`` are ignored.
     """

@@ -13,20 +13,21 @@ from controller.motion import Kinematics, RuckigMotion, segment
 from hal.types import FloatArray, JointLimits
 
 ATTEMPTS: Final = 4
-"""Maximum number of times that the planner chooses new velocities if the time between two points is too short."""
+"""Maximum number of times the planner chooses new velocities if the time between two points is too short."""
 ACCELERATION_SHARE: Final = 0.5
-"""Fraction of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the rest."""
+"""Fraction of the acceleration limit that chosen velocities use. The jerk-limited ramps need the remaining fraction."""
 
 BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """m points for n joints. ``times_s`` (m,) counts from now. The other arrays (m, n) are in rad or m and seconds.
+    """m points for n joints. ``times_s`` (m,) are measured from now. The other arrays (m, n) are in rad or m and
+    seconds.
 
-    ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values. At the
+    ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal specifies these values. At the
     other points, the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points,
-    then leaps).
+    then jumps).
     """
 
     times_s: FloatArray
@@ -37,7 +38,8 @@ class Waypoints:
     has_acceleration: BoolArray
 
     def by_shortest_turn(self, start: FloatArray, endless: Sequence[int]) -> "Waypoints":
-        """Return the points shifted by full turns so that continuous joints start from ``start`` (n,) the shorter way.
+        """Return the points shifted by full turns so that continuous joints move away from ``start`` (n,) in the
+        shorter direction.
 
         ``endless`` holds the indices of the continuous joints.
         """
@@ -70,8 +72,8 @@ def ruckig_motion(
 ) -> RuckigMotion:
     """Plan a motion with ruckig from ``start`` through every point without stopping. Raises MotionError.
 
-    If a segment takes longer than the goal requests, the velocities at its ends are reduced accordingly, so that all
-    joints stay on the path.
+    If a segment takes longer than requested, the velocities at its ends are reduced accordingly, so that all joints
+    stay on the path.
     """
     bounds = Bounds.of(limits)
     positions = np.vstack((start.position, waypoints.position))
@@ -99,7 +101,7 @@ def _states(
 ) -> list[Kinematics]:
     """Return the states at the start and at each point.
 
-    Values that the goal does not contain are estimated. At the ends of segments that take longer than requested, the
+    Values that the goal does not specify are estimated. At the ends of segments that take longer than requested,
     velocities are reduced.
     """
     slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=(asked_s > 0.0) & (spans_s > 0.0))
@@ -110,7 +112,7 @@ def _states(
     acceleration = np.where(
         waypoints.has_acceleration[:, None],
         waypoints.acceleration * slower**2,
-        # An acceleration of 0 would interrupt the acceleration at each point.
+        # An acceleration of 0 would interrupt the motion's acceleration at each point.
         estimated_velocities(np.vstack((start.velocity, velocity)), spans_s),
     )
     velocity[-1], acceleration[-1] = 0.0, 0.0

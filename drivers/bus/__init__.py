@@ -1,1 +1,1 @@
-"""Bus of servos: group reads and writes, requests to single servos, late replies, faults and counters."""
+"""Servo bus: group reads and writes, requests to single servos, late replies, faults and counters."""

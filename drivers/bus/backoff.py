@@ -1,7 +1,7 @@
-"""Decide when to ask silent servos again.
+"""Decide when to send requests to silent servos again.
 
-A request to a silent servo costs the whole timeout. A silent servo is therefore asked last and at growing intervals,
-but it is found within a second after it starts to answer again.
+A request to a silent servo takes the whole timeout. A silent servo is therefore asked last and at growing intervals,
+but it is found within a second after it starts to respond again.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from drivers.bus.read_plan import ReadResult
 from drivers.types import ServoFault, ServoState
 
 ASKED_ALWAYS: Final = 2
-"""Maximum number of consecutive misses at which a servo is still asked in every cycle, because single replies may be
+"""Maximum number of consecutive misses after which a servo is still asked in every cycle, because single replies may be
 lost.
 """
 FIRST_PAUSE_S: Final = 0.02
@@ -28,9 +28,11 @@ class Backoff:
         self._queue: list[int] = []
 
     def note(self, outcome: Mapping[int, ReadResult], now_s: float) -> list[int]:
-        """Record which servos answered. Return the servos without a state, with the first servo moved to the end.
+        """Record which servos replied. Return the servos that did not report a state, with the first of them moved to
+        the end.
 
-        In some group reads each servo waits for the previous servo, so the first silent servo may hide the others.
+        In some group reads, each servo waits for the reply of the previous servo, so the first silent servo may hide
+        the others.
         """
         missing = [i for i, result in outcome.items() if result.__class__ is not ServoState]
         if not missing and not self.misses and not self._queue:
@@ -60,6 +62,6 @@ class Backoff:
         if not self.misses:
             return servo_ids, ()
         responsive = tuple(i for i in servo_ids if i not in self.misses)
-        # If all servos are silent, a pause would save no time and would prolong a stall of the bus.
+        # If all servos are silent, pausing would save no time and would prolong a stall of the bus.
         due = {i for i in servo_ids if i in self.misses and (not responsive or self._next_s[i] <= now_s)}
         return responsive, tuple(i for i in self._queue if i in due)

@@ -31,15 +31,15 @@ from drivers.types import Reading, ServoGoal, ServoState
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_DRAIN_SIZE: Final = 256  # maximum number of bytes that are discarded in one read
+_DRAIN_SIZE: Final = 256  # maximum number of bytes to discard in one read
 
 
 class Bus:
     """All servos on one serial bus. The servos share one wire protocol. Use a bus from one thread only.
 
     A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls to a single servo raise ServoError. All
-    calls raise PortLost after the port has disappeared. The calls for set-up repeat lost requests: ``identify``,
-    ``goal``, ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
+    calls raise PortLost once the port has disappeared. The setup calls repeat lost requests: ``identify``, ``goal``,
+    ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
     """
 
     def __init__(
@@ -55,14 +55,14 @@ class Bus:
 
         Args:
             port: The line.
-            clock: Clock of the deadlines.
+            clock: Clock for the deadlines.
             models: Servo models, keyed by ID. If None, all servos are STS servos.
             position_p: Position P gains, keyed by ID, for Dynamixels whose gain differs from the factory value. The
                 gain is in RAM, so it is written whenever torque is enabled.
             lent: Whether the port belongs to another bus. ``close`` then leaves it open.
 
         Raises:
-            ValueError: The models cannot share a line.
+            ValueError: The models cannot share a bus.
         """
         self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
@@ -74,7 +74,7 @@ class Bus:
         except ValueError as error:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
-        """Replies and faults since the bus was opened, by servo and kind."""
+        """Replies and faults since the bus was opened, by servo and type."""
         late, protocol = LateReplyFilter(), servos.protocol
         self._line = line = Line(port, clock)
         group = GroupRead(line, protocol, self.counters, late)
@@ -99,14 +99,14 @@ class Bus:
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet requests the states of all servos. Otherwise each servo gets its own request."""
+        """Whether one packet requests the states of all servos. Otherwise a separate request is sent to each servo."""
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         """Request the states of servos. ``receive`` waits for the replies.
 
-        Request the states on all buses before you receive from any, so that all buses transfer data simultaneously. An
-        earlier request whose replies were not received is abandoned.
+        Request the states on all buses before you receive from any of them, so that all buses transfer data
+        simultaneously. An earlier request whose replies have not been received is abandoned.
 
         Args:
             servo_ids: IDs of the servos.
@@ -127,9 +127,9 @@ class Bus:
         return readings if self._maps is None else self._name_alarms(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        """Send the goals of all servos in one packet, which the servos do not acknowledge.
+        """Send the goals of all servos in one packet, which is not acknowledged.
 
-        Each servo that does not support group writes gets a separate packet, which it acknowledges.
+        Each servo that does not support group writes gets a separate packet and acknowledges it.
 
         Args:
             goals: Goals, keyed by ID, in counts.
@@ -154,7 +154,7 @@ class Bus:
             value: Raw value.
 
         Raises:
-            ValueError: The servo would refuse the value.
+            ValueError: The servo would reject the value.
         """
         register.check(value)
         protocol = self._servos.protocol
@@ -169,7 +169,7 @@ class Bus:
             deadline_s: Time to stop waiting, in seconds on the bus's clock.
 
         Returns:
-            The raw values, keyed by ID. Servos that did not answer are missing.
+            The raw values, keyed by ID. Servos that did not respond are missing.
         """
         return self._reader.registers(registers, deadline_s)
 
@@ -179,7 +179,7 @@ class Bus:
         Args:
             servo_ids: IDs of the servos.
             deadline_s: Time to stop waiting, in seconds on the bus's clock. If None, the call waits for every servo; do
-                not use None in a cycle.
+                not use None in a control cycle.
 
         Returns:
             The state of each servo, or its fault, keyed by ID.
@@ -197,17 +197,17 @@ class Bus:
         """Return the number of bytes of a cycle without errors.
 
         Args:
-            goals: Goals that are written, keyed by ID.
-            servo_ids: IDs of the servos whose states are read.
+            goals: Goals to write, keyed by ID.
+            servo_ids: IDs of the servos whose states to read.
 
         Returns:
-            Number of bytes on the wire, of requests and replies.
+            Number of bytes on the wire, including requests and replies.
         """
         written = len(self._servos.goals(goals)) + self._separate.size(goals)
         return written + self._reader.exchange_size(tuple(servo_ids))
 
     def needs_single_reads(self, servo_id: int) -> bool:
-        """Find out whether a servo answers single reads but not group reads.
+        """Determine whether a servo answers single reads but not group reads.
 
         Such a servo is then read and written separately.
 
@@ -220,7 +220,7 @@ class Bus:
         return self._separate.examine(servo_id)
 
     def write_goals_alone(self, servo_ids: Sequence[int], alone: bool = True) -> None:
-        """Switch servos to separate, acknowledged writes of their goals, or back to group writes.
+        """Switch servos to separate, acknowledged goal writes, or back to group writes.
 
         Args:
             servo_ids: IDs of the servos.
@@ -247,15 +247,15 @@ class Bus:
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        """Check that a servo answers, has the expected model, and is set up to be driven.
+        """Check that a servo responds, is the expected model, and is configured so that it can be driven.
 
         Args:
             servo_id: ID of the servo.
             model: Expected model.
 
         Raises:
-            ServoSilent: The servo does not answer.
-            ServoRefused: The servo is a different model, or its settings do not allow driving it.
+            ServoSilent: The servo does not respond.
+            ServoRefused: The servo is a different model, or its settings do not allow it to be driven.
         """
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
@@ -274,14 +274,14 @@ class Bus:
         return self._read_with_retries(servo_id, x.operating_mode) in x.MODES_WITH_TURNS
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
-        """Check that the settings of a servo allow driving it.
+        """Check that the settings of a servo allow it to be driven.
 
         Args:
             servo_id: ID of the servo.
-            model: Model whose control table the servo has.
+            model: Model whose control table the servo uses.
 
         Raises:
-            ServoError: The servo does not answer, or a setting does not allow driving it.
+            ServoError: The servo does not respond, or a setting does not allow it to be driven.
         """
         if warning := check_settings(self._single, servo_id, model):
             LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
@@ -299,14 +299,14 @@ class Bus:
         return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
-        """Read the position limits in the settings of a servo.
+        """Read the configured position limits of a servo.
 
         Args:
             servo_id: ID of the servo.
 
         Returns:
             The lowest and the highest goal, in counts. None if there are no limits: the servo has no such setting, both
-            limits are 0 (as in a simulator), or the servo ignores them in a mode that counts turns.
+            limits are 0 (as in a simulator), or the servo ignores the limits in a multi-turn mode.
         """
         if self._turns and servo_id in self._turns:
             return None
@@ -326,9 +326,9 @@ class Bus:
         return self._read_with_retries(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
-        """Read whether servos drive their motors with the torque limit that was set.
+        """Read whether servos drive their motors with the configured torque limit.
 
-        After a reset, a servo has a different limit. The request is sent once, without retries.
+        After a reset, a servo has a different torque limit. The request is sent once, without retries.
 
         Args:
             servo_ids: IDs of the servos.
@@ -366,22 +366,22 @@ class Bus:
 
         Args:
             servo_id: ID of the servo.
-            prepared: Whether ``prepare_torque`` was called before the goal was written.
+            prepared: Whether ``prepare_torque`` was called before writing the goal.
         """
         if not prepared:
             self.prepare_torque(servo_id)
         self.write(servo_id, self._servos.series(servo_id).torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
-        """Disable the torque of servos. If one servo fails, the torque of the others is still disabled.
+        """Disable the torque of servos. If this fails for one servo, the torque of the others is still disabled.
 
         Args:
             servo_ids: IDs of the servos.
 
         Returns:
-            The errors of the servos that did not acknowledge.
+            The errors of the servos that did not acknowledge the request.
         """
-        # A packet to all servos comes first, so that no servo waits for another's timeout. Acknowledged writes follow.
+        # A broadcast comes first, so that no servo waits for another's timeout. Acknowledged writes follow.
         if servo_ids:
             self._line.send(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
@@ -396,7 +396,7 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the torque of a servo until the servo is switched off.
+        """Limit the torque of a servo until it is switched off.
 
         Args:
             servo_id: ID of the servo.
@@ -431,14 +431,14 @@ class Bus:
 
     @contextmanager
     def at_baud(self, baud: int, models: Mapping[int, ServoModel] | None = None) -> Iterator["Bus"]:
-        """Use the line at a different baud rate. The previous rate is restored at the end.
+        """Use the bus at a different baud rate. The previous rate is restored when the context exits.
 
         Args:
             baud: Rate, in bits per second.
             models: Servo models on the yielded bus, keyed by ID; None for the models of this bus.
 
         Yields:
-            A bus at that rate. Replies that are still on the way at the end are discarded.
+            A bus at that rate. Replies that are still in transit at the end are discarded.
 
         Raises:
             PortError: The adapter does not support the rate.

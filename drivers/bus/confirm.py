@@ -1,4 +1,4 @@
-"""Confirm positions by two consecutive readings that agree, because corrupt data can have a correct checksum."""
+"""Confirm positions by two consecutive readings that agree, because corrupt data can have a valid checksum."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -8,8 +8,8 @@ from drivers.types import Reading, ServoFault, ServoState
 READINGS: Final = 8
 """Maximum number of readings."""
 AGREE_COUNTS: Final = 16
-"""Largest difference between readings that agree, in counts. The readings of servos at rest, or turned slowly by hand,
-differ by less.
+"""Largest difference between readings that agree, in counts. The readings of servos that are at rest, or slowly turned
+by hand, differ by less.
 """
 
 
@@ -20,10 +20,10 @@ def confirmed_states(
 
     Args:
         read: Function that returns the states of servos, keyed by ID, such as ``Bus.read_states``.
-        servo_ids: The servos.
+        servo_ids: IDs of the servos.
 
     Returns:
-        The latest state of each servo, or a fault if it did not answer or its readings never agreed.
+        The latest state of each servo, or a fault if it did not respond or its readings never agreed.
     """
     last: dict[int, Reading] = dict(read(servo_ids))
     found: dict[int, Reading] = {}

@@ -80,22 +80,23 @@ def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
 class FastReads:
     """Decide whether fast sync reads are used on one bus.
 
-    Fast sync reads are tried once, and are no longer used after too many failures.
+    Fast sync reads are tried once, and are abandoned after too many failures.
     """
 
     def __init__(self, line: Line) -> None:
         self._line = line
         self.tried = False
         self.known = False
-        """Whether all servos support fast sync reads, as found by ``trial``."""
+        """Whether all servos support fast sync reads, as determined by ``trial``."""
         self._failures_in_a_row = 0
         self._paused_until_s = -math.inf
 
     def trial(self, plan: ReadPlan) -> None:
-        """Try a fast sync read of servos that have just answered, and record whether it succeeds.
+        """Try a fast sync read of servos that have just replied, and record whether it succeeds.
 
         Call this outside a control cycle, because a servo that does not know the instruction causes a timeout. Faults
-        are not counted. The trial fails on a slow adapter, on which a silent first servo would delay cycles too long.
+        are not counted. The trial fails on a slow adapter, because a silent first servo would delay each cycle too
+        much.
         """
         line = self._line
         self.tried = True
@@ -106,7 +107,7 @@ class FastReads:
             LOG.info("%s: using plain sync reads, because not every servo supports fast sync reads", line.port.name)
 
     def allowed(self) -> bool:
-        """Whether no reply to a failed fast sync read can still arrive."""
+        """Whether it is too late for any reply to a failed fast sync read to arrive."""
         return self._line.now() >= self._paused_until_s
 
     def succeeded(self) -> None:

@@ -1,4 +1,4 @@
-"""Read several servos with one request packet, and find the fault of each servo without a valid reply."""
+"""Read several servos with one request packet, and determine the fault of each servo that sent no valid reply."""
 
 from collections.abc import Collection, Mapping
 from typing import Final
@@ -15,13 +15,14 @@ from drivers.servos.series import WireProtocol
 from drivers.types import FaultKind, ServoFault, ServoState
 
 GROUP_WAIT_S: Final = 0.002
-"""Timeout of a group's replies beyond the transmission time, in seconds. This timeout is at least one tick of most
-kernels. A wait that ends before the next tick would cost two timer settings for each piece of a reply.
+"""Timeout for the replies of a group, beyond the transmission time, in seconds. This timeout is at least one timer tick
+of most kernels. A wait that ends before the next tick would cost two timer settings for each fragment of a reply.
 """
 TURNAROUND_S: Final = 0.0005
-"""Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""
+"""Time a servo needs to reply, in seconds. If less time is left in the cycle, a missing reply is not the servo's
+fault."""
 FAST_LATE_S: Final = 0.004
-"""Maximum additional time for a fast reply of which nothing has arrived, in seconds. A busy machine delays replies."""
+"""Maximum additional wait for a fast reply of which no part has arrived, in seconds. A busy machine delays replies."""
 DRAIN_S: Final = 0.002
 """Maximum time for discarding input after the bus was flooded with bytes, in seconds."""
 _MANY: Final = 4096
@@ -29,7 +30,7 @@ _MANY: Final = 4096
 
 
 class GroupRead:
-    """Group reads of one bus. Faults are counted and returned. The only exception that is raised is PortLost."""
+    """Group reads of one bus. Faults are counted and returned. The only exception raised is PortLost."""
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
         self._line = line
@@ -45,7 +46,7 @@ class GroupRead:
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
         self._prompt = False
-        """Whether complete replies have arrived within ``GROUP_WAIT_S`` since the last read without any reply."""
+        """Whether complete replies have arrived within ``GROUP_WAIT_S`` since the last read that received no reply."""
         self.complete = False
         """Whether the last read returned the state of every servo."""
         self.fast_replies = 0
@@ -59,10 +60,10 @@ class GroupRead:
         self._sent_s = self._line.send_request(plan.request)
 
     def _drain_input(self) -> None:
-        """Discard the input since the last request. Late replies in the input close their requests.
+        """Discard the input received since the last request. Late replies found in the input close their requests.
 
         After a stall, the input holds a reply to each open request. After a flood of bytes, a flush discards only part
-        of the input, and the rest would precede the next replies.
+        of the input, and the remainder would precede the next replies.
         """
         port, end_s = self._line.port, self._line.now() + DRAIN_S
         if self._late.open:
@@ -84,10 +85,10 @@ class GroupRead:
         return True
 
     def collect(self, plan: ReadPlan, responsive: int, deadline_s: float) -> Mapping[int, ReadResult]:
-        """Receive the replies and return the state or the kind of fault of each servo.
+        """Receive the replies and return the state or the fault type of each servo.
 
-        The first ``responsive`` servos of the plan are expected to answer. The other servos get a short timeout. If a
-        fast read fails, the result is empty and no fault is counted for a servo.
+        The first ``responsive`` servos of the plan are expected to respond. The other servos get a short timeout. If a
+        fast read fails, the result is empty and no fault is counted for any servo.
         """
         line, expected, self.complete, self.hidden = self._line, plan.reply_size, False, ()
         if 0 < responsive < len(plan.servo_ids):
@@ -121,22 +122,22 @@ class GroupRead:
         return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
 
     def _chain_has_ended(self, plan: ReadPlan, missing: bool) -> bool:
-        """Whether no more replies can come, because a silent servo silences the servos after it.
+        """Whether no more replies can arrive, because a silent servo silences the servos after it.
 
-        The adapter must be known to be prompt. A slow adapter may still deliver the missing replies.
+        The adapter must be known to deliver replies promptly. A slow adapter may still deliver the missing replies.
         """
         return missing and self._prompt and self._protocol.waits_for_silent and len(plan.servo_ids) > 1
 
     def abandon(self, plan: ReadPlan) -> None:
-        """Give up the last request, whose replies may still arrive."""
+        """Abandon the last request, whose replies may still arrive."""
         if plan.fast:
             self.fast.failed()
         self._count(plan, dict.fromkeys(plan.servo_ids, "no_time"))
 
     def _wait_for_fast_reply(self, plan: ReadPlan, deadline_s: float) -> bytes:
-        """Wait longer for a fast reply of which nothing has arrived, as long as time is left for separate replies.
+        """If no part of a fast reply has arrived, wait longer, as long as time remains for separate replies.
 
-        A failed fast read is expensive, because no fast read can be sent while its reply may still arrive.
+        A failed fast read is expensive, because no other fast read can be sent while its reply may still arrive.
         """
         line = self._line
         separate_s = 2.0 * plan.exchange_size * line.byte_s + GROUP_WAIT_S
@@ -144,7 +145,7 @@ class GroupRead:
         return line.receive(plan.request, plan.reply_size, until_s) if until_s > line.now() else b""
 
     def _wait_for_slow_adapter(self, expected: int, deadline_s: float) -> bytes:
-        """Wait longer when no servo has answered, because the adapter may be slow."""
+        """Wait longer if no servo has replied, because the adapter may be slow."""
         line = self._line
         data = line.port.read(1, min(self._sent_s + FIRST_REPLY_S, deadline_s))
         if not data:
@@ -205,8 +206,8 @@ class GroupRead:
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
-            # If servos wait for each other, a pause means that no more replies come. Otherwise the pause may be an
-            # empty slot.
+            # If servos wait for each other, a pause means that no more replies will arrive. Otherwise the pause may be
+            # the empty slot of a silent servo.
             slots_s = 0.0 if self._protocol.waits_for_silent else missing * line.byte_s
             until_s = line.now() + slots_s + gap_s
             only_late = assembler.replies and not assembler.answered
@@ -221,7 +222,7 @@ class GroupRead:
     def _had_time(self, plan: ReadPlan, assembler: ReplyAssembler, due_s: float, deadline_s: float) -> Collection[int]:
         """Return the servos that had time to reply before the deadline.
 
-        The time when the reply of a servo is due depends on its place in the order.
+        The time at which a servo's reply is due depends on its place in the order.
         If no servo replied, the cause may be the adapter, except in reads in which the first servo can silence all
         others.
         """
@@ -239,7 +240,7 @@ class GroupRead:
     def _judge(
         self, plan: ReadPlan, assembler: ReplyAssembler, had_time: Collection[int]
     ) -> tuple[dict[int, ReadResult], int]:
-        """Return a value or a fault for every requested servo, and the number of runs of noise."""
+        """Return a value or a fault for every requested servo, and the number of noise sequences."""
         results: dict[int, ReadResult] = {}
         late: set[int] = set()
         for reply in assembler.replies:
@@ -250,7 +251,7 @@ class GroupRead:
             self._counters.strange += result is None or reply.servo_id in results
             if result is not None:
                 results[reply.servo_id] = result
-                if not isinstance(result, ServoFault):  # a refusal may belong to an earlier request
+                if not isinstance(result, ServoFault):  # a rejection may belong to an earlier request
                     self._late.answered(reply.servo_id, self._line.now())
         corrupt, noise = assembler.corrupted()
         self.hidden = self._after_silent(plan, results.keys() | corrupt)
@@ -261,14 +262,14 @@ class GroupRead:
         return results, noise
 
     def _after_silent(self, plan: ReadPlan, heard: Collection[int]) -> tuple[int, ...]:
-        """Return the servos after the servo that ended a group read, if each servo waits for the previous reply."""
+        """If each servo waits for the previous reply, return the servos after the one that ended a group read."""
         if not self._protocol.waits_for_silent:
             return ()
         last = max((n for n, servo_id in enumerate(plan.servo_ids) if servo_id in heard), default=-1)
         return plan.servo_ids[last + 2 :]
 
     def _count(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
-        """Count the result of each request. Requests without a value stay open for late replies."""
+        """Count the result of each request. Requests that returned no value stay open for late replies."""
         now_s = self._line.now()
         self._counters.noise += noise
         for servo_id, result in results.items():
@@ -277,7 +278,7 @@ class GroupRead:
                 account.refused += 1
                 if servo_id in self._late.servos(now_s):
                     self._leave_open(plan, servo_id, now_s, "refused")
-            elif result == "reset":  # the servo has answered, so the request is closed
+            elif result == "reset":  # the servo has replied, so the request is closed
                 account.reset += 1
             elif isinstance(result, str):
                 missed: Missed = "silent" if result == "late" else result

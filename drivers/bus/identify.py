@@ -11,7 +11,7 @@ from drivers.servos.series import Series
 
 
 def check_model_number(single: SingleServo, servo_id: int, model: ServoModel) -> None:
-    """Raise ServoError unless the servo answers and reports the model number of this model."""
+    """Raise ServoError unless the servo responds and reports the model number of this model."""
     series = series_of(model)
     number = _model_number(single, servo_id, series)
     if number != model.number:
@@ -38,16 +38,17 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent:
-        # The ping raises if the servo does not answer it either.
+        # The ping also raises an error if the servo does not respond to it.
         single.ping(servo_id)
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent as error:
-        raise ServoRefused(servo_id, f"answers pings but not reads: {_set_level(series)}") from error
+        raise ServoRefused(servo_id, f"responds to pings but not to reads: {_set_level(series)}") from error
 
 
 def _acknowledges(single: SingleServo, servo_id: int, series: Series) -> bool:
-    """Whether the servo answers a write that changes nothing, as even a simulator with an empty table may do."""
+    """Whether the servo acknowledges a write that changes nothing, which even a simulator with an empty table may
+    do."""
     if series.harmless is None:
         return False
     held = retry(partial(single.read, servo_id, series.harmless))

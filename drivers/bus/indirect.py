@@ -53,9 +53,9 @@ class IndirectMaps:
             )  # fmt: skip
 
     def _map(self, servo_id: int, block: StateBlock) -> str:
-        """Write the map, read it back and check the cells.
+        """Write the map, read it back and check the mapped data registers.
 
-        Return a description of the problem, worded to follow "it", or None.
+        Return None, or a description of the problem, worded to follow "it".
         """
         retry(partial(self._single.write, servo_id, MAP_REGISTER, _MAP))
         if retry(partial(self._single.read, servo_id, MAP_REGISTER)) != _MAP:
@@ -71,11 +71,11 @@ class IndirectMaps:
         return ""
 
     def mark_lost(self, servo_id: int) -> None:
-        """Record that the servo has answered without proof of its map."""
+        """Record that the servo has replied without proof of its map."""
         if servo_id in self._servos.mapped:
             LOG.warning(
-                "%s: servo %d has lost the map of its indirect registers: it was reset, perhaps by a voltage drop, and "
-                "its torque is disabled. It is read from the direct block until its torque is enabled again",
+                "%s: servo %d has lost the mapping of its indirect registers: it was reset, perhaps by a voltage drop, "
+                "and its torque is disabled. It is read from the direct block until its torque is enabled again",
                 self._name, servo_id,
             )  # fmt: skip
             self._lost.add(servo_id)

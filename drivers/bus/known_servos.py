@@ -15,11 +15,11 @@ from drivers.servos.series import Series, StateBlock
 from drivers.types import ServoGoal
 
 GoalWrite = Callable[[Mapping[int, ServoGoal]], bytes]
-"""Function that encodes the goals of its servos as a sync write."""
+"""Function that encodes servo goals as a sync write."""
 
 
 class KnownServos:
-    """Servos of one bus. An unknown servo is assumed to belong to the series of the first known servo."""
+    """Servos of one bus. An unknown servo is assumed to be of the same series as the first known servo."""
 
     def __init__(self, models: Mapping[int, ServoModel]) -> None:
         """Raise ValueError if the servos cannot share a bus."""
@@ -32,10 +32,10 @@ class KnownServos:
         self.firmware: dict[int, int] = {}
         """Firmware versions of the Dynamixel X servos that were identified, keyed by ID."""
         self.separate: set[int] = set()
-        """Servos that do not support group reads, so each of them is read separately."""
+        """Servos that do not support group reads, so that each of them is read separately."""
         self.written_alone: set[int] = set()
-        """Servos that do not support group writes, so each of them is written separately. The set includes
-        ``separate``.
+        """Servos that do not support group writes, so that each of them is written separately. This set includes the
+        servos in ``separate``.
         """
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
@@ -83,7 +83,7 @@ class KnownServos:
             self._forget_plans()
 
     def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
-        """Return the state blocks that can be read from a servo, the preferred block first."""
+        """Return the state blocks that can be read from a servo, with the preferred block first."""
         return self.mapped.get(servo_id) or self.series(servo_id).blocks
 
     def map(self, servo_id: int, block: StateBlock) -> None:
@@ -115,7 +115,7 @@ class KnownServos:
         return self._fast[servo_ids]
 
     def _may_read_fast(self, servo_id: int) -> bool:
-        """Whether a fast sync read of this servo may work, according to its firmware version if it is known."""
+        """Whether a fast sync read of this servo may work, judging by its firmware version if known."""
         known = reads_fast(self.model(servo_id), self.firmware.get(servo_id))
         return known is not False and servo_id not in self.separate
 
@@ -172,7 +172,7 @@ class KnownServos:
         return packet
 
     def torque_off(self, servo_ids: Sequence[int]) -> bytes:
-        """Encode one sync write for each series that disables the torque of these servos."""
+        """For each series, encode one sync write that disables the torque of these servos."""
         packets, order = self.protocol.packets, self.protocol.byte_order
         return b"".join(
             packets.sync_write(off.address, off.size, b"".join(bytes((i,)) + off.encode(0, order) for i in ids))

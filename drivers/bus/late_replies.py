@@ -1,14 +1,14 @@
-"""Distinguish late replies from current replies by their length, because replies carry no number.
+"""Distinguish late replies from current replies by their length, because replies do not carry a sequence number.
 
 A request without a reply stays open, because its reply may still arrive. A servo with an open request is asked for a
 block of a different size, so that the length shows which request a reply answers. If requests of all sizes are open,
-one size is requested again. A reply of this size gives no value, because it may be the old reply. The reply closes all
-requests sent before the first request of its size, because a servo replies in order. The next reply is then
+one of the sizes is requested again. A reply of this size is not used, because it may be the old reply. The reply closes
+all requests sent before the first request of its size, because a servo replies in order. The next reply is then
 unambiguous.
 
-A late reply is therefore never mistaken for the reply to a later request. This holds if the replies of a servo keep
-their order and are delayed by at most ``OPEN_S``. A reply overtaken by a later reply of the same servo is still
-recognized for ``HELD_S``, unless all sizes are in use.
+A late reply is therefore never mistaken for the reply to a later request. This holds if the replies of a servo arrive
+in order and are delayed by at most ``OPEN_S``. If a later reply of the same servo overtakes a reply, the overtaken
+reply is still recognized for ``HELD_S``, unless all sizes are in use.
 """
 
 import math
@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 OPEN_S: Final = 2.0
-"""Maximum time between a request and its late reply, in seconds. Adapters and the scheduler can delay bytes."""
+"""Maximum time between a request and its late reply, in seconds. Adapters and the operating system's scheduler can
+delay bytes."""
 HELD_S: Final = 0.25
-"""Usual maximum delay of bytes, in seconds. Set-up can wait for this time."""
+"""Usual maximum delay of bytes, in seconds. Setup can wait this long."""
 
 Missed = Literal["silent", "corrupt", "late", "refused", "no_time"]
-"""Kind of fault that was counted for a missing reply."""
+"""Fault type that was counted for a missing reply."""
 
 
 @dataclass(slots=True)
@@ -31,19 +32,19 @@ class _OpenRequests:
     """Open requests to one servo for replies of one size."""
 
     given_up: deque[tuple[float, Missed]]
-    """Time at which each request was given up, and the kind of fault that was counted, oldest first."""
+    """Time at which each request was abandoned, and the fault type that was counted, oldest first."""
     until_s: float
-    """Latest possible time of a reply to the last request."""
+    """Latest possible arrival time of a reply to the last request."""
     overtaken: bool = False
-    """Whether the servo has answered a later request. No reply to these requests is then expected."""
+    """Whether the servo has replied to a later request. In that case, no reply to these requests is expected."""
 
 
 class LateReplyFilter:
-    """Open requests of one bus, keyed by servo and size.
+    """Open requests of one bus, keyed by servo and reply size.
 
-    A corrupt reply leaves its request open, because the garbage may come from another servo. A refusal that arrives
-    while other requests are open also leaves its request open. A refusal has no data, and may belong to any of the open
-    requests.
+    A corrupt reply leaves its request open, because the garbage may come from another servo. A rejection that arrives
+    while other requests are open also leaves its request open. A rejection contains no data and may belong to any of
+    the open requests.
     """
 
     def __init__(self) -> None:
@@ -52,7 +53,7 @@ class LateReplyFilter:
         self._single_until_s: dict[int, float] = {}
 
     def add(self, servo_id: int, size: int, now_s: float, counted: Missed) -> None:
-        """Record that a servo gave no valid reply to a request for ``size`` bytes of data."""
+        """Record that a servo sent no valid reply to a request for ``size`` bytes of data."""
         of_servo = self.open.setdefault(servo_id, {})
         if size in of_servo and not of_servo[size].overtaken:
             given_up = of_servo[size].given_up
@@ -64,7 +65,7 @@ class LateReplyFilter:
             of_servo[size] = _OpenRequests(deque(((now_s, counted),)), now_s + OPEN_S)
 
     def add_single(self, servo_id: int, now_s: float) -> None:
-        """Record that a servo gave no valid reply to a single request of any size."""
+        """Record that a servo sent no valid reply to a single request of any size."""
         self._single_until_s[servo_id] = now_s + HELD_S
 
     def single_until_s(self, servo_id: int) -> float:
@@ -76,7 +77,7 @@ class LateReplyFilter:
 
         Return the fault that was counted for the oldest of these requests.
 
-        Return None if the reply answers no open request. If this size was requested last (``asked``), overtaken
+        Return None if the reply does not match an open request. If this size was requested last (``asked``), overtaken
         requests are not considered.
         """
         of_servo = self.open.get(servo_id, {})
@@ -89,9 +90,9 @@ class LateReplyFilter:
         return counted
 
     def answered(self, servo_id: int, now_s: float) -> None:
-        """Record that a servo has certainly answered the last request.
+        """Record that a servo has definitely replied to the last request.
 
-        Replies to earlier requests are then unlikely.
+        Replies to earlier requests are then unlikely to arrive.
         """
         self._single_until_s.pop(servo_id, None)
         for one in self.open.get(servo_id, {}).values():
@@ -104,7 +105,7 @@ class LateReplyFilter:
         return any(one is not None and not one.overtaken for one in asked)
 
     def servos(self, now_s: float) -> frozenset[int]:
-        """Return the servos with open requests, whose refusals may belong to an earlier request."""
+        """Return the servos with open requests, whose rejections may belong to an earlier request."""
         single = (i for i, until_s in self._single_until_s.items() if until_s > now_s)
         return frozenset(self.open).union(single)
 
@@ -118,7 +119,7 @@ class LateReplyFilter:
     def place(self, sizes: Mapping[int, Sequence[int]]) -> int:
         """Return the index into ``sizes`` for which the fewest servos have open requests."""
 
-        # Of equally good sizes, the last requested size is best, because its reply closes the most requests.
+        # If several sizes are equally good, the one requested last is best, because its reply closes the most requests.
         def open_requests(place: int) -> tuple[int, int, float]:
             found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]

@@ -16,17 +16,18 @@ from drivers.servos.series import StateBlock, WireProtocol
 from drivers.types import FaultKind, ServoFault, ServoState, fault
 
 ReadResult = ServoState | int | FaultKind | ServoFault
-"""Result of one request to one servo: a state, a register value, or a fault. A ``ServoFault`` is a refusal with a
+"""Result of one request to one servo: a state, a register value, or a fault. A ``ServoFault`` is a rejection with a
 reason.
 """
 
 Decode = Callable[[bytes], Mapping[int, ServoState] | None]
-"""Function that returns all states if the bytes are exactly the valid replies of all servos in order, otherwise None.
+"""Function that returns all states if the bytes are exactly the valid replies of all servos in order, and otherwise
+None.
 """
 
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
-"""Low byte of Adler-32 over a valid reply. The checksum makes the sum of the bytes after the header 255, and Adler-32
-adds 1.
+"""Low byte of Adler-32 over a valid reply. The checksum makes the bytes after the header sum to 255, and Adler-32 adds
+1.
 """
 
 
@@ -83,11 +84,11 @@ def register_plan(protocol: WireProtocol, registers: Mapping[int, Register], *, 
 
 
 class _Request(NamedTuple):
-    """A request for data of some servos."""
+    """A request for data from some servos."""
 
     protocol: WireProtocol
     spans: Mapping[int, tuple[int, int]]
-    """Address and size, keyed by ID."""
+    """Address and size of the data, keyed by ID."""
     separate: bool
 
     def encode(self) -> bytes:
@@ -123,7 +124,7 @@ def _refusal(protocol: WireProtocol, reply: Reply) -> ServoFault | None:
 
 def _state_result(protocol: WireProtocol, block: StateBlock, scale: float | None, reply: Reply) -> ReadResult:
     if refused := _refusal(protocol, reply):
-        # The mapped cells do not exist, so this is not the servo that was mapped.
+        # The mapped registers do not exist, so this is not the servo that was mapped.
         no_map = block.proof and reply.error & protocol.refusals == v2.NO_ACCESS
         return "reset" if no_map else refused
     return block.decode(scale, reply.error, reply.data) or "reset"
@@ -131,7 +132,7 @@ def _state_result(protocol: WireProtocol, block: StateBlock, scale: float | None
 
 @cache
 def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
-    """Return one shared function for each layout, which saves space in the processor's caches."""
+    """Return one shared function for each layout, which saves space in the processor caches."""
     return Struct(layout).unpack
 
 
@@ -172,7 +173,7 @@ def _decoder_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | N
     replies = []
     begin = 0
     for servo_id, block in blocks.items():
-        # The layout is: head as one number, error byte, state (at the end of the block), checksum.
+        # The layout is: head as one number, error byte, state (at the end of the block), and checksum.
         unpack = _unpack(f"<QB{block.at}x{block.fields.format[1:]}H")
         head = v2.HEADER + bytes((servo_id,)) + (block.size + 4).to_bytes(2, "little") + bytes((v2.STATUS,))
         end = begin + block.size + v2.OVERHEAD

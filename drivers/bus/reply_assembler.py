@@ -1,4 +1,4 @@
-"""Collect separate replies to one request, and attribute garbage to the servos whose replies it may contain."""
+"""Collect separate replies to one request, and attribute garbage to the servos from whose replies it may come."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,14 +8,14 @@ from drivers.protocol.decoder import Decoder, Reply
 
 @dataclass(slots=True)
 class ReplyAssembler:
-    """Collector of replies. ``sizes`` holds the requested data size of each servo, in the order of the request."""
+    """Collector of replies. ``sizes`` holds the requested data size for each servo, in the order of the request."""
 
     sizes: Mapping[int, int]
     overhead: int
-    """Number of bytes of a reply in addition to its data."""
+    """Number of bytes in a reply in addition to its data."""
     decoder: Decoder
     ambiguous: frozenset[int] = frozenset()
-    """Servos whose refusal may belong to an earlier request, so a reply may still arrive."""
+    """Servos whose rejection may belong to an earlier request, so that a reply may still arrive."""
     replies: list[Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 
@@ -32,22 +32,22 @@ class ReplyAssembler:
                 self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:
-        """Whether the reply may answer this request. The size of the reply must match, unless it is a refusal."""
+        """Whether the reply may belong to this request. The size of the reply must match, unless it is a rejection."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 
     def bytes_missing(self, servo_ids: tuple[int, ...]) -> int:
-        """Return the number of bytes to wait for, which is 0 after the last of these servos has answered."""
+        """Return the number of bytes to wait for, which is 0 once the last of these servos has replied."""
         if not servo_ids or servo_ids[-1] in self.answered:
             return 0
         missing = sum(self.sizes[i] + self.overhead for i in servo_ids if i not in self.answered)
         return max(1, missing - self.decoder.waiting)
 
     def corrupted(self) -> tuple[set[int], int]:
-        """Return the servos whose corrupt replies explain the garbage, and the number of remaining runs of noise.
+        """Return the servos whose corrupt replies explain the garbage, and the remaining number of noise sequences.
 
-        Servos reply in order. The garbage between two replies is attributed to the missing servos between them, to as
-        many as it has room for. Servos whose IDs are still readable in the garbage come first.
+        Servos reply in the order of the request. The garbage between two replies is attributed to as many of the
+        missing servos between them as would fit. Servos whose IDs are still readable in the garbage come first.
         """
         corrupt: set[int] = set()
         noise = 0
@@ -64,7 +64,7 @@ class ReplyAssembler:
         return corrupt, noise
 
     def _gaps(self) -> list[tuple[int, list[int]]]:
-        """Return the garbage size and the missing servos before each expected reply and after the last reply."""
+        """Return the amount of garbage and the missing servos before each expected reply and after the last reply."""
         asked = tuple(self.sizes)
         gaps = []
         turn, garbage = 0, 0

@@ -1,4 +1,4 @@
-"""Repeat requests, so that one lost packet does not make set-up fail."""
+"""Repeat requests, so that one lost packet does not make setup fail."""
 
 from collections.abc import Callable
 from typing import Final, TypeVar
@@ -6,8 +6,8 @@ from typing import Final, TypeVar
 from drivers.errors import ServoCorrupt, ServoSilent
 
 ATTEMPTS: Final = 5
-"""Number of attempts. If a bus loses 9 % of all replies, 1 request in 170,000 fails. The set-up of seven servos on such
-a bus takes up to 450 requests."""
+"""Number of attempts. On a bus that loses 9 % of all replies, 1 request in 170,000 fails. Setting up seven servos on
+such a bus takes up to 450 requests."""
 
 CYCLE_RETRIES: Final = 2
 """Maximum number of repeated requests to a servo in one control cycle."""

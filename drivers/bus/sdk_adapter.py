@@ -1,6 +1,6 @@
 """Connect the manufacturers' packet handlers to a Port.
 
-The PortHandlers of the SDKs wait at 100 % CPU load. Feetech's PortHandler flushes output instead of discarding old
+The SDKs' own PortHandlers wait at 100 % CPU load. Feetech's PortHandler flushes the output instead of discarding old
 input. This adapter waits without CPU load and discards the input.
 """
 
@@ -13,12 +13,12 @@ from drivers.port.line import BITS_PER_BYTE, Line
 from drivers.protocol import v1
 
 CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
-"""Result codes of both SDKs for a corrupt reply. The other codes are the same in both SDKs, or mean that there was no
-reply.
+"""Result codes of both SDKs for a corrupt reply. The other codes are the same in both SDKs, or mean that no reply
+arrived.
 """
 _GRACE_S = 0.034
 """Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
-_FLOOD_S = 0.1  # time after the deadline in which all bytes that arrived before it are read
+_FLOOD_S = 0.1  # extra time after the deadline for reading all bytes that arrived before it
 
 
 class SdkAdapter:
@@ -39,7 +39,7 @@ class SdkAdapter:
 
     @property
     def is_using(self) -> bool:
-        """Lock flag of the SDK, which stays False.
+        """Lock flag of the SDK, which always stays False.
 
         One thread owns the port, and an exception would leave the lock closed.
         """
@@ -60,8 +60,8 @@ class SdkAdapter:
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
-        # For a frame with an impossibly small length, the SDKs request a negative number of bytes. They do not check
-        # the time while bytes arrive, so a read would never end on a flooded bus.
+        # For a frame with an impossibly small length, the SDKs request a negative number of bytes. The SDKs do not
+        # check the time while bytes arrive, so a read would never end on a flooded bus.
         if length <= 0 or self._line.now() >= self._deadline_s + _FLOOD_S:
             return b""
         data = self._held_back + self._port.read(length, self._deadline_s)
@@ -72,9 +72,9 @@ class SdkAdapter:
     def _without_echo(self, data: bytes) -> bytes:
         """Remove the echo of the request, which the SDK would mistake for a reply.
 
-        If the adapter is known to echo, all bytes before the echo are discarded. Otherwise bytes that may start an echo
-        are held back. If noise precedes an echo, the SDK may receive the echo. The result of the SDK is then marked as
-        corrupt.
+        If the adapter is known to echo, all bytes before the echo are discarded. Otherwise, bytes that may be the start
+        of an echo are held back. If noise precedes an echo, the SDK may receive the echo. The result of the SDK is then
+        marked as corrupt.
         """
         at = data.find(self._sent)
         if at >= 0:

@@ -1,7 +1,7 @@
 """Read and write servos one by one if they do not support group instructions. This is the last resort.
 
-Self-made servos with a microcontroller often answer only pings, reads and writes. These servos are detected outside the
-control cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
+Custom-built servos with a microcontroller often respond only to pings, reads and writes. These servos are detected
+outside the control cycle. From then on, each cycle sends such a servo a read and an acknowledged write.
 """
 
 import logging
@@ -22,8 +22,8 @@ LOG = logging.getLogger("servoloop.drivers")
 
 TRIALS: Final = 6
 """Number of consecutive failures that prove that a servo does not support group reads. A failure is a group read
-without a reply that is followed by a single read with a reply. On a bus that loses 9 % of the packets in each
-direction, this happens by chance once in 40,000 trials.
+without a reply, followed by a single read with a reply. On a bus that loses 9 % of the packets in each direction, this
+happens by chance once in 40,000 trials.
 """
 WRITE_TRIES: Final = 2
 """Number of attempts to write a goal in one cycle."""
@@ -38,18 +38,18 @@ class SeparateServos:
         self._line, self._servos, self._reader = line, servos, reader
         self._group, self._counters = group, counters
         self._doubtful: set[int] = set()
-        """Identified servos that have not answered a group read yet."""
+        """Identified servos that have not yet replied to a group read."""
         self._reported: frozenset[int] = frozenset()
 
     def identified(self, servo_id: int) -> None:
-        """Record that a servo has answered single reads."""
+        """Record that a servo has replied to single reads."""
         if self._servos.protocol.group_read == "sync" and servo_id not in self._servos.separate:
             self._doubtful.add(servo_id)
 
     def found(self, readings: Mapping[int, Reading]) -> bool:
-        """Examine the identified servos that gave no state.
+        """Examine the identified servos that did not report a state.
 
-        Return whether one of these servos has to be read separately.
+        Return whether one of these servos must be read separately.
         """
         if not self._doubtful:
             return False
@@ -58,7 +58,7 @@ class SeparateServos:
         return bool([servo_id for servo_id in missing if self.examine(servo_id)])
 
     def examine(self, servo_id: int) -> bool:
-        """Return whether a servo answers single reads but not group reads.
+        """Return whether a servo responds to single reads but not to group reads.
 
         Such a servo is then read separately in every cycle.
         """
@@ -89,7 +89,7 @@ class SeparateServos:
         return any(isinstance(self._reader.ask(servo_id), ServoState) for _ in range(2))
 
     def write_goal(self, servo_id: int, goal: ServoGoal) -> None:
-        """Write the goal of one servo and wait for its acknowledgment. Raise ValueError if the goal does not fit."""
+        """Write the goal of one servo and wait for the acknowledgment. Raise ValueError if the goal does not fit."""
         line, request = self._line, self._servos.goal_packet(servo_id, goal)
         size, account = self._servos.protocol.packets.OVERHEAD, self._counters.of(servo_id)
         for attempt in range(WRITE_TRIES):
@@ -105,7 +105,8 @@ class SeparateServos:
         account.silent += 1
 
     def _error_of(self, servo_id: int, data: bytes) -> int | None:
-        """Return the error byte of an acknowledgment, or None if the bytes are not an acknowledgment of this servo."""
+        """Return the error byte of an acknowledgment, or None if the bytes are not an acknowledgment from this
+        servo."""
         packets = self._servos.protocol.packets
         if len(data) != packets.OVERHEAD:
             return None
@@ -120,7 +121,7 @@ class SeparateServos:
         return sum(len(self._servos.goal_packet(i, goals[i])) + acknowledgment for i in written)
 
     def report(self, servo_ids: Iterable[int]) -> None:
-        """Log a warning with the highest possible rate, once for each set of separate servos."""
+        """Log a warning with the highest possible cycle rate, once for each set of separate servos."""
         asked = tuple(servo_ids)
         alone = frozenset(self._servos.written_alone.intersection(asked))
         if not alone - self._reported:
@@ -147,5 +148,5 @@ class SeparateServos:
 
 
 def _unanswered(result: object) -> bool:
-    """Whether a servo sent no reply to a group read, or refused it."""
+    """Whether a servo did not reply to a group read, or rejected it."""
     return result == "silent" or (isinstance(result, ServoFault) and result.kind in ("silent", "refused"))

@@ -20,7 +20,7 @@ _MANY: Final = 4096  # more bytes than can arrive during the wait for a late rep
 class SingleServo:
     """Requests to a single servo.
 
-    A fault of the servo raises ServoError, and a port that has disappeared raises PortLost.
+    A servo fault raises ServoError, and a port that has disappeared raises PortLost.
     """
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
@@ -33,8 +33,8 @@ class SingleServo:
         self._sdk = protocol.sdk()
 
     def ping(self, servo_id: int) -> None:
-        """Ping a servo. Raise ServoSilent if the servo does not answer."""
-        # The SDK's ping also reads the model number, but a servo may answer nothing but pings.
+        """Ping a servo. Raise ServoSilent if the servo does not respond."""
+        # The SDK's ping also reads the model number, but some servos respond only to pings.
         self._request(servo_id, self._packets.PING, b"", None, "a ping")
 
     def read(self, servo_id: int, register: Register) -> int:
@@ -53,7 +53,7 @@ class SingleServo:
         self._write(self._packets.REG_WRITE, servo_id, register, value)
 
     def _write(self, instruction: int, servo_id: int, register: Register, value: int) -> None:
-        # The SDK's writeTxRx mistakes any reply of the servo for the acknowledgment, even a late reply.
+        # The SDK's writeTxRx mistakes any reply of the servo for the acknowledgment, even a late one.
         data = self._packets.place(register.address) + register.encode(value, self._protocol.byte_order)
         self._request(servo_id, instruction, data, 0, register.name)
 
@@ -63,9 +63,9 @@ class SingleServo:
         self._sdk.action(self._adapter, self._packets.BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo. Its torque is disabled, and it does not answer for up to a second.
+        """Restart a servo. Its torque is disabled, and it does not respond for up to a second.
 
-        Raise ServoRefused if its protocol has no reboot instruction.
+        Raise ServoRefused if the servo's protocol has no reboot instruction.
         """
         if self._protocol.reboot == "none":
             raise ServoRefused(servo_id, "cannot be rebooted over the bus: switch its power off and on")
@@ -86,7 +86,8 @@ class SingleServo:
         self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:
-        """Return the servos that answer a broadcast ping. Raise DriverError if their replies would collide."""
+        """Return the servos that respond to a broadcast ping. Raise DriverError if the servos' replies would
+        collide."""
         if not self._protocol.broadcast_ping:
             raise DriverError("the replies to a broadcast ping collide in this protocol: ping each ID separately")
         self._line.clean = False
@@ -96,9 +97,10 @@ class SingleServo:
     def _request(self, servo_id: int, instruction: int, parameters: bytes, size: int | None, what: str) -> bytes:
         """Send an instruction and return the data of the reply.
 
-        The data must be ``size`` bytes. If ``size`` is None, any size is valid.
+        The data must be ``size`` bytes long. If ``size`` is None, any size is valid.
 
-        A reply does not identify its request. The call therefore waits until no late reply of this servo is possible.
+        A reply does not identify its request. The call therefore waits until a late reply from this servo is no longer
+        possible.
         """
         self._line.clean = False
         self._wait_for_late_replies(servo_id)
@@ -120,7 +122,7 @@ class SingleServo:
             account.corrupt += 1
             raise ServoCorrupt(servo_id, f"sent a corrupt packet: check {line_advice(self._line.port.name)}")
         account.silent += 1
-        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")
+        raise ServoSilent(servo_id, "does not respond: check its power and cable, its ID and the baud rate")
 
     def _reply_data(self, servo_id: int, error: int, data: bytes, size: int | None, what: str) -> bytes:
         account = self._counters.of(servo_id)

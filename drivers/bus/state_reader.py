@@ -22,7 +22,7 @@ from drivers.types import Reading, ServoState, fault
 LOG = logging.getLogger("servoloop.drivers")
 
 Batch = tuple[tuple[int, ...], int]
-"""Servos that are asked together, and the number of leading servos that are expected to answer."""
+"""Servos that are asked together, and the number of leading servos that are expected to respond."""
 
 
 class StateReader:
@@ -43,7 +43,7 @@ class StateReader:
         """Plan of the request whose replies have not been received yet."""
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
-        """Servos for which the last cycle had no time. The next cycle asks these servos first."""
+        """Servos for which the last cycle had no time left. The next cycle asks these servos first."""
         self._hidden: frozenset[int] = frozenset()
         """Servos that a silent servo may have silenced in their last group read. The next requests to them are
         separate.
@@ -109,12 +109,13 @@ class StateReader:
         self._group.send(plan)
 
     def _place(self, servo_ids: tuple[int, ...]) -> int:
-        """Return the index of the block to request, so that a late reply cannot be taken for the reply to it."""
+        """Return the index of the block to request, so that a late reply cannot be mistaken for the reply to this
+        request."""
         self._late.forget(self._line.now())
         return self._late.place({i: [block.size for block in self._servos.blocks(i)] for i in servo_ids})
 
     def receive(self) -> Mapping[int, Reading]:
-        """Return the states or faults of this cycle. Missing states are requested again while there is time."""
+        """Return the states or faults of this cycle. Missing states are requested again while time remains."""
         plan, asked = self._plan, self._asked
         results = self._collect(self._until_s(plan.servo_ids) if plan and not self._sync else self.deadline_s)
         while self._batches:
@@ -141,7 +142,7 @@ class StateReader:
         return results if results or not plan.fast else self._read_separately(plan.servo_ids, deadline_s)
 
     def _read_separately(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
-        """Read servos again with separate replies after a failed fast read, to find which of them failed.
+        """After a failed fast read, read servos again with separate replies to find out which of them failed.
 
         The servo that ended the fast read is asked last, because it would silence the servos after it again.
         """
@@ -155,7 +156,7 @@ class StateReader:
         return {i: results[i] for i in servo_ids if i in results}
 
     def _complete(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
-        """Count servos that were not asked, and repeat the requests to servos that were expected to answer."""
+        """Count servos that were not asked, and repeat the requests to servos that were expected to respond."""
         expected = [i for i in results if i not in self._backoff.misses]
         self._count_unasked(results)
         missing = self._backoff.note(results, self._line.now())
@@ -199,7 +200,7 @@ class StateReader:
             missing = self._backoff.note(again, self._line.now())
 
     def groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
-        """Group servos of which some may be silent. In a bulk read, a silent servo would hide the servos after it."""
+        """Group servos, some of which may be silent. In a bulk read, a silent servo would hide the servos after it."""
         together = self._servos.together(tuple(servo_ids)) if self._servos.protocol.group_read == "sync" else ()
         return ([together] if together else []) + [(i,) for i in servo_ids if i not in together]
 
@@ -223,7 +224,8 @@ class StateReader:
         return self._readings(results)
 
     def _read_hidden(self, hidden: list[int]) -> dict[int, ReadResult]:
-        """Read the servos that a silent servo may have silenced: together, then separately if it happens again."""
+        """Read the servos that a silent servo may have silenced, first together and then separately if it happens
+        again."""
         for servo_id in hidden:
             self._counters.of(servo_id).retries += 1
         results = self._read_all(tuple(hidden))
@@ -242,7 +244,7 @@ class StateReader:
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
         """Read one register of each servo once. Servos that do not reply before the deadline are omitted."""
-        # Servos are omitted if a late reply, even to a single request, may have the size of this reply.
+        # Servos are omitted if a late reply, even one to a single request, may have the same size as this reply.
         now_s, late = self._line.now(), self._late
         asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
         asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide the servos after it
@@ -259,7 +261,7 @@ class StateReader:
     # Fast sync reads.
 
     def _try_fast_once(self, servo_ids: tuple[int, ...]) -> None:
-        """Try fast sync reads once for each bus, outside a control cycle and after all servos have answered."""
+        """Try fast sync reads once for each bus, outside a control cycle and after all servos have replied."""
         if self._group.fast.tried or not servo_ids or self._backoff.misses or not self._line.clean:
             return
         plan = self._servos.fast_plan(servo_ids)
@@ -267,9 +269,10 @@ class StateReader:
             self._group.fast.trial(plan)
 
     def _fast_or_none(self, servo_ids: tuple[int, ...], deadline_s: float) -> ReadPlan | None:
-        """Return the plan of a fast sync read, or None if there would be no time to read all servos again after it.
+        """Return the plan of a fast sync read, or None if there would be no time left to read all servos again
+        afterward.
 
-        Fast reads are not used while late replies are possible, because only separate replies can be distinguished.
+        Fast reads are not used while late replies are possible, because only separate replies can be told apart.
         """
         if self._late.open:
             self._late.forget(self._line.now())
@@ -298,11 +301,12 @@ class StateReader:
         return self._fits(self._size_of(servo_ids), deadline_s, gap_s)
 
     def _until_s(self, servo_ids: tuple[int, ...]) -> float:
-        """Return the deadline for these servos, so that a silent servo does not use up the time of later servos."""
+        """Return the deadline for these servos, chosen so that a silent servo does not use up the time of later
+        servos."""
         if self._sync:
             return self.deadline_s
         byte_s = self._line.byte_s
-        # Servos hidden by a silent servo in a bulk read are asked again separately.
+        # In a bulk read, servos hidden by a silent servo are asked again separately.
         later = [ids for ids, _ in self._batches] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
         needed_s = sum(self._size_of(ids) * byte_s + RESPONSIVE_S for ids in later)
         at_least_s = self._line.now() + self._size_of(servo_ids) * byte_s + SPARE_S
@@ -312,7 +316,7 @@ class StateReader:
         count, port = len(servo_ids), self._line.port
         LOG.info(
             "%s: these %s servos do not support a group read, so the %d servos are read one by one: this takes %.2f ms "
-            "of every cycle at %d baud, and %d times the adapter's delay",
+            "of every cycle at %d baud, plus %d times the adapter's delay",
             port.name, self._servos.protocol.name, count, 1e3 * self.exchange_size(servo_ids) * self._line.byte_s,
             port.baud, count,
         )  # fmt: skip

@@ -1,8 +1,8 @@
 """Remove whole turns from the positions of servos in extended position mode.
 
-Such a servo counts several turns, but its count restarts within a single turn after a reset. The bus therefore
-subtracts whole turns from its readings and adds them to its goals. A second reading must confirm a changed number of
-turns, because a wrong number would move the joint by a whole turn.
+Such a servo counts several turns, but after a reset its count restarts within a single turn. The bus therefore
+subtracts whole turns from its readings and adds them to its goals. A second reading must confirm a change in the number
+of turns, because a wrong number would move the joint by a whole turn.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ class Turns:
         self._whole_turns: dict[int, int] = {}
         """Whole turns in the readings of each servo, in counts."""
         self._unconfirmed: dict[int, int] = {}
-        """Whole turns in the latest reading of each servo, in counts, if they are not confirmed yet."""
+        """Whole turns in the latest reading of each servo, in counts, if not confirmed yet."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
         self._counts_per_turn.pop(servo_id, None)
@@ -62,5 +62,5 @@ class Turns:
         return {**goals, **changed} if changed else goals
 
     def goal(self, servo_id: int, held: int) -> int:
-        """Return the goal that a servo holds, without its whole turns."""
+        """Return the goal of a servo without its whole turns."""
         return held - self._whole_turns.get(servo_id, 0)

@@ -1,10 +1,10 @@
-"""The interface of ports, which serial devices and the virtual bus implement."""
+"""Interface of ports, which serial devices and the virtual bus implement."""
 
 from typing import Protocol
 
 
 class Port(Protocol):
-    """A half-duplex serial port with one owner.
+    """Half-duplex serial port with one owner.
 
     All methods raise ``PortLost`` after the device has disappeared, for example because the adapter was unplugged.
     """
@@ -16,19 +16,19 @@ class Port(Protocol):
 
     @property
     def baud(self) -> int:
-        """Baud rate, in bits per second. A byte takes ten bits (8N1)."""
+        """Baud rate, in bits per second. Each byte takes ten bits (8N1)."""
         ...
 
     def write(self, data: bytes) -> None:
         """Send bytes.
 
         Args:
-            data: The bytes to send. All of them are sent.
+            data: The bytes to send. All of the bytes are sent.
         """
         ...
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        """Wait until ``size`` bytes have arrived or the deadline has passed. The wait does not use the processor.
+        """Wait until ``size`` bytes have arrived or the deadline has passed. Waiting does not use the processor.
 
         Args:
             size: Number of bytes to wait for.

@@ -8,16 +8,16 @@ HELD_BACK: Final = (
     "the adapter or a hub delays replies: set the adapter's latency timer to 1 ms, and plug the adapter "
     "directly into the computer"
 )
-"""Advice for an adapter whose latency timer cannot be read."""
+"""Advice about an adapter whose latency timer cannot be read."""
 _SYS: Final = Path("/sys/class/tty")
 
 
 def latency_advice(device: str, sys_tty: Path = _SYS) -> str | None:
-    """Return how to shorten the adapter's latency timer, or None if it is short enough or does not exist."""
+    """Return how to shorten the adapter's latency timer, or None if it is short enough or there is none."""
     timer = sys_tty / Path(device).resolve().name / "device" / "latency_timer"
     try:
         latency_ms = int(timer.read_text())
-    except (OSError, ValueError):  # other kinds of adapters have no latency timer
+    except (OSError, ValueError):  # other types of adapters have no latency timer
         return None
     if latency_ms <= GOOD_MS:
         return None

@@ -1,4 +1,4 @@
-"""A serial line: a port together with the state of its wire."""
+"""A serial line: a port and the state of its wire."""
 
 from typing import Final
 
@@ -8,7 +8,7 @@ from drivers.port import Port
 BITS_PER_BYTE: Final = 10.0
 """Bits per byte on the wire: a start bit, eight data bits and a stop bit."""
 GAP_S: Final = 0.0015
-"""Maximum gap between two parts of a reply, in seconds."""
+"""Maximum gap between two fragments of a reply, in seconds."""
 
 
 class Line:
@@ -19,12 +19,12 @@ class Line:
         self.now = clock.now
         self.byte_s = BITS_PER_BYTE / port.baud
         self.busy_until_s = 0.0
-        """Clock time at which the transmission of the last byte sent ends, in seconds."""
+        """Clock time at which the transmission of the last sent byte ends, in seconds."""
         self.clean = False
         """Whether the last replies were read completely, so that no input has to be discarded."""
         self.echoes: bool | None = None
-        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until the first reply has
-        shown it.
+        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until the first reply has shown
+        whether it does.
         """
 
     def send(self, packet: bytes) -> None:
@@ -49,7 +49,7 @@ class Line:
         echoed = len(request) if self.echoes else 0
         data = self.port.read(echoed + size, until_s + echoed * self.byte_s)
         if self.echoes is None and data and request.startswith(data):
-            # The bytes so far may be an echo that was not expected, so the replies are still to come.
+            # The bytes received so far may be an unexpected echo, so the replies are still to come.
             data += self.port.read(len(request) - len(data) + size, until_s)
         at = data.find(request)
         self.echoes = True if at >= 0 else None

@@ -11,7 +11,8 @@ PSEUDO_TERMINALS = Path("/dev/pts")
 
 
 def port_owners(path: Path) -> Iterator[str]:
-    """Yield the names of other processes that have the device open. Processes of other users may be hidden."""
+    """Yield the names of other processes that have the device open. Processes that belong to other users may be
+    hidden."""
     device = path.resolve()
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
         if int(process.name) != os.getpid() and _has_open(process, device) and not _serves(process, device):
@@ -23,7 +24,7 @@ def held_by_us(path: Path) -> bool:
 
 
 def is_pseudo_terminal(path: Path) -> bool:
-    """Whether the device is a pseudo-terminal, served by a program instead of an adapter."""
+    """Whether the device is a pseudo-terminal, which is served by a program instead of an adapter."""
     return path.resolve().parent == PSEUDO_TERMINALS
 
 
@@ -54,7 +55,7 @@ def _command(process: Path) -> str:
 
 
 def line_advice(device: str, plugs: str = "the cable's plugs") -> str:
-    """Return the parts of a bus to check: the plugs or, for a pseudo-terminal, the program that serves it."""
+    """Return what to check on a bus: the plugs or, for a pseudo-terminal, the program that serves it."""
     if is_pseudo_terminal(Path(device)):
         return "the program that serves this virtual bus, its injected faults and the load of this machine"
     return plugs

@@ -23,29 +23,30 @@ _BURST = 32
 """Minimum number of expected bytes for which the kernel is asked for a single wake-up."""
 LARGEST_VMIN = 255
 STALLED_S = 1.0
-"""Maximum time without an accepted byte, in seconds. At 115200 baud, sending the kernel's 4 KB takes half this time."""
+"""Maximum time without the kernel accepting a byte, in seconds. At 115200 baud, transmitting the 4 KB in the kernel's
+buffer takes half this time."""
 TOLERATED_RATE = 0.02
-"""Maximum relative error of the baud rate. A receiver synchronizes once for every ten bits."""
+"""Maximum relative error of the baud rate. A receiver resynchronizes once every ten bits."""
 _UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
-"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library has constants for
-only some rates.
+"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library defines constants for only
+some rates.
 """
 
 
 class SerialPort:
-    """Serial device, opened for exclusive use.
+    """Serial device that is opened for exclusive use.
 
     Args:
         device: Path of the device, such as ``/dev/ttyACM0``.
         baud: Baud rate, in bits per second.
-        clock: Clock of the deadlines; by default the monotonic clock of the machine.
+        clock: Clock for the deadlines; by default the monotonic clock of the machine.
 
     Raises:
         PortMissing: The device does not exist.
         PortNotSerial: The path is not a serial device.
         PortBusy: Another program uses the device. The message names the program.
-        PortDenied: You may not open the device. The message names the group to join.
+        PortDenied: The user has no permission to open the device. The message names the group to join.
         PortError: The adapter does not support the rate.
     """
 
@@ -77,7 +78,7 @@ class SerialPort:
             pass
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
-        self._wait_for_room()  # rare, because requests are shorter than the kernel's buffer
+        self._wait_for_room()  # rare, because requests are smaller than the kernel's buffer
         self.write(data[sent:])
 
     def _wait_for_room(self) -> None:
@@ -89,13 +90,13 @@ class SerialPort:
             raise PortLost(f"{self.name} accepts no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        # This fast path is short because the processor's caches are cold at the start of every cycle.
+        # This fast path is short because the processor caches are cold at the start of every cycle.
         received = b""
         try:
             wait_s = deadline_s - self._clock.now()
             if size == self._wake_size and wait_s > 0.0 and self._poll.poll(int(wait_s * 1000.0)):
                 received = piece = os.read(self._fd, size)
-                while piece and len(received) < size:  # the kernel may return pieces of 64 bytes
+                while piece and len(received) < size:  # the kernel may return fragments of 64 bytes
                     piece = os.read(self._fd, size - len(received))
                     received += piece
                 if len(received) == size:
@@ -145,7 +146,7 @@ class SerialPort:
                 self._serial.baudrate = baud
                 _check_rate(self.name, self._fd, baud)
             except (PortError, ValueError, OverflowError, OSError, termios.error) as error:
-                self._serial.baudrate = former  # raises as well if the device has disappeared
+                self._serial.baudrate = former  # also raises an error if the device has disappeared
                 raise _baud_error(self.name, baud, error) from error
             finally:
                 self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
@@ -161,9 +162,9 @@ class SerialPort:
         self._fd = -1
 
     def _wake_at(self, size: int) -> None:
-        """Ask the kernel for one wake-up per burst of replies instead of one per piece.
+        """Ask the kernel for one wake-up per burst of replies instead of one per fragment.
 
-        On Linux, a poll of a raw terminal waits for VMIN bytes. A device without VMIN only causes more wake-ups.
+        On Linux, polling a raw terminal waits for VMIN bytes. A device without VMIN only causes more wake-ups.
         """
         self._settings[6][termios.VMIN] = size
         try:
@@ -196,10 +197,11 @@ def _open(device: str, baud: int) -> serial.Serial:
 
 
 def _exclude_others(path: Path, fd: int) -> None:
-    """Make the kernel refuse all other programs except root's, because the SDKs ignore the lock.
+    """Make the kernel reject all other programs except those run by root, because the SDKs ignore the lock.
 
-    A pseudo-terminal is not protected in this way. The kernel ends the protection at the last close, but an emulator
-    never closes its end. If this program were killed, no program could open the pseudo-terminal again.
+    A pseudo-terminal is not protected in this way. The kernel ends the protection when the device is closed for the
+    last time, but an emulator never closes its end. If this program were killed, no program could open the
+    pseudo-terminal again.
     """
     if not is_pseudo_terminal(path):
         with contextlib.suppress(OSError):  # if the device has disappeared, its next use raises PortLost
@@ -215,7 +217,7 @@ def _check_rate(device: str, fd: int, baud: int) -> None:
     """Raise PortError if the adapter has silently chosen a different baud rate."""
     try:
         answer = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2_SIZE))
-    except OSError:  # not a terminal with this call
+    except OSError:  # not a terminal that supports this call
         return
     actual = int.from_bytes(answer[_OSPEED_AT : _OSPEED_AT + 4], "little")
     if actual and abs(actual - baud) > TOLERATED_RATE * baud:

@@ -11,10 +11,10 @@ class Reply:
 
     servo_id: int
     error: int
-    """Error byte of the reply, which reports alarms of the servo or errors in the request."""
+    """Error byte of the reply, which reports servo alarms or errors in the request."""
     data: bytes
     garbage: int = field(default=0, compare=False)
-    """Number of bytes between the previous reply and this reply that belong to neither reply."""
+    """Number of bytes between the previous reply and this reply that do not belong to either reply."""
 
 
 @dataclass(slots=True)
@@ -22,9 +22,9 @@ class Decoder(ABC):
     """Decoder for replies with ``data_size`` bytes of data, as requested.
 
     The decoder skips frames of any other size, so that noise that looks like a long frame cannot hide the replies after
-    it. The decoder also accepts the sizes of earlier requests (``other_sizes``). It accepts a reply without data if
-    the reply refuses the request (a bit of ``refusals`` is set in its error byte). ``corrupt_ids`` lists the IDs in
-    frames with a wrong checksum. ``garbage`` is the number of unused bytes since the last reply.
+    it. The decoder also accepts the data sizes of earlier requests (``other_sizes``). It accepts a reply without data
+    if the reply rejects the request (a bit of ``refusals`` is set in its error byte). ``corrupt_ids`` lists the IDs
+    found in frames with a wrong checksum. ``garbage`` is the number of unused bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]
@@ -62,7 +62,7 @@ class Decoder(ABC):
         return replies
 
     def finish(self) -> list[Reply]:
-        """Return the replies that follow a false header. Call this when no more bytes are expected."""
+        """Return the replies that follow a false header. Call this method when no more bytes are expected."""
         replies: list[Reply] = []
         while self._pending:
             rest, self._pending = self._pending[1:], b""
@@ -78,7 +78,7 @@ class Decoder(ABC):
 
     def _accept(self, reply: Reply, frame_size: int, replies: list[Reply]) -> int:
         """Add a valid reply to ``replies``. Return the number of bytes consumed."""
-        if not (reply.data or self.refuses(reply)):  # an acknowledgment, which no group read expects
+        if not (reply.data or self.refuses(reply)):  # an acknowledgment, which is never expected in a group read
             return self._skip()
         replies.append(reply)
         self.garbage = 0
@@ -92,6 +92,6 @@ class Decoder(ABC):
         """
 
     def _skip(self, size: int = 1) -> int:
-        """Count garbage bytes, one byte by default, because a valid frame may begin inside a false frame."""
+        """Count garbage bytes, one at a time by default, because a valid frame may begin inside a false frame."""
         self.garbage += size
         return size

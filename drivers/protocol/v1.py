@@ -1,9 +1,9 @@
-"""Encode and decode the packets of the Feetech protocols and of Dynamixel protocol 1.0, on the master's side.
+"""Encode and decode the packets of the Feetech protocols and Dynamixel protocol 1.0, on the master's side.
 
 A packet is ``FF FF id length instruction parameters checksum``. A reply has a status byte instead of the
-instruction. The length counts all bytes after itself. The checksum is the inverted sum of the bytes from
-the ID on. Sources: Feetech's "communication protocol" manual; protocol_packet_handler of Feetech's SDK; ROBOTIS
-e-manual, "Protocol 1.0".
+instruction. The length counts all bytes that follow it. The checksum is the inverted sum of all bytes from the ID
+onward. Sources: Feetech's "communication protocol" manual; protocol_packet_handler in Feetech's SDK; ROBOTIS e-manual,
+"Protocol 1.0".
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ SYNC_WRITE = 0x83
 BULK_READ = 0x92
 
 _LARGEST_ID = 0xFD
-_LARGEST_BODY = 0xFF - 4  # maximum size of the entries of a sync write, whose length field is one byte
+_LARGEST_BODY = 0xFF - 4  # maximum size of the entries in a sync write, whose length field is one byte
 _HEAD = Struct(">HBBB").pack
 _CHECKSUMS = tuple(bytes((~(adler - 1 - sum(HEADER)) & 0xFF,)) for adler in range(256))
 """Checksum for each low byte of Adler-32 over the packet. The low half of Adler-32 is 1 plus the sum of up to 256 bytes
@@ -52,7 +52,7 @@ def place(address: int) -> bytes:
 
 
 def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """Encode a bulk read of the address and size in ``spans``, keyed by servo ID.
+    """Encode a bulk read of the addresses and sizes in ``spans``, keyed by servo ID.
 
     Only Dynamixel MX servos support bulk reads.
     """
@@ -64,7 +64,8 @@ def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def sync_write(address: int, size: int, entries: bytes) -> bytes:
-    """Encode a sync write of ``size`` bytes at ``address``. Each entry is an ID and the bytes. Servos do not reply."""
+    """Encode a sync write of ``size`` bytes at ``address``. Each entry consists of an ID and the bytes to write. Servos
+    do not reply."""
     if len(entries) > _LARGEST_BODY:
         most, count = _LARGEST_BODY // (size + 1), len(entries) // (size + 1)
         raise ValueError(
@@ -84,7 +85,7 @@ def sdk_data(reply: Any) -> bytes:
 
 @dataclass(slots=True)
 class ReplyDecoder(Decoder):
-    """Decoder of these packets.
+    """Decoder for these packets.
 
     The data never contain a header, so a header within a packet is the start of the next packet.
     """

@@ -2,9 +2,9 @@
 
 A packet is ``FF FF FD 00 id length instruction parameters crc``. All numbers are little endian. The length (two
 bytes) counts all bytes from the instruction to the end. In a reply, the instruction is 0x55, followed by an error byte.
-An extra FD is inserted after each FF FF FD from the instruction on, so that the header occurs only at the start. The
-checksum is CRC-16/UMTS (polynomial 0x8005, initial value 0, not reflected). Source: ROBOTIS e-manual, "Protocol 2.0",
-"CRC calculation".
+An extra FD is inserted after each FF FF FD from the instruction onward, so that the header occurs only at the start.
+The checksum is CRC-16/UMTS (polynomial 0x8005, initial value 0, not reflected). Source: ROBOTIS e-manual, "Protocol
+2.0", "CRC calculation".
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ WRITE = 0x03
 REG_WRITE = 0x04
 FACTORY_RESET = 0x06
 KEEP_ID_AND_BAUD = 0x02
-"""Option of a factory reset that keeps the ID and the baud rate."""
+"""Factory reset option that keeps the ID and the baud rate."""
 REBOOT = 0x08
 STATUS = 0x55
 SYNC_READ = 0x82
@@ -36,9 +36,9 @@ FAST_SYNC_READ = 0x8A
 BULK_READ = 0x92
 
 FAST_HEAD_SIZE = 8
-"""Bytes before the first servo's part of a fast sync read reply: header, ID, length, instruction."""
+"""Bytes before the first servo's section of a fast sync read reply: header, ID, length, instruction."""
 FAST_OVERHEAD = 4
-"""Bytes of a servo's part in addition to its data: error, ID, CRC."""
+"""Bytes in a servo's section in addition to its data: error, ID, CRC."""
 
 ALERT = 0x80
 """Bit of the error byte that reports a hardware error. The servo has still executed the instruction."""
@@ -95,12 +95,12 @@ def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
-    """Encode a fast sync read, to which the servos reply with one common packet."""
+    """Encode a fast sync read, to which all servos reply with one common packet."""
     return packet(BROADCAST_ID, FAST_SYNC_READ, span(address, size) + bytes(servo_ids))
 
 
 def fast_head(count: int, size: int) -> bytes:
-    """Encode the start of the reply of ``count`` servos, which precedes the error, ID, data and CRC of each servo."""
+    """Encode the start of a reply from ``count`` servos, which precedes the error, ID, data and CRC of each servo."""
     length = 1 + count * (size + FAST_OVERHEAD)
     return HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
@@ -116,7 +116,8 @@ def sync_write(address: int, size: int, entries: bytes) -> bytes:
 
 
 def sdk_request(servo_id: int, instruction: int, parameters: bytes) -> list[int]:
-    """Return a packet with byte stuffing for ``txRxPacket`` of the SDK, which computes stuffed bytes but omits them."""
+    """Return a packet with byte stuffing for ``txRxPacket`` of the SDK, which computes the stuffed bytes but omits
+    them."""
     body = stuffed(parameters)
     return [0, 0, 0, 0, servo_id, *(len(body) + 3).to_bytes(2, "little"), instruction, *body, 0, 0]
 
@@ -127,7 +128,7 @@ def sdk_data(reply: Any) -> bytes:
 
 @dataclass(slots=True)
 class ReplyDecoder(Decoder):
-    """Decoder of replies with or without byte stuffing. Sizes do not include stuffed bytes."""
+    """Decoder for replies with or without byte stuffing. Sizes do not include stuffed bytes."""
 
     HEADER = HEADER
 

@@ -1,1 +1,1 @@
-"""Control tables, models and series of servos."""
+"""Control tables, servo models and servo series."""

@@ -1,9 +1,9 @@
 """Calculate positions, homing offsets and ranges across the wrap from 4095 to 0 counts.
 
-In position mode, a servo with a magnetic encoder reports ``(actual - offset) mod turn``. The offset is a
-sign-magnitude number of eleven bits, -2047 to 2047, which is one count less than half a turn. Reduce sums and
-differences of counts to one turn before you use them as an offset. Otherwise the write fails with an error such as
-"Magnitude 2114 exceeds 2047".
+In position mode, a servo with a magnetic encoder reports ``(actual - offset) mod turn``. The offset is an eleven-bit
+sign-magnitude number from -2047 to 2047, which is one count less than half a turn. Reduce sums and differences of
+counts to one turn before using them as an offset. Otherwise, the write fails with an error such as "Magnitude 2114
+exceeds 2047".
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ LARGEST_OFFSET: Final = 2047
 
 
 def shortest(start: int, end: int, turn: int = TURN) -> int:
-    """Return the shortest distance between two readings, in counts, in the range [-turn/2, turn/2)."""
+    """Return the shortest signed distance between two readings, in counts, in the range [-turn/2, turn/2)."""
     return (end - start + turn // 2) % turn - turn // 2
 
 
 def unwrap(before: int, reading: int, turn: int = TURN) -> int:
-    """Return the continuous count for ``reading`` that is nearest to the continuous count ``before``.
+    """Return the continuous count for ``reading`` that is closest to the continuous count ``before``.
 
     The result is correct if the shaft moves less than half a turn between the readings.
     """
@@ -32,12 +32,12 @@ def reading_of(actual: int, offset: int, turn: int = TURN) -> int:
 
 
 def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
-    """Return the encoder position, 0 to ``turn - 1``, at which the servo reports ``reading`` (of any turn)."""
+    """Return the encoder position, from 0 to ``turn - 1``, at which the servo reports ``reading`` (of any turn)."""
     return (reading + offset) % turn
 
 
 def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
-    """Return the offset with which the servo reports ``wanted`` when its encoder is at ``actual``.
+    """Return the offset that makes the servo report ``wanted`` when its encoder is at ``actual``.
 
     The offset always fits the register. Instead of half a turn, which would not fit, the offset is one count less, and
     the servo reports ``wanted - 1``.
@@ -72,7 +72,8 @@ def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:
     # One count must remain free, because the exact offset may not fit the register.
     if travel.span > turn - 2:
         raise ValueError(
-            f"the travel of {travel.span} counts fills the turn of {turn}, so the wrap cannot be outside it"
+            f"the travel of {travel.span} counts fills the turn of {turn} counts, so the wrap cannot be outside the "
+            "travel"
         )
     return new_offset((travel.lower + travel.upper) // 2, offset, turn // 2, turn)
 

@@ -1,8 +1,8 @@
 """Control tables and models of Dynamixel servos with protocol 1.0: AX, RX, EX and MX.
 
-Source: ROBOTIS e-manual, pages of the models. An MX with protocol 2.0 firmware has a different table and model number.
-docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a speed or load
-is the direction: 1 is clockwise, toward smaller positions.
+Source: ROBOTIS e-manual, the models' pages. An MX with protocol 2.0 firmware has a different control table and model
+number. docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a speed
+or load is the direction: 1 is clockwise, toward smaller positions.
 """
 
 from dataclasses import dataclass, replace
@@ -84,7 +84,7 @@ GOAL_BLOCK: Final = (goal_position, moving_speed)
 ERROR_BITS: Final = dict(
     enumerate(("voltage", "angle limit", "temperature", "range", "checksum", "overload", "instruction"))
 )
-"""Meaning of the bits of a reply's error byte. The bits of ``REFUSALS`` report errors of the instruction."""
+"""Meaning of the bits of a reply's error byte. The bits in ``REFUSALS`` report instruction errors."""
 REFUSALS: Final = 1 << 3 | 1 << 4 | 1 << 6
 CORRUPT_PACKET: Final = 1 << 4
 """Bit of ``REFUSALS`` that reports a corrupt instruction packet."""
@@ -95,18 +95,18 @@ FULL_TORQUE: Final = 1023
 LARGEST_SPEED: Final = 1023
 VOLTAGE_UNIT_V: Final = 0.1
 MULTI_TURN_LIMIT: Final = 4095
-"""Value of both angle limits that selects multi-turn mode on an MX."""
+"""Value that, set for both angle limits, selects multi-turn mode on an MX."""
 AX_POSITIONS: Final = 1024
-"""Number of positions of an AX, over 300 degrees."""
+"""Number of positions of an AX servo, over 300 degrees."""
 ACCELERATION_UNIT_COUNTS_S2: Final = 8.583 * 4096 / 360.0
-"""Unit of the goal acceleration of an MX."""
+"""Unit of an MX servo's goal acceleration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxMxModel(ServoModel):
     """A servo model.
 
-    ``own`` holds the registers that are not in ``COMMON``. The stall current is valid at rated voltage.
+    ``own`` holds the registers that are not in ``COMMON``. The stall current is specified at the rated voltage.
     """
 
     speed_unit_counts_s: float
@@ -117,12 +117,12 @@ class AxMxModel(ServoModel):
 
 
 def _positions(last: int) -> tuple[Register, ...]:
-    """Return the registers that hold positions of a sensor. ``last`` is the largest position."""
+    """Return the registers that hold the positions of a sensor. ``last`` is the largest position."""
     return tuple(replace(r, values=between(0, last)) for r in (cw_angle_limit, ccw_angle_limit))
 
 
 class Span(NamedTuple):
-    """A potentiometer as position sensor: the number of positions, and the angle that they cover."""
+    """A potentiometer used as a position sensor, with its number of positions and the angle that they cover."""
 
     positions: int
     degrees: float
@@ -155,7 +155,8 @@ AX_12A = _ax("ax-12a", 12, Datasheet(12.0, 1.5, 1.5, 59.0))
 AX_12W = _ax("ax-12w", 300, Datasheet(12.0, 0.19, 1.5, 470.0))  # torque of the AX-12A, converted by the gear ratio
 AX_18A = _ax("ax-18a", 18, Datasheet(12.0, 1.8, 2.2, 97.0))
 RX_24F = _ax("rx-24f", 24, Datasheet(12.0, 2.6, 2.4, 126.0))
-# The datasheets of these three models are for 18.5 V. Their values are converted to 14.8 V, the recommended voltage.
+# The datasheets of these three models specify values at 18.5 V. These values are converted to 14.8 V, the recommended
+# voltage.
 RX_28 = _ax("rx-28", 28, Datasheet(14.8, 2.96, 1.52, 68.0))
 RX_64 = _ax("rx-64", 64, Datasheet(14.8, 4.24, 2.08, 51.2))
 EX_106 = _ax("ex-106+", 107, Datasheet(14.8, 8.72, 5.6, 72.8), drive_mode, sensed_current, span=EX_SPAN)
@@ -168,19 +169,19 @@ MODELS: Final = {model.name: model for model in list(globals().values()) if isin
 
 
 def speed_unit_counts_s(model: ServoModel) -> float:
-    """Return the unit of speed of a model, in counts/s.
+    """Return a model's unit of speed, in counts/s.
 
     Args:
         model: A model of this module, or one that a user added to it.
 
     Returns:
-        The unit of ``moving_speed`` and ``present_speed``.
+        The unit of ``moving_speed`` and ``present_speed``, in counts/s.
 
     Raises:
         TypeError: The model belongs to another series.
     """
     if not isinstance(model, AxMxModel):
-        raise TypeError(f"{model.name} is not an AX or MX of protocol 1.0")
+        raise TypeError(f"{model.name} is not an AX or MX servo with protocol 1.0")
     return model.speed_unit_counts_s
 
 

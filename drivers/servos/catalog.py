@@ -24,7 +24,8 @@ UNSUPPORTED: Final[Mapping[int, str]] = {
     35074: "RH-P12-RN", 43289: "M42-10-S260-RA", 46097: "M54-40-S250-RA", 46353: "M54-60-S250-RA",
     51201: "H42-20-S300-RA", 53769: "H54-100-S500-RA", 54025: "H54-200-S500-RA",
 }  # fmt: skip
-"""Dynamixel models with protocol 2.0 whose control tables differ from all supported tables, keyed by model number.
+"""Dynamixel models with protocol 2.0 whose control tables differ from all supported control tables, keyed by model
+number.
 
 Source: ``dynamixel.model`` of ROBOTIS' SDK (dynamixel_easy_sdk 4.1).
 """
@@ -36,14 +37,15 @@ _ADDED: Final[dict[str, ServoModel]] = {}
 def add(model: ServoModel, like: ServoModel) -> None:
     """Add a user's model to the series of another model.
 
-    A model that was added earlier under the same name is replaced, so that a file can be read again.
+    A model that was added earlier with the same name is replaced, so that a file can be read again.
 
     Args:
         model: The new model.
         like: A supported model with the same control table and protocol.
 
     Raises:
-        ValueError: A model of the package has this name, or another model of the manufacturer has this number.
+        ValueError: A built-in model already has this name, or another model of the manufacturer already has this
+            number.
     """
     series = series_of(like)
     if model.name in MODELS and model.name not in _ADDED:
@@ -51,8 +53,8 @@ def add(model: ServoModel, like: ServoModel) -> None:
     taken = [m for m in _numbered(model.number, series) if m.name != model.name and m.name not in _ADDED]
     if taken and like not in taken:
         raise ValueError(
-            f"number {model.number} belongs to {taken[0].name}: write `like: {taken[0].name}` for a variant of it, or "
-            "correct the number"
+            f"model number {model.number} belongs to {taken[0].name}: write `like: {taken[0].name}` for a variant of "
+            "this model, or correct the number"
         )
     if known := _ADDED.get(model.name):
         series_of(known).by_name.pop(model.name)
@@ -79,7 +81,7 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
         model: A supported model.
 
     Returns:
-        The registers of its series and its own.
+        The registers of the model's series and its own registers.
 
     Raises:
         ValueError: The model is not in ``MODELS``.
@@ -88,7 +90,7 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
-    """Return the wire protocol of these servos (STS if there are no servos).
+    """Return the wire protocol of these servos (STS if there are none).
 
     Raise ValueError if the servos cannot share a bus.
     """
@@ -113,11 +115,11 @@ def has_table(number: int, series: Series) -> bool:
 
 
 def unsupported(number: int, series: Series) -> str:
-    """Return the name of a model whose control table is not supported.
+    """Return the name of a model with an unsupported control table.
 
     Args:
         number: Model number that the servo reports.
-        series: Series as which the servo was read.
+        series: Series that was assumed when the servo was read.
 
     Returns:
         The name; an empty string if the number is unknown or the model is supported.

@@ -14,7 +14,7 @@ from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bi
 from drivers.types import ServoGoal, ServoState
 
 ALARMED: Final = ("hardware error",)
-"""Alarm reported by the alert bit of a reply. The kind of error is in a register that not every block contains."""
+"""Alarm reported by the alert bit of a reply. The type of error is in a register that not every block contains."""
 
 PROTOCOL_2: Final = WireProtocol(
     name="Dynamixel protocol 2.0",
@@ -41,7 +41,7 @@ def alarmed(error: int) -> tuple[str, ...]:
 # X series.
 
 LARGEST_PROFILE: Final = x.profile_velocity.largest
-# Python finds constants of this module faster than those of another module. A comparison is faster than ``check``.
+# Python looks up constants of this module faster than those of another module. A comparison is faster than ``check``.
 _LOWEST, _HIGHEST = x.goal_position.smallest, x.goal_position.largest
 _VELOCITY_COUNTS_S: Final = x.VELOCITY_UNIT_COUNTS_S
 _VOLTAGE_V: Final = x.VOLTAGE_UNIT_V
@@ -51,7 +51,7 @@ _ALARMS: Final = tuple(map(x.alarms, range(256)))
 
 
 def x_state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    """Convert the register values of an X series servo to a state. Each control cycle calls this for every servo.
+    """Convert the register values of an X-series servo to a state. Each control cycle calls this for every servo.
 
     Args:
         unit_a: Unit of the current, in A; None if the servo does not measure it.
@@ -118,8 +118,8 @@ X: Final = Series(
     blocks=blocks_to_end(
         (x.present_pwm, x.moving, x.realtime_tick, x.goal_position),
         x.STATE_BLOCK_END,
-        # The fields are PWM, current or load, velocity, position, voltage and temperature. The 8 skipped bytes are
-        # the trajectory.
+        # The fields are PWM, current or load, velocity, position, voltage and temperature. The 8 skipped bytes hold the
+        # trajectory.
         Struct("<hhii8xHB"),
         _x_direct,
         fast=True,
@@ -138,10 +138,10 @@ X: Final = Series(
     torque_limit=x.goal_pwm,
     full_torque=x.FULL_PWM,
     config_error=_x_config_error,
-    # The servo's own ramp is switched off, because it would stop the servo at every goal. The trajectories are
-    # smooth already.
+    # The servo's own ramp is switched off, because it would stop the servo at every goal. The trajectories are already
+    # smooth.
     before_torque=((x.profile_acceleration, 0),),
-    torque_by_goal=False,  # _x_config_error refuses servos with this setting
+    torque_by_goal=False,  # _x_config_error rejects servos with this setting
     position_p=x.position_p_gain,
     hardware_error=(x.hardware_error_status, x.alarms),
 )

@@ -19,7 +19,7 @@ PROTOCOL_1: Final = WireProtocol(
     group_read="bulk",
     waits_for_silent=True,
     refusals=ax_mx.REFUSALS,
-    refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
+    refusal=lambda bits: f"rejected the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
     arrived_corrupt=lambda bits: bool(bits & ax_mx.CORRUPT_PACKET),
     reboot="none",
 )
@@ -46,7 +46,7 @@ AX_MX: Final = Series(
     by_name=ax_mx.MODELS,
     registers=ax_mx.COMMON,
     goal_block=ax_mx.GOAL_BLOCK,
-    # The table of an AX ends at address 49.
+    # The control table of an AX ends at address 49.
     blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
     goal_fields="HH",
     goal_of=lambda model: bit_10_goal_of(model.last_count, ax_mx.speed_unit_counts_s(model)),

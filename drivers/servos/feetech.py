@@ -36,10 +36,10 @@ SCS_PROTOCOL: Final = WireProtocol(
     reboot="unanswered",
 )
 
-# Lookup tables for all values of narrow registers, which are faster than calculations.
+# Lookup tables for all values of narrow registers, because lookups are faster than calculations.
 _ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
 _LOADS: Final = tuple(signed(raw, 1 << 10) * sts.TORQUE_UNIT for raw in range(1 << 11))
-_STS_LOADS: Final = tuple(0.0 - load for load in _LOADS)  # an STS reports positive load toward smaller counts
+_STS_LOADS: Final = tuple(0.0 - load for load in _LOADS)  # an STS reports a positive load toward smaller counts
 _VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
 _TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
 _SIGN: Final = 1 << 15
@@ -101,8 +101,8 @@ STS: Final = Series(
     by_name=sts.MODELS,
     registers=sts.REGISTERS,
     goal_block=sts.GOAL_BLOCK,
-    # All blocks end within the table. The lengths of the blocks differ in at least two bits, so that a single flipped
-    # bit cannot turn one length into another.
+    # All blocks end within the control table. The lengths of the blocks differ in at least two bits, so that a single
+    # flipped bit cannot turn one length into another.
     blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), partial(_state, _STS_LOADS)),
     goal_fields="BHHH",
     goal_of=lambda model: _sts_goal,
@@ -144,7 +144,7 @@ SCS: Final = Series(
     by_name=scs.MODELS,
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
-    # The memory table ends at address 66, and the table in Feetech's header file for the series ends at 70.
+    # The memory table ends at address 66, while the table in Feetech's header file for the series ends at 70.
     blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), partial(_state, _LOADS)),
     goal_fields="HHH",
     goal_of=_scs_goal_of,

@@ -1,6 +1,6 @@
 """Factory values of the gains that Dynamixel servos keep in RAM, where any program can change them.
 
-Source: ROBOTIS e-manual, the tables of the models' pages.
+Source: ROBOTIS e-manual, control tables on the models' pages.
 """
 
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ _X_PID: Final = {
     x.MX_64_2.name: (850, 0, 0),
     x.MX_106_2.name: (850, 0, 0),
 }
-"""Position P, I and D gain of the models of the X series that have a table in the e-manual."""
+"""Position P, I and D gains of the X-series models that have a table in the e-manual."""
 _FEED_FORWARD: Final = {x.feedforward_2nd_gain: 0, x.feedforward_1st_gain: 0}
 _MX: Final = {ax_mx.p_gain: 32, ax_mx.i_gain: 0, ax_mx.d_gain: 0}
 _AX: Final = {
@@ -61,19 +61,19 @@ _OTHER: Final[dict[str, Mapping[Register, int]]] = {
         ax_mx.cw_compliance_slope: 64, ax_mx.ccw_compliance_slope: 64,
     },
 }  # fmt: skip
-"""Gains of models that differ from the other models with protocol 1.0, keyed by model name."""
+"""Gains of the protocol 1.0 models that differ from the others, keyed by model name."""
 _XL320: Final = {xl320.p_gain: 32, xl320.i_gain: 0, xl320.d_gain: 0}
 
 
 def ram_gains(model: ServoModel) -> Mapping[Register, int]:
-    """Return the factory values of the gains of the position loop that a servo keeps in RAM.
+    """Return the factory values of the position loop gains that a servo keeps in RAM.
 
     Args:
         model: Model of the servo.
 
     Returns:
-        Values, keyed by register. Empty for Feetech servos, whose gains are in EEPROM. Gains whose factory value is
-        unknown are missing.
+        Factory values, keyed by register. The result is empty for Feetech servos, whose gains are in EEPROM. Gains
+        whose factory value is unknown are missing.
     """
     if isinstance(model, x.XModel):
         registers = (x.position_p_gain, x.position_i_gain, x.position_d_gain)

@@ -17,7 +17,7 @@ class Access(Enum):
 
 
 def between(lowest: int, highest: int) -> tuple[range, ...]:
-    """Return the values of a register from ``lowest`` to ``highest``, both included."""
+    """Return the register values from ``lowest`` to ``highest``, inclusive."""
     return (range(lowest, highest + 1),)
 
 
@@ -38,9 +38,10 @@ class Register:
         size: Size, in bytes.
         access: Whether the register can be written.
         persistent: Whether the register is in EEPROM, which keeps its value without power and wears out when written.
-        sign_bit: Sign bit of a sign-magnitude number (Feetech); None if there is none.
+        sign_bit: Sign bit of a sign-magnitude number (Feetech); None if the register has none.
         signed: Whether the register holds a two's complement number (Dynamixel).
-        values: Values that the servo accepts, in ascending order. Empty if all values that fit are accepted.
+        values: Values that the servo accepts, in ascending order. The tuple is empty if every value that fits is
+            accepted.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Register:
 
     @property
     def fitting(self) -> range:
-        """All values that fit into the bytes of the register, including values that the servo refuses."""
+        """All values that fit into the register's bytes, including values that the servo rejects."""
         bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
         largest = (1 << bits) - 1
         if self.signed:
@@ -73,7 +74,7 @@ class Register:
 
     @property
     def values_text(self) -> str:
-        """The accepted values as text for messages, such as "1, 3 to 4 or 16"."""
+        """The accepted values as a string for messages, such as "1, 3 to 4 or 16"."""
         spans = [
             f"{span.start}" if len(span) == 1 else f"{span.start} to {span.stop - 1}"
             for span in self.values or (self.fitting,)
@@ -104,7 +105,7 @@ class Register:
             raise ValueError(f"{self.name} must be {self.values_text}, not {value}: nothing was written")
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
-        """Convert a value to the bytes that are sent. Call ``check`` to find out whether the servo accepts the value.
+        """Convert a value to the bytes that are sent. Call ``check`` to determine whether the servo accepts the value.
 
         Args:
             value: Raw value.
@@ -138,17 +139,17 @@ class Register:
 
 
 def signed(raw: int, sign: int) -> int:
-    """Return the value of a sign-magnitude number. ``sign`` is the mask of its sign bit."""
+    """Return the value of a sign-magnitude number. ``sign`` is the mask for its sign bit."""
     return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def by_address(values: Iterable[object]) -> tuple[Register, ...]:
-    """Return the registers among these values, sorted by address."""
+    """Return the registers found among these values, sorted by address."""
     return tuple(sorted((v for v in values if isinstance(v, Register)), key=lambda register: register.address))
 
 
 def merged(common: Iterable[Register], own: Iterable[Register]) -> tuple[Register, ...]:
-    """Return a table of common registers, in which registers in ``own`` replace those of the same name."""
+    """Return a table of common registers, in which the registers in ``own`` replace those with the same name."""
     return by_address({register.name: register for register in (*common, *own)}.values())
 
 
@@ -158,7 +159,7 @@ def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
 
 
 class Datasheet(NamedTuple):
-    """Datasheet values of a motor, all at the rated voltage."""
+    """Datasheet values of a motor, all specified at the rated voltage."""
 
     rated_voltage_v: float
     stall_torque_nm: float
@@ -167,25 +168,25 @@ class Datasheet(NamedTuple):
 
     @property
     def no_load_speed_rad_s(self) -> float:
-        """Speed without load, in rad/s."""
+        """No-load speed, in rad/s."""
         return self.no_load_rpm * 2.0 * math.pi / 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """Data of a servo model. Stall torque and no-load speed are datasheet values at the rated voltage.
+    """Data about a servo model. Stall torque and no-load speed are datasheet values at the rated voltage.
 
     Attributes:
         name: Name in robot files.
         number: Model number that the servo reports.
         byte_order: Byte order of its registers.
-        counts_per_turn: Position counts of a full turn.
+        counts_per_turn: Number of position counts per full turn.
         rated_voltage_v: Rated voltage, in V.
         stall_torque_nm: Stall torque, in N m.
-        no_load_speed_rad_s: Speed without load, in rad/s.
+        no_load_speed_rad_s: No-load speed, in rad/s.
         positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
         own: Registers that not all models of the series have, or that accept different values in this model.
-        supply_v: Lowest and highest rated voltage, in V; None for the usual fractions of the rated voltage.
+        supply_v: Lowest and highest rated voltage, in V; None to use the usual fractions of the rated voltage.
     """
 
     name: str

@@ -2,8 +2,8 @@
 
 Sources: Feetech's "SCSCL memory table" and the SCSCL header of its SDK. docs/servos.md describes how each line was
 checked. Words are big endian, and negative numbers are sign-magnitude. The series does not support sync reads.
-Positions are 0 to 1023 over the angle of the sensor, which is less than a turn. The table has no homing offset, no
-operating mode, no current and no torque limit in RAM.
+Positions range from 0 to 1023 over the angle of the sensor, which is less than a turn. The control table has no
+registers for a homing offset, an operating mode, current or a torque limit in RAM.
 """
 
 from typing import Final
@@ -79,7 +79,8 @@ POSITIONS: Final = 1024
 
 
 def counts_per_turn(span_deg: float) -> int:
-    """Return the counts of a full turn if the sensor covers ``span_deg``. Rounding costs less than half a count."""
+    """Return the number of counts in a full turn if the sensor covers ``span_deg``. Rounding introduces an error of
+    less than half a count."""
     return round(POSITIONS * 360.0 / span_deg)
 
 

@@ -1,8 +1,8 @@
 """Control table and models of the Feetech STS series.
 
 Sources: Feetech's "SMS/STS memory table" (magnetic encoder) and the datasheets named next to the models. If editions of
-the table differ, the newer edition is used. docs/servos.md describes how each line was checked. Words are little
-endian. Negative numbers are sign-magnitude, with the sign in bit 15 unless noted otherwise.
+the table differ, the newer one is used. docs/servos.md describes how each line was checked. Words are little endian.
+Negative numbers are sign-magnitude, with the sign in bit 15 unless noted otherwise.
 """
 
 import math
@@ -24,7 +24,7 @@ endianness = Register("endianness", 2, 1, READ, persistent=True)  # 0: low byte 
 model_number = Register("model_number", 3, 2, READ, persistent=True)  # the same in every Feetech table
 servo_id = Register("id", 5, 1, persistent=True, values=between(0, 253))
 baud_rate = Register("baud_rate", 6, 1, persistent=True, values=between(0, 7))  # index into BAUD_RATES
-return_delay = Register("return_delay", 7, 1, persistent=True, values=BYTE)  # 2 us; 1 to 49 count as 50
+return_delay = Register("return_delay", 7, 1, persistent=True, values=BYTE)  # 2 us; 1 to 49 are treated as 50
 status_level = Register("status_level", 8, 1, persistent=True, values=SWITCH)
 min_position = Register("min_position", 9, 2, persistent=True)  # counts; 0 and 0: multi-turn
 max_position = Register("max_position", 11, 2, persistent=True)  # counts
@@ -38,14 +38,14 @@ led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True, va
 position_p = Register("position_p", 21, 1, persistent=True, values=BYTE)
 position_d = Register("position_d", 22, 1, persistent=True, values=BYTE)
 position_i = Register("position_i", 23, 1, persistent=True, values=BYTE)
-# In older editions of the table, register 24 has two bytes. Both interpretations agree up to 254. Write 25 only if the
-# firmware is known to have the limit.
+# In older editions of the table, register 24 has two bytes. Both interpretations agree for values up to 254. Write to
+# register 25 only if the firmware is known to have this limit.
 minimum_startup_force = Register("minimum_startup_force", 24, 1, persistent=True, values=BYTE)  # 0.1 %
 integral_limit = Register("integral_limit", 25, 1, persistent=True, values=BYTE)  # 4 units of I; 0: none
 cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True, values=between(0, 32))  # counts
 ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True, values=between(0, 32))  # counts
 protection_current = Register("protection_current", 28, 2, persistent=True, values=between(0, 1023))  # 6.5 mA
-angular_resolution = Register("angular_resolution", 30, 1, persistent=True, values=FACTORS)  # of goals; 0 counts as 1
+angular_resolution = Register("angular_resolution", 30, 1, persistent=True, values=FACTORS)  # of goals; 0 means 1
 homing_offset = Register("homing_offset", 31, 2, persistent=True, sign_bit=11)  # counts
 operating_mode = Register("operating_mode", 33, 1, persistent=True, values=MODES)  # 0 position, 1 speed, 2 PWM, 3 step
 protective_torque = Register("protective_torque", 34, 1, persistent=True, values=BYTE)  # %
@@ -59,7 +59,7 @@ velocity_i = Register("velocity_i", 39, 1, persistent=True, values=BYTE)
 torque_enable = Register("torque_enable", 40, 1, values=one_of(0, 1, 2, 128))  # 0 off, 1 on, 2 damping, 128: set middle
 acceleration = Register("acceleration", 41, 1, values=BYTE)  # 100 counts/s^2; 0: no limit
 goal_position = Register("goal_position", 42, 2, sign_bit=15)  # counts
-# The name is from the SCS table. In an STS, the value is the PWM goal in mode 2, and is ignored in position mode.
+# The name is from the SCS table. On an STS, the value is the PWM goal in mode 2, and is ignored in position mode.
 goal_time = Register("goal_time", 44, 2, sign_bit=10)  # 0.1 % of full drive
 goal_velocity = Register("goal_velocity", 46, 2, sign_bit=15)  # counts/s; 0: maximum speed
 torque_limit = Register("torque_limit", 48, 2, values=PER_MILLE)  # 0.1 %
@@ -77,7 +77,7 @@ moving = Register("moving", 66, 1, READ)
 present_target = Register("present_target", 67, 2, READ, sign_bit=15)  # counts; newer firmware
 present_current = Register("present_current", 69, 2, READ, sign_bit=15)  # 6.5 mA
 
-# Factory values. Feetech calls them read-only, but the firmware accepts and keeps new values. LeRobot writes 85.
+# Factory values. Feetech describes them as read-only, but the firmware accepts and keeps new values. LeRobot writes 85.
 moving_threshold = Register("moving_threshold", 80, 1, persistent=True)
 dts = Register("dts", 81, 1, persistent=True)  # ms
 velocity_unit = Register("velocity_unit", 82, 1, persistent=True)
@@ -92,7 +92,7 @@ STATE_BLOCK: Final = (present_position, present_velocity, present_load, present_
 GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
 
 COUNTS_PER_S_PHASE: Final = 1 << 2
-"""Bit of phase that selects counts/s as the unit of speed instead of 50 counts/s."""
+"""Bit in ``phase`` that selects counts/s as the unit of speed instead of 50 counts/s."""
 POSITION_LIMITS: Final = (min_position, max_position)
 
 BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
@@ -119,10 +119,10 @@ STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM
 STS3215_C044 = ServoModel("sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191)
 STS3215_C046 = ServoModel("sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147)
 STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
-# Some tools report 2313 for this servo; Feetech's own debug tool has this number for the STS3095.
+# Some tools report 2313 for this servo, but Feetech's own debug tool lists this number for the STS3095.
 STS3250_2313 = ServoModel("sts3250_2313", 2313, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)
 STS3235 = ServoModel("sts3235", 2057, "little", 4096, 12.0, 30.0 * KG_CM, 45.0 * RPM)
-# The SM series has the same table. The speed is assumed.
+# The SM series uses the same control table. The speed is assumed.
 SM8512BL = ServoModel("sm8512bl", 11272, "little", 4096, 12.0, 85.0 * KG_CM, 50.0 * RPM)
 STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 

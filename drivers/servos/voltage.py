@@ -6,12 +6,14 @@ from drivers.servos.register import ServoModel
 
 LOWEST_SHARE: Final = 0.75
 HIGHEST_SHARE: Final = 1.25
-"""Lowest and highest fraction of the rated voltage: 9.0 to 15.0 V for a 12 V servo."""
+"""Lowest and highest fractions of the rated voltage: 9.0 to 15.0 V for a 12 V servo."""
 HIGH_SHARE: Final = 1.15
-"""Fraction of the rated voltage above which a supply is unusual. A full battery reaches 1.14 (8.4 V for a 7.4 V servo).
+"""Fraction of the rated voltage above which a supply is unusual. A full battery reaches a fraction of 1.14 (8.4 V for a
+7.4 V servo).
 """
 _SMALL_STS: Final = (4.4, 8.9)
-"""Range of small STS models, in V. Their datasheet starts at 4 V, and many arms with 7.4 V servos use a 5 V supply."""
+"""Voltage range of small STS models, in V. Their datasheet range starts at 4 V, and many arms with 7.4 V servos use a 5
+V supply."""
 RANGES_V: Final = {
     **dict.fromkeys(("sts3215_c001", "sts3215_c044", "sts3215_c046"), _SMALL_STS),
     **dict.fromkeys(("scs15", "xl320"), (5.5, 8.9)),
@@ -20,11 +22,11 @@ RANGES_V: Final = {
     **dict.fromkeys(("2xl430-w250", "2xc430-w250", "xc335-t332"), (6.5, 15.0)),
     **dict.fromkeys(("rx-28", "rx-64", "ex-106+"), (12.0, 19.0)),
 }
-"""Lowest and highest voltage by model, in V, for models whose datasheet differs from the usual fractions."""
+"""Lowest and highest voltage by model, in V, for models whose datasheets differ from the usual fractions."""
 
 
 class VoltageFault(NamedTuple):
-    """Fault of the supply voltage of one servo."""
+    """Supply voltage fault of one servo."""
 
     kind: Literal["over-voltage", "under-voltage", "high supply", "low supply"]
     text: str
@@ -49,7 +51,8 @@ def usual_range(model: ServoModel) -> tuple[float, float]:
 
 
 def voltage_fault(model: ServoModel, voltage_v: float) -> VoltageFault | None:
-    """Return the fault of a voltage in V, or None. A voltage of 0 means that the servo does not measure it."""
+    """Return the fault for a voltage in V, or None if there is none. A voltage of 0 means that the servo does not
+    measure it."""
     (lowest, highest), (low, high), rated = voltage_range(model), usual_range(model), model.rated_voltage_v
     if voltage_v <= 0.0 or low <= voltage_v <= high:
         return None

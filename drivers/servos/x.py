@@ -2,11 +2,11 @@
 
 Source: ROBOTIS e-manual, pages of the models. Numbers, addresses and sizes agree with the model files in the official
 SDK (dynamixel_easy_sdk 4.1, control_table). docs/servos.md lists the sources against which each line was checked. The
-tables of the models differ only in the registers after ``REGISTERS``, in the values that some registers accept, and in
-the addresses of the indirect registers. Numbers are little endian, and negative numbers are two's complement.
+models' tables differ only in the registers after ``REGISTERS``, in the values that some registers accept, and in the
+addresses of the indirect registers. Numbers are little endian, and negative numbers are two's complement.
 
-A servo refuses unsupported values with error 4. Goals also have limits that depend on other registers, such as the
-position limits. A servo refuses a goal beyond these limits with error 6.
+A servo rejects unsupported values with error 4. Goals are also limited by other registers, such as the position limits.
+A servo rejects a goal beyond these limits with error 6.
 """
 
 from dataclasses import dataclass, replace
@@ -90,7 +90,7 @@ present_temperature = Register("present_temperature", 146, 1, READ)  # deg C
 REGISTERS: Final = by_address(globals().values())
 """Registers of all models."""
 
-# These registers are not in all models.
+# Not all models have these registers.
 led = Register("led", 65, 1, values=SWITCH)  # not in XW540 and XW430
 external_port_mode_1 = Register("external_port_mode_1", 56, 1, persistent=True, values=between(0, 3))  # X540
 external_port_mode_2 = Register("external_port_mode_2", 57, 1, persistent=True, values=between(0, 3))
@@ -106,7 +106,7 @@ goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True, values=between(1, 255))  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True, values=PROFILE)  # MX-28; 214.577 rev/min^2
 
-# An MX, and firmware before version 45 (X330: 46), lack these two registers.
+# MX servos, and firmware versions before 45 (X330: 46), lack these two registers.
 startup_configuration = Register(
     "startup_configuration", 60, 1, persistent=True, values=between(0, 3)
 )  # bits, see below
@@ -125,19 +125,19 @@ CURRENT_POSITION_MODE: Final = 5
 """Extended position mode with ``goal_current`` as the current limit. Only models that measure current have this mode.
 """
 MODES_WITH_TURNS: Final = (EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
-"""Modes in which goals and positions count several turns and position limits are ignored."""
+"""Modes in which goals and positions span several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
-"""Largest homing offset in position mode. The servo ignores a larger offset completely."""
+"""Maximum homing offset in position mode. The servo ignores a larger offset completely."""
 STARTUP_TORQUE_ON: Final = 1 << 0
-"""Bit of startup_configuration that enables torque at power-on."""
+"""Bit in ``startup_configuration`` that enables torque at power-on."""
 STARTUP_RESTORE: Final = 1 << 1
-"""Bit of startup_configuration that restores gains from the backup at power-on."""
+"""Bit in ``startup_configuration`` that restores gains from the backup at power-on."""
 REVERSE: Final = 1 << 0
-"""Bit of drive_mode that inverts the direction of positions, velocities and drive."""
+"""Bit in ``drive_mode`` that inverts the direction of positions, velocities and drive."""
 TIME_BASED_PROFILE: Final = 1 << 2
-"""Bit of drive_mode that makes profile_velocity a time in ms."""
+"""Bit in ``drive_mode`` that makes profile_velocity a time in ms."""
 TORQUE_ON_BY_GOAL: Final = 1 << 3
-"""Bit of drive_mode that makes every goal enable torque."""
+"""Bit in ``drive_mode`` that makes every goal enable torque."""
 
 HARDWARE_ERROR_BITS: Final = {0: "voltage", 2: "temperature", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
@@ -163,10 +163,10 @@ class XModel(ServoModel):
 
 
 class Family(NamedTuple):
-    """Properties that models of the same size have in common."""
+    """Properties that models of the same size share."""
 
     voltage_limits: tuple[int, int]
-    """Lowest and highest value of both voltage limits, in 0.1 V."""
+    """Lowest and highest values of both voltage limits, in 0.1 V."""
     current_unit_a: float | None = None
     own: tuple[Register, ...] = ()
     """Registers that not all families have, or that accept different values in this family."""
@@ -207,10 +207,10 @@ MX_DUAL: Final = Family((95, 160), 0.00336, (led, acceleration_limit, _DUAL))
 
 
 def _model(name: str, number: int, sheet: Datasheet, family: Family, largest_current: int = 0) -> XModel:
-    """Create a model. ``largest_current`` is the largest current limit, in the unit of the family."""
+    """Create a model. ``largest_current`` is the maximum current limit, in the family's unit."""
     voltages = between(*family.voltage_limits)
     limits = (replace(max_voltage_limit, values=voltages), replace(min_voltage_limit, values=voltages))
-    backup = () if acceleration_limit in family.own else (startup_configuration, backup_ready)  # an MX has none
+    backup = () if acceleration_limit in family.own else (startup_configuration, backup_ready)  # an MX has neither
     return XModel(
         name, number, "little", COUNTS_PER_TURN,
         sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
@@ -271,11 +271,11 @@ MX_106_2 = _model("mx-106-2.0", 321, Datasheet(12.0, 8.4, 5.2, 45.0), MX_DUAL, 2
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, XModel)}
 PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
-"""Models with two servos in one case. Each servo has its own ID."""
+"""Models that combine two servos in one case. Each servo has its own ID."""
 
 
 def needs_extended_position(homing_offset: int) -> bool:
-    """Whether this homing offset takes effect only in the modes that count turns.
+    """Whether this homing offset takes effect only in the multi-turn modes.
 
     Position mode ignores such an offset.
     """

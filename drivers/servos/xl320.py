@@ -63,7 +63,7 @@ BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000)
 
 JOINT_MODE: Final = 2
 HARDWARE_ERROR_BITS: Final = {0: "overload", 1: "temperature", 2: "voltage"}
-"""The e-manual defines these bits for ``shutdown`` only. ``hardware_error_status`` is assumed to use the same bits."""
+"""The e-manual defines these bits only for ``shutdown``. ``hardware_error_status`` is assumed to use the same bits."""
 
 POSITIONS: Final = 1024
 """Number of positions, over 300 degrees."""

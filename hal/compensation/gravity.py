@@ -1,4 +1,4 @@
-"""Compute the torques at the joints due to gravity from the link masses of a URDF."""
+"""Compute the joint torques due to gravity from the link masses of a URDF."""
 
 import logging
 import math
@@ -19,12 +19,13 @@ GRAVITY_M_S2: Final = 9.81
 class Gravity:
     """Gravity model of an arm. Gravity acts along -z of the root link.
 
-    A moving joint that is not in ``joints`` and does not follow one of them is assumed to be at zero. The torques of
-    all joints beyond such a joint are assumed to be zero, because their inclination is unknown.
+    A moving joint that is not in ``joints`` and does not follow one of them is assumed to be at position zero. The
+    torques of all joints beyond such a joint are assumed to be zero, because the inclination of those joints is
+    unknown.
     """
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
-        """Create the model. ``joints`` is the order of positions and torques."""
+        """Create the model. ``joints`` specifies the order of positions and torques."""
         self._tree = mass_tree(description, joints)
         self._joints = len(joints)
         self._unknown = inclination_unknown(self._tree)
@@ -43,7 +44,8 @@ class Gravity:
         return np.array(self.torques_at(position.tolist()))
 
     def torques_at(self, places: Sequence[float]) -> list[float]:
-        """Compute the same torques as ``torques`` with plain floats, which are faster than arrays of three elements."""
+        """Compute the same torques as ``torques``, but with plain floats, which are faster than arrays of three
+        elements."""
         torques = [0.0] * self._joints
         turned: list[Matrix] = []
         slid: list[float] = []
@@ -94,7 +96,7 @@ def _held(joint: MovingJoint, moment: Vector, up: Vector) -> float:
 
 
 def _carried(joint: MovingJoint, matrix: Matrix, slid_m: float, moment: Vector, own: Vector) -> Vector:
-    """Return the parent's first moment (``own``) plus the first moment of a link that it carries."""
+    """Return the sum of the parent's first moment (``own``) and the first moment of a link that the parent carries."""
     (x, y, z), (px, py, pz), (dx, dy, dz) = moment, joint.place_m, joint.slide
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = matrix
     kg = joint.carried_kg

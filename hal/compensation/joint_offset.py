@@ -1,4 +1,4 @@
-"""Compute the offset that is added to a joint's command to get its goal, in rad or m.
+"""Compute the offset that is added to a joint's command to obtain its goal, in rad or m.
 
 Plain floats are faster here than arrays, because an arm has few joints and the offsets change in every cycle.
 """
@@ -10,16 +10,18 @@ from hal.compensation.limit_cycle import LimitCycle
 from hal.joint import Joint
 
 GUIDED_SHARE: Final = 0.75
-"""Fraction of the weight that is compensated while the arm is moved by hand. Servos are up to 1.7 times as strong as
-their datasheets state (BAM's identification of an STS3215). An arm that rises by itself is worse than an arm whose
-gears carry part of the weight.
+"""Fraction of the weight to compensate while the arm is moved by hand. Servos are up to 1.7 times as strong as their
+datasheets state (according to BAM's identification of an STS3215). An arm that rises by itself is worse than an arm
+whose gears carry part of the weight.
 """
 FADE_IN_S: Final = 1.0
-"""Duration of the offsets' fade-in after activation, in seconds. The fade-in prevents a jump of the arm."""
+"""Duration of the offsets' fade-in after activation, in seconds. The fade-in prevents the arm from jumping."""
 LARGEST_LOAD: Final = 0.5
-"""Maximum torque for compensation, as a fraction of full effort. A higher value indicates wrong masses in the URDF."""
+"""Maximum torque used for compensation, as a fraction of full effort. A higher value indicates wrong masses in the
+URDF."""
 CORRECTION_S: Final = 0.5
-"""Time constant of the slow correction, in seconds. It is much longer than the servos' lag and one cycle."""
+"""Time constant of the slow correction, in seconds. The time constant is much longer than one cycle and the lag of the
+servos."""
 REST_S: Final = 0.2
 """Delay between the last change of the command and the start of the correction, in seconds. During this delay, the
 joint may still be moving.
@@ -29,13 +31,12 @@ STILL: Final = 1e-6
 position also counts as at rest.
 """
 BLOCKED: Final = 2.0
-"""Maximum error that is corrected, as a multiple of the servo's error at rest. A joint with a larger error counts as
-blocked.
+"""Maximum error to correct, as a multiple of the servo's error at rest. A joint with a larger error counts as blocked.
 """
 
 
 class JointOffset:
-    """Offset of one joint. It combines the sag, the slow correction and the damping of the limit cycle."""
+    """Offset of one joint. The offset combines the sag, the slow correction and the damping of the limit cycle."""
 
     def __init__(self, joint: Joint) -> None:
         known = joint.compliance if joint.gravity_compensation else None
@@ -63,7 +64,7 @@ class JointOffset:
         self._command: float | None = None
 
     def inside(self, goal: float, command: float) -> float:
-        """Clamp the goal to the limits of the joint, or to the command if the command is outside the limits."""
+        """Clamp the goal to the joint limits, or to the command if the command is outside the limits."""
         return min(max(goal, min(self._lower, command)), max(self._upper, command))
 
     def update(self, command: float, measured: float, torque: float, dt_s: float, share: float) -> float:
@@ -75,7 +76,7 @@ class JointOffset:
             torque: Torque or force due to gravity, in N m or N.
             dt_s: Period of the control loop, in seconds.
             share: Fraction of the offset to apply, from 0 to 1. Below 1, the slow correction is off, because it would
-                resist the hand that moves the arm.
+                resist a hand that moves the arm.
 
         Returns:
             The offset.
@@ -100,7 +101,7 @@ class JointOffset:
         return min(max(torque, -self._load), self._load) * self._sag_per_torque
 
     def _correct(self, before: float, error: float, dt_s: float, share: float) -> None:
-        """Integrate the remaining error of a joint at rest, after the offset has fully faded in."""
+        """After the offset has fully faded in, integrate the remaining error of a joint at rest."""
         if 0.0 < share < 1.0:
             self._correction -= self._correction * min(dt_s / CORRECTION_S, 1.0)
         elif self._limit_cycle.swinging:

@@ -1,6 +1,6 @@
-"""Damp limit cycles: a joint at rest may oscillate within the backlash of its gears.
+"""Damp limit cycles, in which a joint at rest oscillates within the backlash of its gears.
 
-A servo pushes with the same minimum drive from both sides (its minimum starting force). If gravity does not hold the
+A servo pushes with the same minimum drive from both sides (its minimum startup force). If gravity does not hold the
 link at one end of the backlash, the servo pushes it from one end to the other and back.
 """
 
@@ -9,15 +9,15 @@ from typing import Final
 
 GIVE_WAY_RAD: Final = 0.0046
 """Maximum offset of the goal, in rad at the shaft. The value equals three counts of an STS and is less than half of a
-backlash of 1 degree.
+1-degree backlash.
 """
 SLOW_CYCLES: Final = 6
-"""Minimum period of an oscillation that is damped, in control cycles. A faster oscillation would be amplified."""
+"""Minimum period of an oscillation to be damped, in control cycles. A faster oscillation would be amplified."""
 CALMED_CYCLES: Final = 5
 """Minimum period at which damping continues, in control cycles. The period becomes shorter as the oscillation decays.
 """
 BEFORE_CYCLES: Final = 4
-"""Assumed duration of the half period before the first measured half period, in control cycles."""
+"""Assumed duration of the half period that precedes the first measured half period, in control cycles."""
 RETURN_S: Final = 0.5
 """Time constant with which the offset decays after the oscillation ends."""
 
@@ -26,7 +26,7 @@ class LimitCycle:
     """Offset that damps the limit cycle of one joint, in rad or m.
 
     The goal of an oscillating joint is set to its last measured position. The servo then only acts against the motion,
-    and the oscillation decays. Afterwards the goal stays at the position of the joint.
+    and the oscillation decays. Afterward, the goal stays at the position of the joint.
     """
 
     __slots__ = ("_before", "_cycles", "_dead_band", "_give_way", "_side", "offset", "swinging")
@@ -55,7 +55,7 @@ class LimitCycle:
     def update(self, error: float, loose: bool, dt_s: float) -> None:
         """Detect an oscillation and update the offset.
 
-        A joint oscillates if it passes its command by more than the dead band and then passes it again.
+        A joint oscillates if it passes its commanded position by more than the dead band and then passes it again.
 
         Args:
             error: Command minus measured position; NaN if unknown.

@@ -1,4 +1,4 @@
-"""The moving joints of a URDF with the masses that they carry, prepared for fast evaluation."""
+"""The moving joints of a URDF and the masses that they carry, prepared for fast evaluation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from hal.types import FloatArray
 TURNING: Final = ("revolute", "continuous")
 
 Matrix = tuple[float, ...]
-"""Nine numbers in row-major order."""
+"""The nine matrix elements, in row-major order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,8 @@ class MovingJoint:
     slide: Vector
     axis: Vector
     leader: int
-    """Index of the commanded joint that this joint follows; -1 if it follows none and is assumed to be at zero."""
+    """Index of the commanded joint that this joint follows; -1 if it does not follow any and is assumed to be at
+    zero."""
     multiplier: float
     offset: float
     moment: Vector
@@ -64,11 +65,12 @@ class _Tree:
         Args:
             link: Name of the link.
             parent: Index of the moving joint that carries the link.
-            to: Rotation of the link in the frame of the parent, shape (3, 3).
-            at: Position of the link in the frame of the parent, shape (3,), in m.
+            to: Rotation of the link in the parent frame, shape (3, 3).
+            at: Position of the link in the parent frame, shape (3,), in m.
 
         Returns:
-            The mass of the link and all its descendants, and the first moment of the links that move with the parent.
+            The total mass of the link and all its descendants, and the first moment of the links that move with the
+            parent.
         """
         own = self._links.get(link)
         kg, center = (own.mass_kg, np.array(own.center_m)) if own else (0.0, np.zeros(3))
@@ -124,7 +126,7 @@ class _Tree:
 
 
 def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJoint, ...]:
-    """Return all moving joints, each after its parent. ``joints`` are the commanded joints in order."""
+    """Return all moving joints, each one after its parent. ``joints`` are the commanded joints in order."""
     tree = _Tree(description, joints)
     children = {joint.child for joint in description.joints.values()}
     for root in dict.fromkeys(j.parent for j in description.joints.values() if j.parent not in children):
@@ -133,7 +135,7 @@ def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJo
 
 
 def inclination_unknown(tree: Sequence[MovingJoint]) -> set[int]:
-    """Return the leaders of joints whose inclination is unknown because an earlier joint takes no commands."""
+    """Return the leaders of joints whose inclination is unknown because a joint nearer the root is not commanded."""
     unknown: set[int] = set()
     lost: list[bool] = []
     for node in tree:

@@ -1,4 +1,4 @@
-"""Compute the stiffness and lag of a servo from the data of its model and the gains of its position loop.
+"""Compute the stiffness and lag of a servo from its model data and the gains of its position loop.
 
 A position loop without an integral term acts like a spring with a damper. The drive is proportional to the error, and
 full drive corresponds to the stall torque. The damper is the back-EMF of the motor, which balances full drive at
@@ -19,8 +19,8 @@ from hal.types import FloatArray
 STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "max_acceleration": 100}
 """Factory settings that affect the compliance."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
-"""Fraction of full drive per count of error and unit of P. In the firmware, full drive is 1000 and each count of error
-adds P / 4. The value that BAM identified is 2 % higher.
+"""Fraction of full drive per count of error and per unit of P. In the firmware, full drive is 1000 and each count of
+error adds P / 4. The value that BAM identified is 2 % higher.
 """
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
@@ -32,15 +32,16 @@ increases friction.
 """
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
-"""Fraction of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of
-PWM.
+"""Fraction of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 PWM units
+per count of error.
 """
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
 """Half of ``X_DRIVE_PER_COUNT``. BAM measured this value on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
-"""Dead band of the X series, which has no dead zone: one count of measurement and one count of goal resolution."""
+"""Dead band of the X series, which has no dead zone: one count each for the resolution of the measurement and of the
+goal."""
 X_FRICTION_SHARE: Final = 0.04
-"""Friction as a fraction of the stall torque. The value of the STS is assumed. The unknown rotor inertia is assumed to
+"""Friction as a fraction of the stall torque. The value for the STS is assumed. The unknown rotor inertia is assumed to
 be zero.
 """
 
@@ -56,7 +57,7 @@ class Compliance:
     inertia_s2: float
     """Rotor inertia divided by stiffness. This value times the acceleration is the lag due to inertia."""
     profile_acceleration: float
-    """Deceleration with which the servo stops at each goal. If goals arrive continuously, the servo lags by the braking
+    """Deceleration at which the servo stops at each goal. If goals arrive continuously, the servo lags by its braking
     distance.
     """
     dead_band: float
@@ -66,7 +67,7 @@ class Compliance:
 
     @property
     def uncorrected(self) -> float:
-        """Largest error at rest due to dead band and friction, for an approach from either side."""
+        """Largest error at rest due to dead band and friction, when approached from either side."""
         return self.dead_band + 2.0 * self.friction / self.stiffness
 
 
@@ -74,8 +75,8 @@ def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
     """Return the lag coefficients of joints. Joints with unknown compliance have no lag.
 
     Returns:
-        Array of shape (3, n): the delay (times speed), the profile acceleration (for the braking distance), and the
-        inertia (times acceleration).
+        Array of shape (3, n): the delay (multiplied by speed), the profile acceleration (for the braking distance), and
+        the inertia (multiplied by acceleration).
     """
     known = [
         (one.lag_s, one.profile_acceleration, one.inertia_s2) if one else (0.0, math.inf, 0.0) for one in compliances
@@ -84,7 +85,7 @@ def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
 
 
 def assumed_settings(model: ServoModel) -> Mapping[str, int]:
-    """Return the settings that are assumed for a servo, keyed by register name."""
+    """Return the settings that a servo is assumed to have, keyed by register name."""
     return STS_SETTINGS if model in sts.MODELS.values() else {}
 
 
@@ -118,7 +119,7 @@ def compliance_of(
     else:
         return None
     if not per_count:
-        return None  # a servo without a position gain does not hold
+        return None  # a servo whose position gain is zero does not hold
     motor_time_s, profile_counts_s2, dead_band_counts, friction_share = facts
     rad_per_count = 2.0 * math.pi / model.counts_per_turn
     stiffness = per_count / rad_per_count * model.stall_torque_nm

@@ -1,1 +1,1 @@
-"""Set of hardware components that the control loop uses as one hardware. Each component has its own life cycle."""
+"""Set of hardware components that the control loop treats as one. Each component has its own life cycle."""

@@ -1,4 +1,4 @@
-"""The record that the control loop keeps of each hardware component: its joints, its commands and its state."""
+"""The control loop's record of each hardware component: its joints, commands and state."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ class Component:
     switching: bool = False
     """Whether a transition is running in the background. During a transition, the cycle skips the component."""
     error: Exception | None = None
-    """Error that caused the loss of the component. The component may still be stopped if it can be reached."""
+    """Error that caused the loss of the component. The component may still be stopped if it is reachable."""
     out_of_reach: bool = False
-    """Whether the last command reached none of its joints."""
+    """Whether the last command failed to reach any of the component's joints."""
     finalized: bool = False
     driven: bool = False
     """Whether the component has been active in a cycle since its last transition."""

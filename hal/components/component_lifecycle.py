@@ -18,9 +18,9 @@ def configure_all(components: ComponentSet, leave_out: Collection[str] = (), kee
 
     Args:
         components: The set.
-        leave_out: Names of components that are not configured.
-        keep_alive: Continue with the other components if one cannot be configured. The state of that component does not
-            change.
+        leave_out: Names of components not to configure.
+        keep_alive: Continue with the other components if one cannot be configured. The state of the failed component
+            does not change.
 
     Raises:
         DriverError, HalError: A component could not be configured. All components have been cleaned up.
@@ -39,7 +39,7 @@ def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), 
 
     Args:
         components: The set.
-        keep_inactive: Names of components that are not activated.
+        keep_inactive: Names of components not to activate.
         keep_alive: Continue with the other components if one cannot be activated. The state of that component does not
             change.
 
@@ -88,12 +88,12 @@ def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[st
 
 
 def clean_up_all(components: ComponentSet) -> None:
-    """Clean up all components, even if some of them fail, and raise the first error at the end."""
+    """Clean up all components, even if some of them fail, and finally raise the first error."""
     errors: list[Exception] = []
     for component in components.components:
         try:
             component.hardware.cleanup()
-        except Exception as error:  # the other components still hold their ports
+        except Exception as error:  # the other components still have their ports open
             errors.append(error)
     if errors:
         raise errors[0]

@@ -20,9 +20,9 @@ LOG = logging.getLogger("servoloop.hal")
 class ComponentSet:
     """All hardware components, in the order of their ``<ros2_control>`` blocks.
 
-    The joints and commands of the set follow the same order. All methods are called from the thread of the control
+    The joints and commands of the set are in the same order. All methods are called from the thread of the control
     loop. A component that fails in a cycle does not affect the others: it is added to ``failures`` and skipped until
-    ``drop``.
+    ``drop`` is called.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ComponentSet:
 
     @property
     def state(self) -> LifecycleState:
-        """Furthest life cycle state among the components: active, inactive or unconfigured."""
+        """Most advanced life cycle state among the components: active, inactive or unconfigured."""
         states = {component.hardware.state for component in self.components}
         found = (s for s in (LifecycleState.ACTIVE, LifecycleState.INACTIVE) if s in states)
         return next(found, LifecycleState.UNCONFIGURED)
@@ -69,7 +69,7 @@ class ComponentSet:
         return any(not (one.switching or one.out_of_reach) for one in active)
 
     def component(self, name: str) -> Component | None:
-        """Return the component with this name, or None."""
+        """Return the component with this name, or None if there is none."""
         return next((component for component in self.components if component.name == name), None)
 
     def ready(self, interface: str) -> bool:
@@ -83,7 +83,7 @@ class ComponentSet:
         return home is None or home.sound  # a mimic joint has no component; its position follows from its leader
 
     def update_every_cycle(self) -> None:
-        """Update every component in every cycle from now on, so that the end of a motion reaches all components."""
+        """Update every component in every cycle from now on, so that all components receive the end of a motion."""
         for component in self.components:
             component.cycles_per_update = 1
 
@@ -96,9 +96,10 @@ class ComponentSet:
         self._filters = {one.name: LeapFilter(one.name, one.joints, limits) for one in filtered}
 
     def read(self, deadline_s: float | None = None) -> JointState:
-        """Read all components. A component that cannot be read keeps its last values and gets a fault for each joint.
+        """Read all components. A component that cannot be read keeps its last known values and gets a fault for each
+        joint.
 
-        All components send their requests before any of them waits for answers. The wait ends at the clock time
+        All components send their requests before any of them waits for replies. The wait ends at the clock time
         ``deadline_s``.
         """
         parts, cycle = self._parts, self._cycle
@@ -120,7 +121,7 @@ class ComponentSet:
         return merged_state(self.components, parts, max(stamps, default=self._clock.now()))
 
     def measure(self, component: Component) -> JointState:
-        """Read one component between two cycles, without the filter for jumps: the caller confirms each position.
+        """Read one component between two cycles, without the jump filter: the caller confirms each position.
 
         If the component cannot be read, it is marked as lost and the error is raised.
         """
@@ -132,7 +133,7 @@ class ComponentSet:
         return self._parts[component.hardware.name]
 
     def ask_for_torque(self, component: Component) -> frozenset[str]:
-        """Check the torque of an active component between two cycles. Return the joints that did not answer.
+        """Check the torque of an active component between two cycles. Return the joints that did not respond.
 
         If the component cannot be reached, it is marked as lost and the error is raised.
         """
@@ -164,12 +165,13 @@ class ComponentSet:
             self.lose(component, error)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write commands of shape (m,) to the active components. Parts of a lost component may still be reachable."""
+        """Write commands of shape (m,) to the active components. Some parts of a lost component may still be
+        reachable."""
         for component in self.components:
             if component.switching:
                 continue
             if component.finalized or component.hardware.state is not LifecycleState.ACTIVE:
-                if component.driven:  # its controllers must not continue as if the component followed them
+                if component.driven:  # its controllers must not continue as if the component were following them
                     self.lose(component, DriverError(f"it became {component.state.name.lower()} without a request"))
                 continue
             component.driven = True
@@ -196,7 +198,7 @@ class ComponentSet:
             self.failures.append(component)
 
     def rejoin(self, component: Component) -> None:
-        """Return a component to the cycle after a transition, and discard the old values of the component."""
+        """Return a component to the cycle after a transition, and discard the component's old values."""
         component.switching = False
         component.out_of_reach = False
         component.driven = False
@@ -207,7 +209,7 @@ class ComponentSet:
             component.error = None
 
     def drop(self, component: Component) -> None:
-        """Clean up a lost component and close its ports. Servos that still answer hold their positions."""
+        """Clean up a lost component and close its ports. Servos that still respond hold their positions."""
         try:
             component.hardware.cleanup()
         except Exception as error:  # the other components must continue

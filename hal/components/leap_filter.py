@@ -16,16 +16,16 @@ ARRAYS: Final = ("position", "velocity", "effort")
 class LeapFilter:
     """Filter for position readings that jump.
 
-    A joint that jumped counts as not measured until a second reading agrees.
+    A joint that jumped is treated as not measured until a second reading agrees.
     """
 
     def __init__(self, component: str, joints: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
         """Create the filter.
 
         Args:
-            component: Name of the component, for messages.
+            component: Name of the component, used in messages.
             joints: Names of its joints.
-            limits: Limits, keyed by joint name. A joint without limits is not filtered.
+            limits: Joint limits, keyed by joint name. A joint without limits is not filtered.
         """
         self._component = component
         self._limits = {index: (name, limits[name]) for index, name in enumerate(joints) if name in limits}
@@ -37,11 +37,11 @@ class LeapFilter:
         self._last: JointState | None = None
 
     def believed(self, state: JointState, driven: bool) -> JointState:
-        """Return the state. Joints that jumped keep their last values and get a fault.
+        """Return the state. Joints that jumped keep their last known values and get a fault.
 
         Args:
             state: The measurement of one cycle.
-            driven: Whether the component is active. A limp joint can be moved faster by hand.
+            driven: Whether the component is active. A limp joint can be moved faster by hand than by its servo.
         """
         leaps = {}
         for index, (name, _) in self._limits.items():

@@ -1,4 +1,4 @@
-"""Parse ``min`` and ``max`` of command interfaces, which narrow the limits of a joint."""
+"""Parse the ``min`` and ``max`` values of command interfaces, which narrow the limits of a joint."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -60,7 +60,7 @@ def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iter
 
     Args:
         joint: The joint.
-        ranges: Ranges, keyed by kind: ``position``, ``velocity`` or ``effort``.
+        ranges: Ranges, keyed by type: ``position``, ``velocity`` or ``effort``.
     """
     for kind, found in ranges.items():
         subject = f"{joint.name}/{kind}: min {found.lowest} and max {found.highest} ({found.place})"
@@ -80,7 +80,7 @@ def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iter
 
 
 def range_warnings(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iterator[str]:
-    """Yield a warning for each end of a range that has no effect because the joint's limit is narrower."""
+    """Yield a warning for each end of a range that has no effect because the joint limit is narrower."""
     for kind, found in ranges.items():
         lower, upper = _limits(joint, kind)
         ends = (("min", found.lowest, "below", lower), ("max", found.highest, "above", upper))
@@ -100,7 +100,7 @@ def narrowed(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> UrdfJoint:
         if kind == "position":
             joint = replace(joint, lower=low, upper=high)
         elif kind == "velocity":
-            # A motion to a position must respect the velocity limits of both directions.
+            # A motion to a position must respect the velocity limits in both directions.
             fastest = min(-low, high) if "position" in joint.commands else max(-low, high)
             joint = replace(joint, velocity=fastest, velocity_range=(low, high))
         else:

@@ -31,7 +31,8 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    """Joints, keyed by name. Soft limits and the ranges of command interfaces have narrowed their limits."""
+    """Joints, keyed by name. Soft limits and the ranges of command interfaces have already been applied to their
+    limits."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -42,8 +43,8 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     """Parse and check a URDF with at least one ``<ros2_control>`` block.
 
     Args:
-        xml: The URDF as text.
-        file: Name of the file, for messages.
+        xml: The URDF as a string.
+        file: File name to use in messages.
 
     Raises:
         DescriptionError: The URDF is invalid.
@@ -80,7 +81,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
 def _softened(
     joints: Mapping[str, UrdfJoint], soft: Mapping[str, SoftLimits]
 ) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
-    """Narrow the limits of joints to their soft limits. Return the joints and warnings. Raises DescriptionError."""
+    """Narrow the joint limits to the soft limits. Return the joints and warnings. Raises DescriptionError."""
     own = [(joint, soft[name]) for name, joint in joints.items() if name in soft]
     if problems := [problem for joint, limits in own for problem in soft_limit_problems(joint, limits)]:
         raise DescriptionError("\n".join(problems))
@@ -89,10 +90,10 @@ def _softened(
 
 
 def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
-    """Narrow the limits of joints to the ranges of their commands. Return the joints and warnings.
+    """Narrow the joint limits to the ranges of the joints' commands. Return the joints and warnings.
 
     Raises:
-        DescriptionError: A range leaves the joint no room to move.
+        DescriptionError: A range leaves a joint no room to move.
     """
     problems: list[str] = []
     warnings: list[str] = []
@@ -112,7 +113,8 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
 def _check_apart(
     components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint], places: Mapping[str, str]
 ) -> None:
-    """Check that block names are unique, each joint is in only one block, and the leaders of mimic joints are measured.
+    """Check that block names are unique, that each joint is in only one block, and that the leaders of mimic joints are
+    measured.
 
     Args:
         components: The blocks.
@@ -126,7 +128,7 @@ def _check_apart(
         raise DescriptionError(f"two <ros2_control> blocks are named '{twice[0]}' ({places[twice[0]]}): rename one")
     owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
     if twice := doubles(name for component in components for name in component.sensors):
-        raise DescriptionError(f"two blocks have a <sensor> or <gpio> '{twice[0]}': rename one")
+        raise DescriptionError(f"two blocks have a <sensor> or <gpio> named '{twice[0]}': rename one")
     if twice := doubles(joint for joint, _ in owners):
         last = dict(owners)[twice[0]]
         raise DescriptionError(

@@ -1,4 +1,4 @@
-"""Find limits of a robot description that its servos cannot reach, and links without mass."""
+"""Find limits in a robot description that the servos cannot reach, and links without mass."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -15,7 +15,7 @@ def description_problems(description: Description) -> list[str]:
 
 
 def servo_problems(joints: Iterable[Joint]) -> Iterator[str]:
-    """Yield a message for each limit that the joint's servo cannot reach, such as a placeholder."""
+    """Yield a message for each limit that the joint's servo cannot reach, such as a placeholder value."""
     for joint in joints:
         fastest = joint.model.no_load_speed_rad_s * joint.transmission
         if joint.limits.velocity > fastest:
@@ -28,7 +28,7 @@ def servo_problems(joints: Iterable[Joint]) -> Iterator[str]:
                 f"{joint.name}: its <limit> in the URDF has no effort, but its servo, "
                 f"{joint.model.name}, {_strength(joint)}"
             )
-        elif joint.limits.effort > 1.01 * joint.full_effort:  # data sheets are rounded
+        elif joint.limits.effort > 1.01 * joint.full_effort:  # datasheet values are rounded
             yield (
                 f"{joint.name}: the effort limit in the URDF is {joint.limits.effort:g}, but its servo, "
                 f"{joint.model.name}, {_strength(joint)}"

@@ -1,4 +1,4 @@
-"""Parse the ``<ros2_control>`` blocks of a URDF. Each block is one hardware component."""
+"""Parse the ``<ros2_control>`` blocks of a URDF. Each block describes one hardware component."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,11 +28,11 @@ class HardwareInfo:
     command_interfaces: Mapping[str, tuple[str, ...]]
     state_interfaces: Mapping[str, tuple[str, ...]]
     mimics: frozenset[str] = frozenset()
-    """Joints of the block that have a ``<mimic>`` in the URDF and are not driven."""
+    """Joints of the block that have a ``<mimic>`` element in the URDF and are not driven."""
     initial_values: Mapping[str, float] = field(default_factory=dict)
     """Initial values, keyed by state interface (``joint1/position``)."""
     command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
-    """``min`` and ``max``, keyed by command interface (``joint1/position``)."""
+    """``min`` and ``max`` values, keyed by command interface (``joint1/position``)."""
     transmissions: Mapping[str, SimpleTransmission] = field(default_factory=dict)
     """Gears between servos and joints, keyed by joint name."""
     sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
@@ -40,21 +40,21 @@ class HardwareInfo:
     outputs: Mapping[str, OutputInfo] = field(default_factory=dict)
     """Command interfaces that do not move a joint, keyed by name (``lamp/led``)."""
     rw_rate: int = 0
-    """Rate at which the component is read and written, in Hz; 0 for every cycle."""
+    """Rate at which the component is read and written, in Hz; 0 means every cycle."""
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Measured joints in the order of the file: all joints of the block except mimic joints."""
+        """Measured joints in file order: all joints of the block except mimic joints."""
         return tuple(name for name in self.command_interfaces if name not in self.mimics)
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Names of all command interfaces (``joint1/position``), in the order of the file."""
+        """Names of all command interfaces (``joint1/position``), in file order."""
         return tuple(f"{joint}/{name}" for joint, own in self.command_interfaces.items() for name in own)
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of all state interfaces (``joint1/position``), in the order of the file."""
+        """Names of all state interfaces (``joint1/position``), in file order."""
         sensors = {name: sensor.interfaces for name, sensor in self.sensors.items()}
         return tuple(f"{joint}/{name}" for joint, own in {**self.state_interfaces, **sensors}.items() for name in own)
 
@@ -64,7 +64,7 @@ class HardwareInfo:
 
 
 def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
-    """Merge all blocks into one, as the controllers see them."""
+    """Merge all blocks into one, which is how the controllers see them."""
     if len(components) == 1:
         return components[0]
     return HardwareInfo(
@@ -113,7 +113,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
 
 
 def without_refused_mimics(blocks: Sequence[Element], joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Remove the ``<mimic>`` of joints for which a block sets ``mimic="false"``. Return all joints.
+    """Remove the ``<mimic>`` element of joints for which a block sets ``mimic="false"``. Return all joints.
 
     Raises:
         DescriptionError: The attribute contradicts the URDF.
@@ -164,7 +164,7 @@ def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) ->
 
 
 def _check_driven(subject: str, element: Element, joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that hardware can drive a joint. ``subject`` is the beginning of the message."""
+    """Check that the hardware can drive a joint. ``subject`` is the beginning of the message."""
     joint = joints.get(element.get("name", ""))
     if joint is None:
         raise DescriptionError(f"{subject}, which is not in the URDF ({place(element)}): correct its name")
@@ -176,7 +176,7 @@ def _check_driven(subject: str, element: Element, joints: Mapping[str, UrdfJoint
 
 
 def _check_commands(block: str, kind: str, elements: Mapping[str, Element], joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that the joints of a block can take the commands. ``block`` is the name of the block in messages."""
+    """Check that the joints of a block can execute its commands. ``block`` is the block's name in messages."""
     for joint, element in elements.items():
         own, where = _interfaces(element, "command_interface"), place(element)
         if own and kind == "sensor":

@@ -1,4 +1,4 @@
-"""Poses of links as functions of joint positions. Quaternions are (x, y, z, w), lengths are in m."""
+"""Link poses as functions of joint positions. Quaternions are (x, y, z, w); lengths are in m."""
 
 import math
 
@@ -8,7 +8,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 def child_pose(joint: UrdfJoint, position: float) -> tuple[Vector, Quaternion]:
-    """Return the pose of the child link in the parent link at a joint position (rad or m)."""
+    """Return the pose of the child link in the frame of the parent link at a joint position (rad or m)."""
     origin = from_rpy(joint.rpy_rad)
     if joint.kind == "prismatic":
         x, y, z = joint.axis

@@ -1,4 +1,4 @@
-"""Check the limits of joints before hardware may drive them."""
+"""Check joint limits before hardware may drive the joints."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -9,13 +9,13 @@ from hal.plausible import range_mistake
 from hal.robot_description.urdf import UrdfJoint
 
 WHEEL_SPEED_RAD_S: Final = 20.0
-"""Velocity limit of a wheel for which the URDF sets none, in rad/s."""
+"""Default velocity limit of a wheel for which the URDF does not set one, in rad/s."""
 
 
 def with_wheel_speeds(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
     """Set a default velocity limit for wheels that have none. Return all joints and a warning for each such wheel.
 
-    A wheel is a continuous joint that takes only velocities or efforts. ros2_control does not limit it.
+    A wheel is a continuous joint that accepts only velocities or efforts. ros2_control does not limit such joints.
     """
     wheels = {
         name: joint
@@ -31,7 +31,7 @@ def with_wheel_speeds(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJo
 
 
 def limit_problems(joints: Mapping[str, UrdfJoint]) -> Iterator[str]:
-    """Yield a message for each limit that is missing or wrong. A joint without commands needs no limits."""
+    """Yield a message for each limit that is missing or wrong. A joint that is not commanded needs no limits."""
     for joint in joints.values():
         yield from _range_problems(joint)
         yield from _plausibility_problems(joint)
@@ -71,7 +71,7 @@ def _rate_problems(joint: UrdfJoint) -> Iterator[str]:
             f"{joint.name}: velocity limit must be above 0, not {joint.velocity} ({joint.place}): write the joint's "
             "highest speed in <limit velocity>."
         )
-    # Exporters write 0 for an unknown effort. Without effort commands this value has no effect.
+    # Exporters write 0 for an unknown effort limit. Without effort commands, this value has no effect.
     if joint.effort < 0.0 or (joint.effort == 0.0 and "effort" in joint.commands):
         yield (
             f"{joint.name}: effort limit must be above 0, not {joint.effort} ({joint.place}): write the highest torque "

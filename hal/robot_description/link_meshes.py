@@ -1,4 +1,5 @@
-"""Read the meshes of an arm's links, used only for display. ``meshes/links.yaml`` in the arm's folder lists them."""
+"""Read the link meshes of an arm, which are used only for display. ``meshes/links.yaml`` in the arm's folder lists
+these meshes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,19 +29,19 @@ Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), NoTruth]
 
 
 class MeshPlace(BaseModel):
-    """Entry of the file: one mesh on a link."""
+    """Entry of ``links.yaml``: one mesh on a link."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mesh: str
-    """Path of a binary STL file in meters, relative to the folder of ``links.yaml``."""
+    """Path of a binary STL file with coordinates in meters, relative to the folder of ``links.yaml``."""
     xyz_m: tuple[Position, Position, Position] = ZERO
     rpy_rad: tuple[Position, Position, Position] = ZERO
     rgb: tuple[Share, Share, Share]
 
 
 class MeshPlaces(BaseModel):
-    """Content of the file."""
+    """Content of ``links.yaml``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -50,7 +51,7 @@ class MeshPlaces(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class LinkMesh:
-    """Mesh and its pose in the frame of its link, in meters."""
+    """Mesh and its pose in the link frame, in meters."""
 
     link: str
     path: Path
@@ -61,7 +62,7 @@ class LinkMesh:
 
 
 def link_meshes(folder: Path) -> list[LinkMesh]:
-    """Read the meshes of the arm in a folder. Raise ArmFileError with all errors. The list may be empty."""
+    """Read the meshes of the arm in a folder. Raise one ArmFileError that lists all errors. The list may be empty."""
     path = folder / PLACES
     if not path.is_file():
         return []
@@ -77,7 +78,7 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
     """Read a binary STL file.
 
     Returns:
-        The unique vertices, shape (v, 3), in the unit of the file, and the faces, shape (f, 3), as vertex indices.
+        The unique vertices, shape (v, 3), in the file's unit, and the faces, shape (f, 3), as vertex indices.
 
     Raises:
         ArmFileError: The file cannot be read, is too large, or is not a binary STL file.
@@ -99,7 +100,7 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
 
 
 def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RAD) -> tuple[FloatArray, Faces]:
-    """Duplicate the vertices of sharp edges, so that smooth shading keeps the edges sharp.
+    """Duplicate the vertices at sharp edges, so that smooth shading keeps the edges sharp.
 
     Args:
         vertices: Vertices, shape (v, 3).
@@ -107,7 +108,7 @@ def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RA
         crease_rad: Minimum angle between two faces at a sharp edge, in rad.
 
     Returns:
-        The vertices with the duplicates, and the faces as indices of these vertices.
+        The vertices including the duplicates, and the faces as indices of these vertices.
     """
     normals = np.round(_corner_normals(vertices, faces, crease_rad), 4)
     corners: Any = np.column_stack([faces.ravel(), normals])
@@ -118,7 +119,7 @@ def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RA
 def _corner_normals(vertices: FloatArray, faces: Faces, crease_rad: float) -> FloatArray:
     """Return the normals at all corners, shape (3 f, 3).
 
-    Each is the mean normal of the adjacent faces that no sharp edge separates.
+    Each normal is the mean of the normals of the adjacent faces that are not separated by a sharp edge.
     """
     first, second, third = (vertices[faces[:, i]] for i in range(3))
     area = np.cross(second - first, third - first)

@@ -16,12 +16,12 @@ PRODUCTS: Final = ("ixy", "ixz", "iyz")
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A link. Mass and inertia are zero if the URDF does not contain them."""
+    """A link. Mass and inertia are zero if the URDF does not specify them."""
 
     name: str
     mass_kg: float
     center_m: Vector
-    """Center of mass in the frame of the link, in m."""
+    """Center of mass in the link frame, in m."""
     inertia: Vector
     """Moments of inertia about the x, y and z axes, in kg m²."""
 
@@ -59,9 +59,9 @@ def _not_negative(link: str, element: Element | None, key: str, what: tuple[str,
 
 
 def _number(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
-    """Parse a number of a link; 0 if it is missing.
+    """Parse a number that belongs to a link; return 0 if it is missing.
 
-    ``what`` is the name of the number in messages and the kind of number in ``RANGES``.
+    ``what`` contains the name of the number in messages and the type of number in ``RANGES``.
     """
     if element is None:
         return 0.0
@@ -76,7 +76,7 @@ def _number(link: str, element: Element | None, key: str, what: tuple[str, str])
 
 
 def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) -> Iterator[str]:
-    """Yield a message for each missing link, for each link with two parent joints, and for a loop of links.
+    """Yield a message for each missing link, for each link with two parent joints, and for each loop of links.
 
     A URDF without any links is valid.
     """

@@ -17,10 +17,10 @@ COMMANDS: Final = ("position", "velocity", "effort")
 
 @dataclass(frozen=True, slots=True)
 class OutputInfo:
-    """Command interface of a ``<gpio>``, or a joint's command interface other than position, velocity or effort."""
+    """Command interface of a ``<gpio>``, or a command interface of a joint other than position, velocity or effort."""
 
     joint: str
-    """Joint whose servo has the output. Empty if the output belongs to the hardware itself."""
+    """Joint whose servo has the output. The name is empty if the output belongs to the hardware itself."""
     lowest: float = -math.inf
     highest: float = math.inf
     initial: float = math.nan
@@ -30,7 +30,7 @@ class OutputInfo:
 
 
 def parse_outputs(block: Element) -> dict[str, OutputInfo]:
-    """Return the outputs of a block, keyed by interface (``lamp/led``). Raises DescriptionError."""
+    """Return a block's outputs, keyed by interface (``lamp/led``). Raises DescriptionError."""
     found: dict[str, OutputInfo] = {}
     for element in (child for child in block if child.tag in ("joint", "gpio")):
         name = attribute(element, "name", f"a <{element.tag}> of '{block.get('name')}'")

@@ -19,7 +19,7 @@ SERVO_INPUTS: Final = ("external_port_data_1", "external_port_data_2", "external
 
 @dataclass(frozen=True, slots=True)
 class SensorInfo:
-    """A ``<sensor>`` or ``<gpio>`` with its state interfaces."""
+    """A ``<sensor>`` or ``<gpio>`` element with its state interfaces."""
 
     joint: str
     """Joint whose servo reports the values; empty if the hardware itself reports them."""
@@ -29,7 +29,7 @@ class SensorInfo:
 
 
 def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorInfo]:
-    """Return the sensors of a block, keyed by name.
+    """Return a block's sensors, keyed by name.
 
     Args:
         block: The ``<ros2_control>`` block.
@@ -43,7 +43,7 @@ def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorIn
         name = attribute(element, "name", f"a <{element.tag}> of '{block.get('name')}'")
         subject, where = f"<{element.tag} name='{name}'>", place(element)
         if name in found or name in joints:
-            raise DescriptionError(f"{subject} has the name of another element ({where}): rename it")
+            raise DescriptionError(f"{subject} has the same name as another element ({where}): rename it")
         if element.tag == "sensor" and element.find("command_interface") is not None:
             raise DescriptionError(
                 f"{subject} has a <command_interface> ({where}): use <gpio>, or remove the <command_interface>"
@@ -64,7 +64,7 @@ def _joint(element: Element, subject: str, joints: Collection[str], interfaces: 
         return ""
     if joint not in joints:
         raise DescriptionError(
-            f"{subject} names joint '{joint}', which its block does not have ({where}): correct the name"
+            f"{subject} refers to joint '{joint}', which is not in its block ({where}): correct the name"
         )
     outputs = [command.get("name") for command in element.findall("command_interface")]
     if unknown := [name for name in interfaces if name not in (*SERVO_VALUES, *SERVO_INPUTS, *outputs)]:

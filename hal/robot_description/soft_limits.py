@@ -1,4 +1,4 @@
-"""Parse the soft limits of ``<safety_controller>``, which narrow the positions of a joint."""
+"""Parse the soft limits in ``<safety_controller>``, which narrow the position range of a joint."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ class SoftLimits:
 
 
 def parse_soft_limits(robot: Element) -> dict[str, SoftLimits]:
-    """Return the soft limits of a ``<robot>``, keyed by joint name. A missing limit is 0, as in URDF.
+    """Return the soft limits of a ``<robot>``, keyed by joint name. A missing limit is 0, as in a URDF.
 
     Raises:
         DescriptionError: A limit is not a number.

@@ -14,23 +14,23 @@ SIMPLE: Final = "transmission_interface/SimpleTransmission"
 
 @dataclass(frozen=True, slots=True)
 class SimpleTransmission:
-    """A gear with one servo and one joint: joint position = servo position / reduction + offset."""
+    """A gear between one servo and one joint: joint position = servo position / reduction + offset."""
 
     reduction: float = 1.0
-    """Turns of the servo per turn of the joint; negative if they turn in opposite directions."""
+    """Turns of the servo per turn of the joint; negative if they rotate in opposite directions."""
     offset: float = 0.0
-    """Position of the joint at position 0 of the servo, in rad or m."""
+    """Joint position when the servo position is 0, in rad or m."""
 
 
 NO_GEAR: Final = SimpleTransmission()
 
 
 def parse_transmissions(block: Element, joints: Mapping[str, Element]) -> dict[str, SimpleTransmission]:
-    """Return the transmissions of a block, keyed by joint name.
+    """Return a block's transmissions, keyed by joint name.
 
     Args:
         block: The ``<ros2_control>`` block.
-        joints: Its ``<joint>`` elements, keyed by name.
+        joints: The block's ``<joint>`` elements, keyed by name.
 
     Raises:
         DescriptionError: A transmission is invalid or is not a SimpleTransmission.
@@ -50,7 +50,7 @@ def parse_transmissions(block: Element, joints: Mapping[str, Element]) -> dict[s
         joint = attribute(ends[0], "name", f"a <joint> of {subject}")
         if joint not in joints:
             raise DescriptionError(
-                f"{subject} has joint '{joint}', which its block does not have ({where}): add the joint"
+                f"{subject} refers to joint '{joint}', which is not in its block ({where}): add the joint"
             )
         if joint in found:
             raise DescriptionError(f"{subject}: joint '{joint}' has two transmissions ({where}): remove one")

@@ -1,4 +1,4 @@
-"""Parse the joints of a URDF, with helpers to read XML attributes."""
+"""Parse the joints of a URDF, and provide helpers for reading XML attributes."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -38,11 +38,11 @@ class UrdfJoint:
     velocity: float
     mimic: Mimic | None
     effort: float = math.inf
-    """Highest torque or force, in N m or N; infinite if the URDF does not limit it."""
+    """Maximum torque or force, in N m or N; infinite if the URDF does not limit it."""
     place: str = "the URDF"
     """File and line of the joint's <limit>, or of the joint itself if it has no <limit>."""
     commands: tuple[str, ...] = ()
-    """Kinds of the joint's command interfaces: position, velocity, effort."""
+    """Types of the joint's command interfaces: position, velocity, effort."""
     velocity_range: tuple[float, float] | None = None
     """Lowest and highest velocity command, if the <command_interface> of the joint limits velocities."""
     effort_range: tuple[float, float] | None = None
@@ -51,7 +51,7 @@ class UrdfJoint:
     """Ends of the travel from <limit>, if soft limits or a <command_interface> narrow ``lower`` and ``upper``."""
 
     def limits(self, acceleration: float, jerk: float) -> JointLimits:
-        """Return the limits of the joint, with acceleration and jerk, which a URDF does not contain."""
+        """Return the joint limits, including the acceleration and jerk limits, which a URDF does not contain."""
         return JointLimits(
             *(self.lower, self.upper, self.velocity, acceleration, jerk, self.effort),
             velocity_range=self.velocity_range,
@@ -84,7 +84,8 @@ def _check_led(joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> None:
         leader = joints[leader.mimic.joint]
         if leader.name in seen:
             raise DescriptionError(
-                f"{joint.name}: its <mimic> leads back to {leader.name} ({joint.place}): use a joint that is driven."
+                f"{joint.name}: the chain of <mimic> elements leads back to {leader.name} ({joint.place}): mimic a "
+                "driven joint"
             )
         seen.add(leader.name)
 
@@ -166,7 +167,7 @@ def attribute(element: Element, key: str, owner: str) -> str:
     Args:
         element: The element.
         key: Name of the attribute.
-        owner: Description of the element, for the message.
+        owner: Description of the element, used in the message.
     """
     value = element.get(key)
     if not value:
@@ -175,14 +176,15 @@ def attribute(element: Element, key: str, owner: str) -> str:
 
 
 def number(element: Element, key: str, name: str, default: float, kind: str = "") -> float:
-    """Return a number of a joint. Raise DescriptionError if the number is not finite or not plausible for its kind.
+    """Return a numeric attribute of a joint. Raise DescriptionError if the number is not finite or not plausible for
+    its type.
 
     Args:
         element: The element.
         key: Name of the attribute.
-        name: Name of the joint, for the message.
-        default: Value if the attribute is missing.
-        kind: Kind of number in ``hal.plausible.RANGES``; empty if it is not checked.
+        name: Name of the joint, used in the message.
+        default: Value to use if the attribute is missing.
+        kind: Type of number in ``hal.plausible.RANGES``; empty if the number is not checked.
     """
     text = element.get(key)
     try:
@@ -195,20 +197,20 @@ def number(element: Element, key: str, name: str, default: float, kind: str = ""
 
 
 def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 0 0") -> Vector:
-    """Return three numbers of an attribute. Raises DescriptionError for implausible numbers.
+    """Return the three numbers in an attribute. Raises DescriptionError for implausible numbers.
 
     Args:
         element: The element.
         key: Name of the attribute.
         owner: Description of the element, for the message.
-        kind: Kind of number in ``hal.plausible.RANGES``.
+        kind: Type of number in ``hal.plausible.RANGES``.
         default: Value if the attribute is missing.
     """
     text = element.get(key, default)
     try:
         x, y, z = (finite(part) for part in text.split())
     except ValueError as error:
-        raise DescriptionError(f"{owner}: '{text}' is not three numbers ({place(element)}): correct {key}") from error
+        raise DescriptionError(f"{owner}: {key} must be three numbers, not '{text}' ({place(element)})") from error
     for value in (x, y, z):
         if mistake := range_mistake(kind, value):
             raise DescriptionError(f"{owner}: {key} {mistake} ({place(element)})")
@@ -216,7 +218,7 @@ def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 
 
 
 def finite(text: str) -> float:
-    """Convert text to a finite number. NaN also raises ValueError, because a limit of NaN would have no effect."""
+    """Convert a string to a finite number. NaN also raises ValueError, because a NaN limit would have no effect."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(text)

@@ -1,4 +1,4 @@
-"""Expand a URDF that is written in xacro, a macro language for XML."""
+"""Expand a URDF written in xacro, a macro language for XML."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -12,25 +12,25 @@ SUFFIX: Final = ".xacro"
 """Suffix of xacro files."""
 _DECLARED: Final = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']")
 _QUOTED: Final = re.compile(r"expression '(.+?)'|name: (?:xacro:)?(\S+)|argument (?:'|\")?([\w-]+)|name '(\w+)'")
-"""Patterns for the parts of a xacro error that also occur in the file."""
+"""Patterns for the parts of a xacro error message that also occur in the file."""
 _EXPRESSION: Final = re.compile(r"when evaluating expression '(.+?)'")
 _FIND: Final = ("AMENT_PREFIX_PATH", "ament_index_python", "PackageNotFound")
-"""Parts of the error messages for $(find PACKAGE)."""
+"""Strings that occur in the error messages about $(find PACKAGE)."""
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     """Expand a xacro file.
 
     Args:
-        path: The file. It may include others.
+        path: The file. The file may include other files.
         arguments: Values of its ``<xacro:arg>``, keyed by name.
 
     Returns:
-        The URDF. Its lines are the same as in the output of the command ``xacro``.
+        The URDF. Its lines are the same as in the output of the ``xacro`` command.
 
     Raises:
-        DescriptionError: The file cannot be expanded. The message contains the file and, if xacro reports it, the line.
-        ModuleNotFoundError: The package xacro is not installed.
+        DescriptionError: The file cannot be expanded. The message specifies the file and, if xacro reports it, the
+        line. ModuleNotFoundError: The package xacro is not installed.
     """
     import xacro
 
@@ -44,14 +44,14 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
         raise DescriptionError(
             f"{_current(xacro.filestack, path)}, line {error.lineno}: {reason}: correct the file"
         ) from error
-    except Exception as error:  # The expressions of the file are Python, so they can raise any error.
+    except Exception as error:  # The expressions in the file are Python, so they can raise any error.
         raise DescriptionError(_message(error, _current(xacro.filestack, path))) from error
     _check_arguments(path, arguments, [path, *map(Path, xacro.all_includes)])
     return str(document.toprettyxml(indent="  "))
 
 
 def _current(files: Sequence[str | None] | None, path: Path) -> Path:
-    """Return the file that xacro was reading."""
+    """Return the file that xacro was reading when it failed."""
     return Path(files[-1]) if files and files[-1] else path
 
 
@@ -69,7 +69,7 @@ def _message(error: Exception, file: Path) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of the original error that xacro wraps, with the expression that caused it."""
+    """Return the message of the original error that xacro wraps, with the expression that caused the error."""
     expressions = _EXPRESSION.findall(str(error))
     inner: Exception = error
     while isinstance(wrapped := getattr(inner, "exc", None), Exception):
@@ -79,7 +79,7 @@ def _reason(error: Exception) -> str:
 
 
 def _line_of(part: str, file: Path) -> int:
-    """Return the first line that contains a part of an error, or 0."""
+    """Return the number of the first line that contains a part of an error, or 0."""
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError:
@@ -94,4 +94,4 @@ def _check_arguments(path: Path, arguments: Mapping[str, str], files: Collection
     declared = [name for file in files for name in _DECLARED.findall(file.read_text(errors="replace"))]
     if unknown := [name for name in arguments if name not in declared]:
         known = f"it declares {', '.join(dict.fromkeys(declared))}" if declared else "it declares none"
-        raise DescriptionError(f"{path} has no argument {', '.join(unknown)} ({known}): correct --xacro-arg")
+        raise DescriptionError(f"{path} has no xacro argument {', '.join(unknown)} ({known}): correct --xacro-arg")

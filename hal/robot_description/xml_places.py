@@ -5,7 +5,8 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 _PLACE: Final = " place"
-"""Name of the attribute with the file and line. XML names cannot contain a space, so no other attribute has this name.
+"""Name of the attribute that stores the file and line. XML names cannot contain a space, so no other attribute has this
+name.
 """
 
 
@@ -22,17 +23,17 @@ _SIZES: Final = {
     "sphere": {"radius": 1},
     "color": {"rgba": 4},
 }
-"""Number of values in the attributes of poses and shapes, by tag and attribute."""
+"""Number of values in the attributes of poses and shapes, keyed by tag and attribute."""
 _LARGEST: Final = 1e6
-"""Highest value in a pose or shape, in m. Much higher values overflow the 32-bit floats of meshes."""
+"""Highest accepted value in a pose or shape, in m. Much higher values overflow the 32-bit floats of meshes."""
 
 
 def parse_xml(text: str, file: str) -> Element:
-    """Parse a document. Raises xml.parsers.expat.ExpatError.
+    """Parse a document. Raises xml.parsers.expat.ExpatError if the XML is invalid.
 
     Args:
         text: The document.
-        file: Name of the file, which ``place`` reports with the line.
+        file: File name, which ``place`` reports with the line.
     """
     builder = TreeBuilder()
     parser = expat.ParserCreate(namespace_separator="}")
@@ -62,7 +63,7 @@ def is_xacro(root: Element) -> bool:
 
 
 def number_problems(root: Element) -> list[str]:
-    """List invalid numbers with file and line, including numbers that only other programs read."""
+    """List invalid numbers with their file and line, including numbers that only other programs read."""
     parts = [element for tag in ("link", "joint", "material") for one in root.findall(tag) for element in one.iter()]
     return [
         f'{element.tag} {key} must be {_wanted(count)}, not "{text}" ({place(element)})'

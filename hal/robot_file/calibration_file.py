@@ -44,9 +44,9 @@ def calibration_path(robot: Path) -> Path:
 
 
 def load_calibration(robot: Path) -> CalibrationFile | None:
-    """Read the calibration for a robot file; None if there is no calibration.
+    """Read the calibration for a robot file, or return None if there is none.
 
-    Raises RobotFileError with all errors.
+    Raises one RobotFileError that lists all errors.
     """
     path = calibration_path(robot)
     return load(path, CalibrationFile, RobotFileError) if path.exists() else None

@@ -1,4 +1,4 @@
-"""Check that the torque limit of a joint is compatible with the protection settings of its servo."""
+"""Check that a joint's torque limit is compatible with the protection settings of its servo."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -8,7 +8,7 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 
 FACTORY: Final[Mapping[str, int]] = {"overload_torque": 80, "protective_torque": 20, "unloading_condition": 44}
-"""Assumed settings of a Feetech servo that the robot file does not set."""
+"""Assumed settings of a Feetech servo for which the robot file does not set values."""
 OVERLOAD_BIT: Final = 32
 SWITCHES: Final = ("protection_current", "overcurrent_time")
 SHUTDOWN_BITS: Final = {"overheating": 4, "overload": 32}

@@ -19,7 +19,7 @@ class Robot:
     file: RobotFile
 
     def limits(self) -> dict[str, JointLimits]:
-        """Return the limits, keyed by joint name."""
+        """Return the joint limits, keyed by joint name."""
         return {joint.name: joint.limits for joint in self.joints}
 
 
@@ -27,7 +27,8 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     """Combine a robot file and a URDF.
 
     Raises:
-        RobotFileError: Joints with commands and servos do not match one to one, or their values contradict each other.
+        RobotFileError: The commanded joints and the servos do not match one to one, or their values contradict each
+            other.
     """
     missing = [name for name in component.joints if name not in file.joints]
     extra = [name for name in file.joints if name not in component.joints]
@@ -52,7 +53,7 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
 
 
 def require_positions(component: HardwareInfo) -> None:
-    """Raise DescriptionError unless the component has joints and each joint takes only position commands."""
+    """Raise DescriptionError unless the component has joints and each joint accepts only position commands."""
     problems = [problem for name in component.joints for problem in _not_position_only(name, component)]
     if not component.joints:
         problems = ["the block has no joint that a servo could drive: list its joints, or remove the block"]
@@ -121,6 +122,6 @@ def _joint(robot: RobotFile, urdf: UrdfJoint, gear: SimpleTransmission) -> Joint
         settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )
-    if file.zero_counts is not None:  # These counts belong to position 0 of the joint, so they contain the offset.
+    if file.zero_counts is not None:  # These counts are for joint position 0, so they already include the offset.
         return made
     return replace(made, zero_counts=made.zero_counts - round(gear.offset / made.units_per_count))

@@ -1,6 +1,6 @@
-"""Read the robot file, which assigns a servo to each joint and sets what happens to the torque at exit.
+"""Read the robot file, which assigns a servo to each joint and specifies what happens to the torque at exit.
 
-The calibration file in the same folder is read as well.
+The calibration file in the same folder is also read.
 """
 
 import logging
@@ -45,14 +45,14 @@ class _Strict(BaseModel):
 
 
 class BusFile(_Strict):
-    """Protocol and baud rate of a bus. The command line sets the device."""
+    """Protocol and baud rate of a bus. The device is set on the command line."""
 
     protocol: Make = "feetech"
     baud: Baud = 1_000_000
 
 
 FirmwareVersion = Annotated[int, NoTruth, Field(ge=1, le=254)]
-"""Firmware version, as a servo reports it."""
+"""Firmware version, as reported by a servo."""
 
 
 class JointFile(_Strict):
@@ -79,7 +79,7 @@ class JointFile(_Strict):
     """
     settings: dict[str, RegisterValue] = {}
     """Values of EEPROM registers (gains, dead zones, protections), keyed by register name. Values that differ from
-    those in the servo are written.
+    those stored in the servo are written.
     """
     acceleration: Acceleration
     jerk: Jerk
@@ -93,7 +93,7 @@ class JointFile(_Strict):
 
 
 class ExitFile(_Strict):
-    """What happens to the torque at exit, for virtual and for real servos."""
+    """What happens to the torque at exit, for virtual and real servos."""
 
     virtual: ExitPolicy = "hold"
     real: ExitPolicy = "relax"
@@ -116,18 +116,18 @@ class RobotFile(_Strict):
     """Content of the robot file."""
 
     bus: BusFile | None = None
-    """Bus of a robot with only one bus (short form of ``buses``)."""
+    """Bus of a robot that has only one bus (short form of ``buses``)."""
     buses: Annotated[dict[BusName, BusFile], Field(min_length=1)] | None = None
     """Buses, keyed by name. Joints and the command line refer to these names."""
     joints: dict[str, JointFile]
     on_exit: ExitFile = ExitFile()
     park: ParkFile | None = None
     gravity_compensation: bool = True
-    """Whether goals compensate the compliance of the servos under load."""
+    """Whether goals compensate for the compliance of the servos under load."""
     controller_defaults: dict[str, dict[str, Any]] = {}
 
     def lines(self) -> dict[str, BusFile]:
-        """Return all buses, keyed by name. In the short form, the name is empty."""
+        """Return all buses, keyed by name. In the short form, the bus name is empty."""
         return self.buses or {"": self.bus or BusFile()}
 
     def bus_of(self, joint: JointFile) -> str:
@@ -144,14 +144,14 @@ class RobotFile(_Strict):
         if info.data.get("bus", "with mistakes") is not None:
             raise ValueError("the file has both bus and buses: list every bus under buses, and remove bus")
         if buses and "world" in buses:
-            raise ValueError("a bus must not be called world: emulators use PORT.world for their world")
+            raise ValueError("a bus must not be called world: emulators use PORT.world for the simulated world")
         return buses
 
     @field_validator("joints")
     @classmethod
     def _fit_together(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
         buses = info.data.get("buses") or {}
-        # A joint without a bus is on the only bus.
+        # A joint without a specified bus belongs to the only bus.
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
         problems = _shared_ids(placed) + _mixed_protocols(placed)
@@ -186,7 +186,8 @@ def _shared_ids(joints: Mapping[str, JointFile]) -> list[str]:
 def _bus_problems(
     joints: Mapping[str, JointFile], single: BusFile | None, several: Mapping[str, BusFile] | None
 ) -> list[str]:
-    """List joints without a bus or on an unknown bus, joints that do not fit their bus, and buses without a joint."""
+    """List joints without a bus or on an unknown bus, joints that are incompatible with their bus, and buses without
+    joints."""
     buses = several or {}
     problems: list[str] = []
     for name, joint in joints.items():
@@ -207,7 +208,7 @@ def _bus_problems(
 
 
 def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
-    """List the values of one joint that do not fit its bus or its servo model."""
+    """List the values of one joint that are incompatible with its bus or its servo model."""
     problems: list[str] = []
     model = MODELS[joint.model]
     if series_of(model).make != protocol:
@@ -247,7 +248,7 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read a robot file with the servo models and the calibration in the same folder.
+    """Read a robot file together with the servo models and the calibration in the same folder.
 
     Servo protections that cannot take effect are logged as warnings.
 
@@ -255,7 +256,7 @@ def load_robot_file(path: Path) -> RobotFile:
         path: The robot file.
 
     Raises:
-        RobotFileError: The files contain errors. The message lists all of them with file and line.
+        RobotFileError: The files contain errors. The message lists all errors with their file and line.
     """
     load_servo_models(path.parent)
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
@@ -274,9 +275,9 @@ def unprotected(file: RobotFile) -> list[str]:
 
 
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
-    """Return the robot file with the values of the calibration.
+    """Return the robot file with the calibration values applied.
 
-    Raise RobotFileError if the two contradict each other.
+    Raise RobotFileError if the robot file and the calibration contradict each other.
     """
     problems: list[str] = []
     joints, source = dict(file.joints), compose(path, RobotFileError)

@@ -15,13 +15,13 @@ from hal.types import JointLimits
 Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
-"""Time that a joint without a robot file takes to reach its velocity limit, in seconds."""
+"""Time in which a joint without a robot file reaches its velocity limit, in seconds."""
 TAKE_UP_S = 0.1
-"""Time that a joint without a robot file takes to reach its acceleration limit, in seconds."""
+"""Time in which a joint without a robot file reaches its acceleration limit, in seconds."""
 
 
 def together(parts: Sequence[Part]) -> Robot:
-    """Combine all components into one robot. If there are several, each bus is named after its component.
+    """Combine all components into one robot. If there are several components, each bus is named after its component.
 
     Raises:
         RobotFileError: The robot files contradict each other.
@@ -103,7 +103,7 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
 def all_limits(
     components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
 ) -> dict[str, JointLimits]:
-    """Return the limits of every joint that takes commands, from its robot file or, without one, from the URDF."""
+    """Return the limits of every commanded joint, taken from its robot file or, if there is none, from the URDF."""
     limits = robot.limits()
     for component in components:
         for joint, commands in component.command_interfaces.items():

@@ -1,7 +1,7 @@
-"""User-defined servo models from the file ``servo_models.yaml`` in the folder of the robot file.
+"""User-defined servo models from the file ``servo_models.yaml`` in the robot file's folder.
 
-A model inherits the series and the control table of the supported model in ``like``. Its entry in the file sets its own
-data and registers.
+A model inherits the series and the control table of the supported model specified in ``like``. The model's entry in the
+file sets its own data and registers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,8 @@ from hal.yaml_nodes import YamlFile
 FILE_NAME: Final = "servo_models.yaml"
 SIZES: Final = (1, 2, 4)
 _LAST_ADDRESS: Final = {True: 255, False: 167}
-"""Largest address of a register. The key is True for protocol 1.0. Indirect registers of an X begin at 168."""
+"""Largest register address. The key is True for protocol 1.0. The indirect registers of an X-series servo begin at
+168."""
 
 Whole = Annotated[int, NoTruth]
 Angle = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
@@ -36,7 +37,7 @@ class _Strict(BaseModel):
 
 
 class RegisterFile(_Strict):
-    """Register that the model adds to the table, or that replaces the table's register of the same name."""
+    """Register that the model adds to the control table, or that replaces the register of the same name."""
 
     address: Whole = Field(ge=0, le=255)
     size: Whole = Field(ge=0, le=255)
@@ -46,7 +47,7 @@ class RegisterFile(_Strict):
     """Whether the register holds a two's complement number."""
     sign_bit: Whole | None = Field(None, ge=1, le=31)
     values: tuple[RegisterValue, RegisterValue] | None = None
-    """Smallest and largest value that the servo accepts."""
+    """Smallest and largest values that the servo accepts."""
 
     @field_validator("size")
     @classmethod
@@ -77,7 +78,7 @@ class RegisterFile(_Strict):
             name: Name of the register.
 
         Returns:
-            The register under this name.
+            The register with this name.
         """
         access = Access.READ if self.read_only else Access.READ_WRITE
         values = between(*self.values) if self.values else ()
@@ -96,7 +97,7 @@ class ModelFile(_Strict):
     no_load_speed_rad_s: Speed | None = Field(None, gt=0)
     current_unit_a: Amperes | None = Field(None, gt=0)
     sensor_deg: Angle | None = Field(None, gt=0, le=360)
-    """Angle that the positions of a potentiometer cover, in degrees."""
+    """Angle covered by the positions of a potentiometer, in degrees."""
     registers: dict[str, RegisterFile] = {}
 
     @field_validator("supply_v")
@@ -108,7 +109,7 @@ class ModelFile(_Strict):
 
 
 class ModelsFile(RootModel[dict[str, ModelFile]]):
-    """Content of the file: the models, keyed by name."""
+    """Content of ``servo_models.yaml``: the models, keyed by name."""
 
 
 def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
@@ -118,7 +119,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
         folder: Folder of a robot file.
 
     Returns:
-        The models of ``servo_models.yaml`` in this folder; none if there is no such file.
+        The models in this folder's ``servo_models.yaml``; none if there is no such file.
 
     Raises:
         RobotFileError: The file contains errors. The message lists all of them with file and line.
@@ -145,7 +146,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
 
 
 def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str]:
-    """Yield the errors in one model, each with file and line."""
+    """Yield the errors in one model, each with its file and line."""
     like = catalog.MODELS.get(described.like)
     if like is None or described.like == name:
         known = ", ".join(sorted(set(catalog.MODELS) - {name}))
@@ -158,7 +159,7 @@ def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str
 
 
 def _wrong_figures(described: ModelFile, like: ServoModel) -> Iterator[tuple[str, str]]:
-    """Yield the keys of values that the series does not have, each with an error message."""
+    """Yield the keys of values that do not exist in the series, each with an error message."""
     for key in _figures(described):
         if getattr(like, key, None) is None and key != "supply_v":
             yield key, f"{like.name} has no {key}: remove it"
@@ -167,7 +168,7 @@ def _wrong_figures(described: ModelFile, like: ServoModel) -> Iterator[tuple[str
 
 
 def _wrong_registers(described: ModelFile, like: ServoModel) -> Iterator[tuple[str, str]]:
-    """Yield the names of registers that cannot be in the table, each with an error message."""
+    """Yield the names of registers that cannot be in the control table, each with an error message."""
     series = catalog.series_of(like)
     last, fixed = _LAST_ADDRESS[series.protocol.packets is v1], _fixed(series)
     own = {key: one.register(key) for key, one in described.registers.items()}
@@ -200,12 +201,12 @@ def _fixed(series: Series) -> dict[str, Register]:
 
 
 def _figures(described: ModelFile) -> dict[str, Any]:
-    """Return the values that the file contains, by their field names in ``ServoModel``."""
+    """Return the values specified in the file, keyed by their field names in ``ServoModel``."""
     return described.model_dump(exclude_none=True, exclude={"like", "registers", "sensor_deg"})
 
 
 def _model(name: str, described: ModelFile) -> ServoModel:
-    """Return the model that the file describes."""
+    """Return the model described in the file."""
     like = catalog.MODELS[described.like]
     figures: dict[str, Any] = {"supply_v": voltage_range(like)} if described.rated_voltage_v is None else {}
     figures |= _figures(described)

@@ -17,14 +17,16 @@ from hal.types import far_outside
 LOG = logging.getLogger("servoloop.hal")
 
 CONFIRMING_READS: Final = 8
-"""Maximum number of readings until two consecutive readings agree and the measured position becomes the goal."""
+"""Maximum number of readings to take until two consecutive readings agree and the measured position becomes the
+goal."""
 AGREE_S: Final = 0.01
-"""Maximum difference between two readings that agree, as travel time at the joint's velocity limit, in seconds."""
+"""Maximum difference between two readings that agree, expressed as the travel time at the joint's velocity limit, in
+seconds."""
 AGREE_COUNTS: Final = 3
 """Maximum difference between two readings that is always attributed to encoder noise, in counts."""
 FRESH_S: Final = 0.1
-"""Maximum age of a measurement when torque is enabled, in seconds. An older measurement is repeated, because a limp
-joint may have sunk.
+"""Maximum age of a measurement at the time torque is enabled, in seconds. An older measurement is repeated, because a
+limp joint may have sunk.
 """
 
 
@@ -43,10 +45,11 @@ class Activation:
 
         Args:
             joints: Joints to activate.
-            buses: Buses of the joints.
+            buses: Buses to which the joints belong.
             clock: Clock of the control loop.
             measured: Function that is called with each measurement of all joints.
-            restarted: Function that is called after servos were restarted, because their positions may have changed.
+            restarted: Function that is called after servos have been restarted, because their positions may have
+                changed.
         """
         self._joints = tuple(joints)
         self._buses = buses
@@ -66,12 +69,12 @@ class Activation:
             The goals that the servos hold, in counts, keyed by joint name.
 
         Raises:
-            ActivationError: The torque of a servo must not be enabled now.
+            ActivationError: A servo's torque must not be enabled now.
             DriverError: A servo could not be reached.
         """
         states = (
             self._measure_all()
-        )  # reports a silent servo at once; the check below would search for it at all baud rates
+        )  # reports a silent servo immediately; the check below would search for it at all baud rates
         if problems := self._setup.problems():
             raise ActivationError("not activated: " + "; ".join(problems))
         self._restart_turned(states)
@@ -116,15 +119,15 @@ class Activation:
             states = self._measure_all()
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
-        """Use the measured positions of joints as goals. Raise ActivationError if a position must not be held."""
+        """Use the measured joint positions as goals. Raise ActivationError if the arm must not hold a position."""
         states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
 
     def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
         """Measure goals until they are recent enough to be written.
 
-        Each measurement is followed by checks of the joints. If these checks take so long that the measurement is too
-        old, the goals are measured again. After several attempts on a slow bus, the last measurement is used.
+        Each measurement is followed by checks of the joints. If these checks take so long that the measurement becomes
+        too old, the goals are measured again. After several attempts on a slow bus, the last measurement is used.
         """
         for _ in range(ATTEMPTS):
             self._take_goals(joints)
@@ -132,7 +135,7 @@ class Activation:
                 return
 
     def _confirmed(self) -> dict[str, ServoState]:
-        """Measure until two consecutive readings agree, because a corrupted reply may have a correct checksum."""
+        """Measure until two consecutive readings agree, because a corrupt reply may have a valid checksum."""
         last = self._measure_all()
         for _ in range(CONFIRMING_READS - 1):
             before, last = last, self._measure_all()
@@ -162,7 +165,7 @@ class Activation:
         """Return the measured position as the first goal of a joint.
 
         Raises:
-            ActivationError: The joint is too far outside its limits, or outside the servo's own limits.
+            ActivationError: The joint is too far outside its limits, or the position is outside the servo's own limits.
         """
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
@@ -179,10 +182,10 @@ class Activation:
         return state.position_counts
 
     def _check_own_limits(self, joint: Joint, counts: int) -> None:
-        """Check a position outside the joint's limits against the servo's own limits.
+        """Check a position outside the joint limits against the servo's own limits.
 
-        A servo outside its own limits moves to them as soon as its torque is enabled. For positions within the joint's
-        limits, the setup has already made this check.
+        A servo outside its own limits moves back to them as soon as its torque is enabled. For positions within the
+        joint limits, this was already checked during setup.
         """
         limits = self._setup.position_limits(joint)
         if limits is not None and not limits[0] <= counts <= limits[1]:
@@ -193,24 +196,24 @@ class Activation:
             )
 
     def _check_turn(self, joint: Joint) -> None:
-        """Check that a servo whose torque is enabled does not hold its position in another turn.
+        """Check that a servo whose torque is enabled is not holding its position in a different turn.
 
-        Such a servo reports only the position within one turn and would move whole turns to a new goal. Only a limp
-        servo can be made to discard its turns.
+        Such a servo reports only its position within one turn, and would move by whole turns to reach a new goal. Only
+        a limp servo can be made to discard its turns.
         """
         held, measured = self._setup.goal(joint), self._goals[joint.name]
         if abs(held - measured) > joint.model.counts_per_turn // 2:
             raise ActivationError(
                 f"not activated: {self._called(joint)} has goal {held} but reports {measured} counts, so it is "
-                "probably held in another turn. Hold the arm, and switch the servos' supply off and on"
+                "probably in a different turn. Hold the arm, and switch the servos' supply off and on"
             )
 
     def _hold_goals(self) -> None:
         """Write the goals and read them back, because servos do not acknowledge goals.
 
-        Repeat this if a packet was lost. Most servos enable torque when they receive a goal, so the goals must be
-        recent. Limp joints are measured again even if their goals agree. A servo that was reset uses its position
-        at the restart as the goal, and its joint may have sunk since then.
+        Writing and reading are repeated if a packet was lost. Most servos enable torque when they receive a goal, so
+        the goals must be recent. Limp joints are measured again even if their goals agree. A servo that was reset uses
+        its position at the restart as its goal, and its joint may have sunk since then.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -235,14 +238,15 @@ class Activation:
         held, wanted = self._setup.goal(joint), self._goals[joint.name]
         if held != wanted:
             raise ActivationError(
-                f"not activated: {self._called(joint)} holds goal {held}, not {wanted}. Check the cable and the supply"
+                f"not activated: {self._called(joint)} has goal {held} instead of {wanted}. Check the cable and the "
+                "supply"
             )
 
     def _torque_on(self, joint: Joint) -> None:
         """Enable the torque of a joint.
 
-        If the servo does not acknowledge the request, retry only if the servo still has its goal. A servo without its
-        goal may have been reset. Limp joints may have moved in the meantime and are measured again.
+        If the servo does not acknowledge the request, retry only if it still has its goal. A servo that does not have
+        its goal may have been reset. Limp joints may have moved in the meantime and are measured again.
         """
         for _ in range(ATTEMPTS - 1):
             self._renew_goals(joint)
@@ -282,7 +286,8 @@ class Activation:
 
 
 def counted_turns(joint: Joint, counts: int) -> str:
-    """Explain a reading that is outside the servo's range by whole turns. The text is empty for any other reading."""
+    """Explain a reading that is outside the servo's range by whole turns. For any other reading, the explanation is
+    empty."""
     if not (turns := joint.turns(counts)):
         return ""
     number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"

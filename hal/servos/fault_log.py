@@ -1,4 +1,4 @@
-"""Log servo faults. The same fault of several servos in one cycle is logged as one line."""
+"""Log servo faults. If several servos have the same fault in one cycle, it is logged as one line."""
 
 import logging
 import re
@@ -10,7 +10,7 @@ from hal.same_event import as_one, event_of
 LOG = logging.getLogger("servoloop.hal")
 
 _PLURAL: Final = {
-    "answers": "answer",
+    "responds": "respond",
     "does": "do",
     "has": "have",
     "holds": "hold",
@@ -19,6 +19,7 @@ _PLURAL: Final = {
     "its": "their",
     "moves": "move",
     "refuses": "refuse",
+    "rejects": "reject",
     "reports": "report",
     "was": "were",
 }
@@ -26,7 +27,7 @@ _PLURAL: Final = {
 
 
 class FaultLog:
-    """Log that collects the events of one cycle and writes them at its end."""
+    """Log that collects the events of one cycle and writes them when the cycle ends."""
 
     def __init__(self) -> None:
         self.events: dict[tuple[object, ...], _Event] = {}
@@ -36,11 +37,11 @@ class FaultLog:
         """Record an event of one servo.
 
         Args:
-            level: Level of the log line.
+            level: Level of the log record.
             label: Name of the joint in messages.
             servo_id: ID of the servo.
-            text: Description. It contains joint and servo (``elbow: servo 2 ...``), unless it is about all servos of a
-                bus. Descriptions that differ only in their numbers are one event.
+            text: Description. The text contains the joint and the servo (``elbow: servo 2 ...``), unless it is about
+                all servos of a bus. Descriptions that differ only in their numbers are treated as one event.
         """
         lead, called, what = text.partition(f"{label}: servo {servo_id} ")
         key = (level, lead, event_of(what)) if called else (level, text)
@@ -58,15 +59,15 @@ class FaultLog:
 
 @dataclass(slots=True)
 class _Event:
-    """Event of some servos or of a whole bus."""
+    """Event that affects some servos or a whole bus."""
 
     level: int
     lead: str
-    """Text that precedes the servo names. For a whole bus, the complete text."""
+    """Text that precedes the servo names. For a whole bus, this is the complete text."""
     servos: list[tuple[str, int]] = field(default_factory=list)
     """Joint label and servo ID of each servo."""
     texts: list[str] = field(default_factory=list)
-    """Text after the name of each servo."""
+    """Text that follows the name of each servo."""
 
     def sentence(self) -> str:
         if not self.servos:

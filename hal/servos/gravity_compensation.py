@@ -18,14 +18,14 @@ from hal.types import FloatArray, JointCommand
 
 
 class GravityCompensation:
-    """Offsets of the joints of one component, updated in each cycle. Arrays have shape (n,), in rad or m."""
+    """Offsets for the joints of one component, updated in each cycle. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, joints: Sequence[Joint], gravity: Gravity | None) -> None:
         """Create the compensation.
 
         Args:
             joints: The joints.
-            gravity: Gravity model with the joints in the same order; None for the slow correction only.
+            gravity: Gravity model with the joints in the same order; None to use only the slow correction.
         """
         self._joints = tuple(joints)
         self._gravity = gravity
@@ -35,7 +35,8 @@ class GravityCompensation:
         self.enabled = True
         """Whether offsets are applied. The offsets fade in and out slowly."""
         self.guided = False
-        """Whether the arm is moved by hand. If so, less of the weight is compensated, and the slow correction is off.
+        """Whether the arm is being moved by hand. If so, less of the weight is compensated for, and the slow correction
+        is off.
         """
         self.restart()
 
@@ -71,7 +72,7 @@ class GravityCompensation:
 
         Args:
             command: Commanded positions, shape (n,).
-            measured: Measured positions, shape (n,). NaN for a joint without measurement, which keeps its offset.
+            measured: Measured positions, shape (n,). NaN for a joint that was not measured, which keeps its offset.
             dt_s: Period of the control loop, in seconds.
 
         Returns:

@@ -1,4 +1,4 @@
-"""The buses of one component, addressed by joint name, because servo IDs may repeat on different buses."""
+"""The buses of one component, addressed by joint name, because different buses may use the same servo IDs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -13,13 +13,13 @@ from hal.errors import PartLost
 from hal.joint import Joint
 
 _LINE_TEXTS: Final = dict.fromkeys(
-    ("silent", "late"), "no servo answers on {}: check the cable, the adapter, the supply and the load of this computer"
+    ("silent", "late"), "no servo responds on {}: check the cable, adapter, supply and load of this computer"
 ) | {"no_time": "no servo was measured on {}: the cycle had no time left"}
 _counts: Final = attrgetter(*ServoCounters.__slots__)  # copies four times as fast as dataclasses.replace
 
 
 class JointBuses:
-    """Open buses of one component. If there are several, every message contains the name of the bus."""
+    """Open buses of one component. If there are several buses, every message contains the name of the bus."""
 
     def __init__(self, joints: Sequence[Joint], buses: Mapping[str, Bus]) -> None:
         self.buses = dict(buses)
@@ -27,18 +27,18 @@ class JointBuses:
         """Joints on each bus, keyed by bus name."""
         self._joints = tuple(joints)
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
-        # Buses that read servos one by one come first, because each request waits for the answer to the previous
-        # request. During this time the kernel buffers the bytes of the other buses. Dead buses are read last, because
-        # they use up all remaining time.
+        # Buses that read servos one by one come first, because each request waits for the reply to the previous
+        # request. During this time, the kernel buffers the bytes received on the other buses. Dead buses are read last,
+        # because they use up all remaining time.
         self._in_turn = sorted(buses, key=lambda name: buses[name].read_together)
         self._dead: set[str] = set()
 
     def label(self, joint: Joint) -> str:
-        """Return the name of a joint for messages, with its bus if there are several."""
+        """Return the name of a joint for use in messages, including its bus if there are several."""
         return joint.name if len(self.buses) == 1 else f"{joint.name} (bus {joint.bus})"
 
     def request(self, deadline_s: float) -> None:
-        """Send the requests to all servos before any answer is awaited."""
+        """Send the requests to all servos before waiting for any reply."""
         for name, bus in self.buses.items():
             with self.named(name):
                 bus.request(self._ids[name], deadline_s)
@@ -72,7 +72,7 @@ class JointBuses:
         return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
 
     def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
-        """Send one packet on each bus, for the joints that have a goal. A lost bus does not affect the others.
+        """Send one packet on each bus, containing the goals of its joints. A lost bus does not affect the others.
 
         Raises:
             PartLost: Some of the buses are lost.
@@ -89,7 +89,7 @@ class JointBuses:
             raise lost[0] if len(lost) == len(self.buses) else PartLost(str(lost[0]))
 
     def torque_states(self, joints: Sequence[Joint], deadline_s: float) -> dict[str, bool]:
-        """Return whether torque is enabled, keyed by joint name. Servos without an answer in time are omitted."""
+        """Return whether torque is enabled, keyed by joint name. Servos that did not reply in time are omitted."""
         states: dict[str, bool] = {}
         for name, bus in self.buses.items():
             asked = {joint.servo_id: joint.name for joint in joints if joint.bus == name}
@@ -117,7 +117,7 @@ class JointBuses:
 
     @contextmanager
     def named(self, name: str) -> Iterator[None]:
-        """Add the bus and its joints to the message of an error, if there are several buses."""
+        """If there are several buses, add the bus and its joints to an error message."""
         try:
             yield
         except PortLost as error:

@@ -15,14 +15,14 @@ LEADER: Final = "leader"
 
 
 def leader_joint(joint: str) -> str:
-    """Return the name of a leader's joint, which differs from the follower's joint names."""
+    """Return the name of a leader's joint, which differs from the joint names of the follower."""
     return f"{LEADER}/{joint}"
 
 
 class LeaderArm(LimpArm):
     """Leader arm.
 
-    The component takes no commands and stays inactive, so its torque cannot be enabled. Its joints are named
+    The component does not accept commands and stays inactive, so its torque cannot be enabled. Its joints are named
     ``leader/NAME``, because the follower may have joints with the same names.
     """
 
@@ -32,15 +32,15 @@ class LeaderArm(LimpArm):
         super().__init__(LEADER, [replace(one, name=leader_joint(one.name)) for one in joints], open_buses, clock)
         self.command_interfaces = ()
         self.asked_s = self.measured_s = 0.0
-        """Clock times of the last request and of the request for the last measurement."""
+        """Clock times of the last request and of the request that returned the last measurement."""
         self._released = False
 
     def configure(self) -> None:
         """Find all servos, without enabling or disabling their torque.
 
         Raises:
-            ActivationError: The torque of a released leader is enabled when it is connected again. It may be a
-                different arm.
+            ActivationError: A leader that was released before has its torque enabled when it is reconnected. It may be
+                a different arm.
         """
         super().configure()
         if self._released and (servos := self.held()):

@@ -1,4 +1,4 @@
-"""A limp arm that is moved by hand, and the release of its servos."""
+"""A limp arm that is moved by hand, and the code that releases its servos."""
 
 from collections.abc import Collection
 
@@ -11,15 +11,15 @@ from hal.servos.servo_setup import ServoSetup
 
 
 def servo_name(joint: Joint) -> str:
-    """Return the names of a joint and its servo for messages."""
+    """Return the names of a joint and its servo for use in messages."""
     return f"{joint.name} (servo {joint.address})"
 
 
 def torque_warning(servos: Collection[str]) -> str:
-    """Return a warning that the torque of servos is enabled and that the arm may fall when it is disabled.
+    """Return a warning that the torque of some servos is enabled and that the arm may fall when it is disabled.
 
     Args:
-        servos: Names of the servos, at least one, such as ``elbow_flex (servo 3)``.
+        servos: Names of at least one servo, such as ``elbow_flex (servo 3)``.
     """
     holds = "holds" if len(servos) == 1 else "hold"
     return f"{', '.join(servos)} {holds} torque, and the arm may fall when torque is disabled"
@@ -31,7 +31,7 @@ def release_question(servos: Collection[str]) -> str:
 
 
 class LimpArm(ServoHardware):
-    """Arm whose servos can be released while it is inactive. Only ``release`` disables their torque.
+    """Arm whose servos can be released while it is inactive. Only ``release`` disables the servos' torque.
 
     A servo does not accept settings while its torque is enabled. The settings are therefore checked by ``release`` and
     at every activation.

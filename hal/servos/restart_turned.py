@@ -1,8 +1,8 @@
 """Restart Dynamixel servos that have counted whole turns, before their torque is enabled.
 
-A limp servo in position mode keeps counting when it is turned by hand, and discards the whole turns when its torque is
-enabled (e-manual, "Present Position"). A restart also discards them, but while the servo is limp, so that the position
-can be measured before the torque is enabled.
+A limp servo in position mode keeps counting turns when it is turned by hand, and discards the whole turns when its
+torque is enabled (e-manual, "Present Position"). A restart also discards the turns, but does so while the servo is
+limp, so that the position can be measured before torque is enabled.
 """
 
 import logging
@@ -30,11 +30,11 @@ def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
 
     Args:
         joint: The joint.
-        counts: Position that its servo reports, in counts. The bus has removed the turns of extended position mode.
-        bus: Bus of the servo.
+        counts: Position reported by the joint's servo, in counts. The bus has already removed the whole turns of servos
+            in extended position mode. bus: Bus of the servo.
 
     Returns:
-        Whether the servo is a Dynamixel X that has counted turns.
+        Whether the servo is a Dynamixel X that has counted whole turns.
     """
     if series_of(joint.model) is not X or not joint.turns(counts):
         return False
@@ -43,7 +43,7 @@ def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
 
 
 def restart(joint: Joint, clock: Clock, bus: Bus) -> None:
-    """Restart a limp servo, wait until it answers, and identify it again.
+    """Restart a limp servo, wait until it responds, and identify it again.
 
     Args:
         joint: The joint.
@@ -51,7 +51,7 @@ def restart(joint: Joint, clock: Clock, bus: Bus) -> None:
         bus: Bus of the servo.
 
     Raises:
-        ServoError: The servo does not answer again.
+        ServoError: The servo does not respond again.
     """
     LOG.info("%s (servo %d) has counted whole turns while it was limp: restarting it", joint.name, joint.servo_id)
     with suppress(ServoSilent, ServoCorrupt):  # the acknowledgment may be lost

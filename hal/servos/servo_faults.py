@@ -1,4 +1,4 @@
-"""Track silent servos and servos whose torque is no longer enabled, and decide when a servo receives goals again."""
+"""Track silent servos and servos whose torque is no longer enabled, and decide when a servo may receive goals again."""
 
 import logging
 import math
@@ -16,48 +16,50 @@ from hal.types import JointFault
 LOG = logging.getLogger("servoloop.hal")
 
 RESET_S: Final = 0.1
-"""Minimum silence after which a servo receives no goals until its torque has been checked, in seconds.
+"""Minimum duration of silence after which a servo receives no goals until its torque has been checked, in seconds.
 
 According to Feetech's manual a restart takes 0.8 s. A faster restart is detected, because the servo loses its torque
 limit.
 """
 WATCH_S: Final = 0.35
-"""Period in which the torque of every servo is checked once, because a servo may lose its torque without an alarm."""
+"""Period in which the torque of every servo is checked once, because a servo may lose its torque without raising an
+alarm."""
 MISSED: Final = 1.2
 """Maximum time between two checks of a servo, as a multiple of ``WATCH_S``. After this time, a servo is checked in the
 next cycle that has time left.
 """
 LATEST: Final = 1.4
-"""Time since the last check after which a servo is checked even if the check makes the cycle late, as a multiple of
+"""Time since the last check after which a servo is checked even if this makes the cycle late, as a multiple of
 ``WATCH_S``.
 
-An occasional late cycle is better than a limp joint that is not noticed, or a joint that never receives goals again."""
+An occasional late cycle is better than a limp joint that goes unnoticed, or a joint that never receives goals again."""
 QUICK_S: Final = 0.008
 """Maximum response time at which only one servo is checked in a late cycle, so that the next cycle is on time.
 
-On a slower bus all servos are checked at once, because the adapter delays all their answers together."""
+On a slower bus, all servos are checked at once, because the adapter delays all their replies together."""
 LATE_S: Final = 0.08
-"""Maximum delay of a late cycle: two checks through an adapter that delays answers. It must be less than ``RESET_S``.
+"""Maximum delay of a late cycle: two checks through an adapter that delays replies. The value must be less than
+``RESET_S``.
 """
 RELEASING_ALARMS: Final = ("current", "temperature")
-"""Alarms at which a servo releases its torque. A goal would enable the torque again, at once or after the servo has
-cooled down.
+"""Alarms that cause a servo to release its torque. A goal would re-enable the torque, either immediately or after the
+servo has cooled down.
 """
 REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has exited"
-"""Remedy for a servo that has shut down and refuses to enable torque until a reboot."""
+"""Remedy for a servo that has shut down and does not enable torque until it is rebooted."""
 NO_TIME_AGAIN_S: Final = 1.0
-"""Minimum time between two log lines about cycles that had no time left for servos, in seconds.
+"""Minimum time between two log messages about cycles that had no time left for servos, in seconds.
 
-At a rate that is too high for the bus, such cycles are frequent, and each log line takes more time."""
-_UNASKED: Final = "answers again, but its torque has not been checked yet: it receives no goals until then"
+If the rate is too high for the bus, such cycles are frequent, and each log message takes more time."""
+_UNASKED: Final = "responds again, but its torque has not been checked yet: it receives no goals until then"
 
 
 class ServoFaults:
-    """Faults of the servos of one component.
+    """Faults of one component's servos.
 
-    A silent servo has a fault until it answers again. If the component is active, the torque of the servo is checked
-    first, because most servos enable torque when they receive a goal. A servo whose torque is disabled must be
-    activated again.
+    A silent servo has a fault until it responds again. If the component is active, the servo's torque is checked first,
+    because most servos enable torque when they receive a goal. A servo whose torque is disabled must be activated
+    again.
     """
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
@@ -73,13 +75,14 @@ class ServoFaults:
         self._latched: dict[str, str] = {}
         """Alarms that last until a reboot, keyed by joint name."""
         self._unlogged: set[str] = set()
-        """Joints that were not measured because the cycle had no time left, and that are not logged yet."""
+        """Joints that were not measured because the cycle had no time left, and that have not been logged yet."""
         self._no_time_logged_s = -math.inf
-        """Time at which the log last reported a lack of time, in seconds: the first measurement of that cycle."""
+        """Time of the first measurement in the last cycle for which a lack of time was logged, in seconds."""
         self._measured_s: dict[str, float] = {}
-        """Time of the last measurement of missing servos, keyed by joint name."""
+        """Time of the last measurement of each missing servo, keyed by joint name."""
         self._checked_s: dict[str, float] = {}
-        """Time at which a servo was last found with its torque enabled, or last found missing, keyed by joint name."""
+        """Time at which each servo was last found with its torque enabled, or last found missing, keyed by joint
+        name."""
         self._next = 0
         self._next_s = self._next_late_s = 0.0
         self._quick = True
@@ -96,11 +99,11 @@ class ServoFaults:
 
     @property
     def named(self) -> frozenset[str]:
-        """Joints that have a fault or receive no goals."""
+        """Joints that have a fault or do not receive goals."""
         return frozenset(self._faults) | self.withheld
 
     def reactivated(self, names: Iterable[str]) -> None:
-        """Discard the faults of joints that have been activated again."""
+        """Discard the faults of joints that have been reactivated."""
         known = set(names)
         names = [joint.name for joint in self._joints if joint.name in known]
         for name in names:
@@ -118,7 +121,7 @@ class ServoFaults:
         """Check the torque of all servos without a fault. A servo whose torque is disabled gets a fault.
 
         Returns:
-            The joints whose servos did not answer.
+            The joints whose servos did not respond.
         """
         begin_s = self._clock.now()
         try:
@@ -129,7 +132,7 @@ class ServoFaults:
         return frozenset(n for n in (j.name for j in self._joints) if n not in named and checked.get(n, 0.0) < begin_s)
 
     def note_missing(self, joint: Joint, fault: ServoFault | JointFault, measured_s: float, buses: JointBuses) -> None:
-        """Record that a servo gave no state, or an implausible state.
+        """Record that a servo did not report a state, or reported an implausible one.
 
         Args:
             joint: The joint.
@@ -140,7 +143,7 @@ class ServoFaults:
         name = joint.name
         found = JointFault(fault.kind, fault.text)
         if found.kind == "implausible" and name in self._faults and self._faults[name].kind == "no_torque":
-            return  # a limp joint may be moved by hand, and must keep its fault no_torque
+            return  # a limp joint may be moved by hand, and must keep its no_torque fault
         begins = name not in self._faults or (name in self._unlogged and found.kind != "no_time")
         if begins:
             self._log_missing(joint, found, measured_s, buses)
@@ -150,7 +153,7 @@ class ServoFaults:
             self.withheld.add(name)
 
     def _log_missing(self, joint: Joint, found: JointFault, measured_s: float, buses: JointBuses) -> None:
-        """Log a new fault. A lack of time is logged at most once a second, for all joints of the cycle."""
+        """Log a new fault. A lack of time is logged at most once per second, for all affected joints of the cycle."""
         if found.kind == "no_time":
             if 0.0 < measured_s - self._no_time_logged_s < NO_TIME_AGAIN_S:
                 self._unlogged.add(joint.name)
@@ -161,7 +164,7 @@ class ServoFaults:
             self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, found.text)
 
     def note_alarms(self, joint: Joint, alarms: Sequence[str], buses: JointBuses) -> None:
-        """Record the alarms of a servo in an active component. Some alarms make a servo release its torque."""
+        """Record the alarms of a servo in an active component. Some alarms cause a servo to release its torque."""
         if series_of(joint.model).hardware_error:
             self._latched[joint.name] = f"{', '.join(alarms)} alarm"
         releasing = [alarm for alarm in alarms if alarm in RELEASING_ALARMS]
@@ -177,7 +180,7 @@ class ServoFaults:
         """Return the faults after a cycle.
 
         If the component is active, the torque of some servos is checked first: servos whose turn it is, and servos that
-        answer again. If no time is left, these servos are checked in a later cycle.
+            have started to respond again. If no time is left, these servos are checked in a later cycle.
 
         Args:
             measured: Measured counts, keyed by joint name.
@@ -190,7 +193,7 @@ class ServoFaults:
         faults = self._faults
         back = [joint for joint in self._joints if joint.name in faults and joint.name in measured] if faults else []
         for joint in back:
-            if joint.name not in self.withheld:  # the next silence starts a new period
+            if joint.name not in self.withheld:  # the next time the servo is silent, a new period starts
                 self._measured_s.pop(joint.name, None)
         if ask_until_s is None:
             for joint in back:
@@ -222,7 +225,7 @@ class ServoFaults:
         return {n: f for n, f in self._faults.items() if n not in measured or f.kind == "no_torque"} | unasked
 
     def _overdue(self, measured: Mapping[str, int]) -> bool:
-        """Return whether a check must be made in this cycle even if the check makes the cycle late."""
+        """Return whether a check must be done in this cycle even if it makes the cycle late."""
         return self._clock.now() >= self._next_late_s and bool(self._unseen(LATEST * WATCH_S, measured))
 
     def _driven(self, joints: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> dict[str, bool]:
@@ -231,13 +234,14 @@ class ServoFaults:
         return found
 
     def _ask(self, back: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
-        """Check servos that answer again. A servo that lost power is limp and must be activated again."""
+        """Check servos that have started to respond again. A servo that lost power is limp and must be activated
+        again."""
         joints = {joint.name: joint for joint in back}
         for name, driven in self._driven(back, buses, ask_until_s).items():
             joint, called = joints[name], _servo_label(joints[name], buses)
             if driven:
                 if name not in self._unlogged:
-                    self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} answers again")
+                    self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} responds again")
                 self._rejoin(name)
             else:
                 why = self._latched.get(name, "power dip?")
@@ -246,7 +250,7 @@ class ServoFaults:
     def _watch(self, due: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
         driven = self._driven(due, buses, ask_until_s)
         limp = [joint for joint in due if driven.get(joint.name) is False]
-        # Check twice, because the first answer may belong to a request of another program on the bus.
+        # Check twice, because the first reply may answer a request from another program on the bus.
         again = self._driven(limp, buses, ask_until_s)
         for joint in limp:
             if not again.get(joint.name):
@@ -266,7 +270,8 @@ class ServoFaults:
         return due
 
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
-        """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest unchecked first."""
+        """Return the joints whose torque has not been checked for ``for_s`` seconds, starting with the longest
+        unchecked."""
         until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
         if min(checked.values(), default=math.inf) > until_s:  # the usual case, and much faster
             return []

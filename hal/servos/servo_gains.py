@@ -1,7 +1,7 @@
-"""Write the gains that servos keep in RAM when their torque is enabled, because another program may have changed them.
+"""Write the gains that servos keep in RAM when torque is enabled, because another program may have changed them.
 
-Gains in RAM last until the servo loses its power. An activation therefore writes the gains of the robot file, and
-the factory values of gains that the file does not contain.
+Gains in RAM are kept until the servo loses power. Activation therefore writes the gains specified in the robot file,
+and factory values for all other gains.
 """
 
 import logging
@@ -19,13 +19,13 @@ LOG = logging.getLogger("servoloop.hal")
 
 
 def wanted_gains(joint: Joint) -> dict[Register, int]:
-    """Return the gains that the stack uses for a joint and that its servo keeps in RAM.
+    """Return the gains that the control stack uses for a joint and that its servo keeps in RAM.
 
     Args:
-        joint: The joint with the gains of the robot file.
+        joint: The joint with the gains from the robot file.
 
     Returns:
-        Values, keyed by register; empty if the gains of the servo are in EEPROM.
+        Gain values, keyed by register; empty if the servo's gains are in EEPROM.
     """
     gains = dict(ram_gains(joint.model))
     named = {register.name: register for register in gains}
@@ -37,14 +37,14 @@ def wanted_gains(joint: Joint) -> dict[Register, int]:
 
 
 def foreign_gains(joint: Joint, held: Mapping[Register, int]) -> dict[Register, int]:
-    """Return the gains that another program has set: they differ from the robot file and from the factory values.
+    """Return the gains that another program has set, which differ from both the robot file and the factory values.
 
     Args:
         joint: The joint.
-        held: Gains that the servo holds.
+        held: Gains that the servo currently holds.
 
     Returns:
-        Value that the servo holds, keyed by register.
+        Value that the servo holds for each of these gains, keyed by register.
     """
     factory, wanted = ram_gains(joint.model), wanted_gains(joint)
     return {r: value for r, value in held.items() if value not in (factory.get(r, wanted[r]), wanted[r])}
@@ -70,7 +70,7 @@ def write_gains_in_ram(joint: Joint, bus: Bus) -> None:
 
 
 def foreign_text(joint: Joint, foreign: Mapping[Register, int]) -> str:
-    """Describe gains that another program has left in a servo, and the values that an activation writes."""
+    """Describe the gains that another program has left in a servo, and the values that activation writes."""
     wanted = wanted_gains(joint)
     listed = ", ".join(f"{register.name} {value} (now {wanted[register]})" for register, value in foreign.items())
     return f"another program has set different gains in its RAM: {listed}. To keep a gain, write it in the robot file"

@@ -1,4 +1,4 @@
-"""Compute the goal position and speed of each servo in a cycle."""
+"""Compute the goal position and goal speed of each servo in a cycle."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -11,18 +11,18 @@ from hal.joint import Joint
 from hal.servos.stall_watch import StallWatch
 
 INTERPOLATION_MARGIN: Final = 1.1
-"""Factor by which the goal speed exceeds the speed of the command, so that the servo catches up with its lag."""
+"""Factor by which the goal speed exceeds the commanded speed, so that the servo catches up with its lag."""
 INTERPOLATION_FLOOR_COUNTS_S: Final = 100
 """Constant part of the goal speed, in counts/s."""
 SLOWING_S: Final = 0.2
-"""Time in which the goal speed decays after the goals stop, in seconds. During this time, the servo still lags behind
-the goals.
+"""Time in which the goal speed decays after the goals stop changing, in seconds. During this time, the servo still lags
+behind the goals.
 """
 CATCH_UP_S: Final = 0.5
 """Approximate time that a servo far from its goal takes to reach it."""
 BLOCKED_CYCLES: Final = 2
-"""Number of consecutive cycles with a large lag before the goal is limited, so that a single false measurement does not
-move the goal.
+"""Number of consecutive cycles with a large lag after which the goal is limited, so that a single false measurement
+does not move it.
 """
 GAINED_S: Final = 0.1
 """Age of the measured speed, in seconds. The joint may have accelerated since then."""
@@ -31,16 +31,16 @@ UNKNOWN_LEAD_TURNS: Final = 0.12
 
 
 class ServoGoals:
-    """Goals of the servos of one component.
+    """Goals of one component's servos.
 
-    Each goal has a speed, so that the servo moves during the whole period instead of moving fast and waiting.
+    Each goal includes a speed, so that the servo moves during the whole period instead of moving fast and then waiting.
     """
 
     def __init__(self, joints: Sequence[Joint]) -> None:
         self._servos = tuple(_Servo(joint) for joint in joints)
         self._watch = StallWatch({servo.name: servo.lead.at_rest for servo in self._servos})
         self.stalls = self._watch.stalls
-        """Joints that press without moving, keyed by name. If a joint has a torque limit, its drive is reduced."""
+        """Joints that push without moving, keyed by name. If a joint has a torque limit, its drive is reduced."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
         """Set the goals that servos hold after activation, in counts, keyed by joint name.
@@ -66,15 +66,15 @@ class ServoGoals:
     ) -> dict[str, ServoGoal]:
         """Compute the goals of one cycle, keyed by joint name.
 
-        A goal changes by at most the distance that the joint may travel in one period. ``positions`` are in rad or m,
-        in the order of the joints. ``measured`` holds counts and ``loads`` holds fractions of full drive, both keyed by
-        joint name. Joints in ``withheld`` receive no goal.
+        A goal changes by no more than the distance that the joint may travel in one period. ``positions`` are in rad or
+        m, in the order of the joints. ``measured`` holds counts and ``loads`` holds fractions of full drive, both keyed
+        by joint name. Joints in ``withheld`` do not receive goals.
         """
         goals: dict[str, ServoGoal] = {}
         watch = self._watch
         for servo, position in zip(self._servos, positions, strict=True):
             name, reading = servo.name, measured.get(servo.name)
-            if name in withheld:  # a limp joint cannot press
+            if name in withheld:  # a limp joint cannot push
                 watch.restart((name,))
             else:
                 here = _as_compared(servo.joint, reading, servo.goal.position_counts)
@@ -89,7 +89,7 @@ class ServoGoals:
 
 
 class _Servo:
-    """Goal of one servo. The constants of its joint are computed only once, because every cycle uses them."""
+    """Goal of one servo. The joint's constants are computed only once, because every cycle uses them."""
 
     __slots__ = ("behind", "fastest", "goal", "joint", "lead", "lower", "measured", "name", "turn", "upper")
 
@@ -108,11 +108,11 @@ class _Servo:
         """Last measured counts."""
 
     def towards(self, command: int, eased: int | None, here: int | None, period_s: float) -> ServoGoal:
-        """Return the next goal, and keep it.
+        """Return the next goal and store it.
 
         Args:
             command: Commanded position, in counts.
-            eased: Goal of a joint whose drive is reduced, in counts; None if it is not reduced.
+            eased: Goal of a joint with reduced drive, in counts; None if the drive is not reduced.
             here: Measured position, in counts; None if the joint was not measured.
             period_s: Period of the control loop, in seconds.
         """
@@ -124,8 +124,8 @@ class _Servo:
         wanted = self._within_pull(command, here, reach, period_s) if eased is None else eased
         wanted = min(max(wanted, self.lower), self.upper)
         counts = min(max(wanted, held - reach), held + reach)
-        # The speed follows from the distance to the last goal. A servo that was silent or blocked is further behind,
-        # and catches up in CATCH_UP_S within the joint's velocity limit.
+        # The speed is computed from the distance to the last goal. A servo that was silent or blocked lags further
+        # behind, and catches up in CATCH_UP_S within the joint's velocity limit.
         speed = abs(counts - held) / period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
         speed = max(speed, former * (1.0 - min(period_s / SLOWING_S, 1.0)))
         if here is not None:
@@ -134,17 +134,17 @@ class _Servo:
         return goal
 
     def _within_pull(self, wanted: int, here: int | None, reach: int, period_s: float) -> int:
-        """Limit how far the goal of a blocked or overloaded joint is ahead of its position.
+        """Limit how far the goal of a blocked or overloaded joint can be ahead of its position.
 
-        The limit is the largest lag of a free joint at this speed. A goal further ahead would not increase the torque,
-        and the joint would jump as soon as it is free.
+        The limit is the maximum lag of a free joint at this speed. A goal further ahead would not increase the torque,
+        and the joint would jump as soon as it becomes free.
         """
         if here is None:
             self.behind = 0
             return wanted
         travel = here - self.measured if self.measured is not None else 0
         travel -= round(travel / self.turn) * self.turn
-        # The difference is not reduced to one turn, because the servo does not take the shorter way around either.
+        # The difference is not reduced to one turn, because the servo does not move in the shorter direction either.
         ahead = wanted - here
         excess = abs(ahead) - self.lead.counts(abs(travel) / period_s) - reach
         if excess <= 0:
@@ -155,10 +155,10 @@ class _Servo:
 
 
 def _as_compared(joint: Joint, measured: int | None, goal: int) -> int | None:
-    """Return the measured counts as the servo compares them with its goal.
+    """Return the measured counts in the form in which the servo compares them with its goal.
 
     A servo with disabled position limits counts turns in its goal, but reports its position within one turn. The turn
-    nearest to the goal is the correct turn, because the goal of such a servo is never half a turn ahead.
+    nearest to the goal is the correct one, because the goal of such a servo is never half a turn ahead.
     """
     if measured is None or not joint.seam_inside:
         return measured
@@ -191,6 +191,6 @@ class _Lead(NamedTuple):
         )
 
     def counts(self, speed: float) -> int:
-        """Return the maximum lag at a speed in counts/s."""
+        """Return the maximum lag, in counts, at a speed in counts/s."""
         speed = min(speed + self.gained, self.fastest)
         return math.ceil(self.at_rest + self.lag_s * speed + speed**2 / (2.0 * self.profile_acceleration))

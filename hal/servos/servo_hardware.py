@@ -19,7 +19,7 @@ from hal.servos.soft_torque import SoftTorque
 from hal.types import JointCommand, JointState, position_interfaces
 
 READ_SHARE = 0.5
-"""Maximum duration of a read without a deadline, as a fraction of the period."""
+"""Maximum duration of a read without a deadline, as a fraction of the loop period."""
 FIRST_PERIOD_S = 0.05
 """Assumed period before the first command."""
 
@@ -79,7 +79,7 @@ class ServoHardware:
         setup.check()
 
     def activate(self) -> None:
-        """Enable torque with every goal at its measured position (see ``Activation``)."""
+        """Enable torque after setting every goal to the measured position (see ``Activation``)."""
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
@@ -103,11 +103,11 @@ class ServoHardware:
         self._activation = activation
 
     def holds(self) -> bool:
-        """Return whether the torque of any servo of the configured component is enabled. Raises DriverError."""
+        """Return whether torque is enabled for any servo of the configured component. Raises DriverError."""
         return any(map(ServoSetup(self._opened("check the torque")).torque_is_on, self._joints))
 
     def disable_torque(self) -> Sequence[str]:
-        """Disable the torque of all servos that answer, even if the component could not be configured."""
+        """Disable the torque of all servos that respond, even if the component could not be configured."""
         buses = self._buses or self._open()
         try:
             return ServoSetup(buses).torque_off(self._joints)
@@ -131,16 +131,17 @@ class ServoHardware:
         return self._states.faults.named if self.state is LifecycleState.ACTIVE else frozenset()
 
     def ask_for_torque(self) -> frozenset[str]:
-        """Check the torque of every servo now. Return the joints whose servos did not answer."""
+        """Check the torque of every servo now. Return the joints whose servos did not respond."""
         require(self.state, LifecycleState.ACTIVE, "check the torque")
         return self._states.faults.ask_all(self._opened("check the torque"))
 
     def reactivate(self) -> frozenset[str]:
-        """Enable the torque of limp joints at their measured positions. The other servos hold their positions."""
+        """Enable the torque of limp joints at their measured positions. The other servos continue to hold their
+        positions."""
         require(self.state, LifecycleState.ACTIVE, "reactivate")
         names = self.without_torque
         joints = [joint for joint in self._joints if joint.name in names]
-        # The measurements are not passed to the states, because only a completed activation ends a fault.
+        # The measurements do not update the states, because only a completed activation ends a fault.
         held = Activation(joints, self._opened("reactivate"), self._clock, lambda readings: None).run()
         self._goals.hold(held)
         self._states.faults.reactivated(names)
@@ -170,7 +171,8 @@ class ServoHardware:
         self._requested = True
 
     def read(self) -> JointState:
-        """Read the answers of the servos until the deadline. A silent servo keeps its last values and gets a fault."""
+        """Read the replies of the servos until the deadline. A silent servo keeps its last known values and gets a
+        fault."""
         if not self._requested:
             self.request()
         self._requested = False
@@ -184,15 +186,15 @@ class ServoHardware:
         return state
 
     def write(self, command: JointCommand) -> None:
-        """Send the goals of all servos, with one packet on each bus.
+        """Send the goals of all servos, using one packet per bus.
 
-        The command has passed the safety gate. A servo that may be limp receives no goal, because the goal would enable
+        The command has passed the safety gate. A servo that may be limp receives no goal, because a goal would enable
         its torque.
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
-        # The goals are stored before they are sent, because the servos on other buses get them even if one bus is lost.
+        # The goals are stored before they are sent, because servos on other buses receive them even if one bus is lost.
         measured = self._states.measured if self._measured else {}
         self._measured = False  # a component that has lost a bus is not read in the next cycle
         withheld = self._states.faults.withheld

@@ -1,7 +1,7 @@
-"""Outputs and inputs in the registers of servos: the LED, and the external ports of a Dynamixel.
+"""Outputs and inputs in servo registers: the LED, and the external ports of a Dynamixel.
 
-An output is sent when its value changes, with a packet that is not acknowledged, so that no cycle waits for it. At most
-one output is sent and one input is read in a cycle.
+An output is sent when its value changes, with a packet that is not acknowledged, so that no cycle waits for a reply. At
+most one output is sent and one input is read per cycle.
 """
 
 import logging
@@ -23,7 +23,7 @@ from hal.types import Interface
 LOG = logging.getLogger("servoloop.hal")
 
 ALLOWED: Final = ("led", *SERVO_INPUTS)
-"""Registers that may be outputs. They neither move a servo nor change its torque or its EEPROM."""
+"""Registers that may be outputs. They neither move the servo nor change its torque or EEPROM."""
 INPUT_PERIOD_S: Final = 0.1
 """Time between two reads of the same input, in seconds."""
 
@@ -37,7 +37,7 @@ class ServoOutputs:
         Args:
             component: The ``<ros2_control>`` block.
             joints: Joints of the component.
-            outputs: Values that controllers request.
+            outputs: Values requested by controllers.
 
         Raises:
             RobotFileError: A register cannot be an output or an input.
@@ -58,11 +58,12 @@ class ServoOutputs:
         self._due = [*self._inputs]
         self._next_s = -math.inf
         self.values: Mapping[str, float] = {}
-        """Values of the state interfaces, keyed by name (``lamp/led``). The loop replaces the mapping."""
+        """Values of the state interfaces, keyed by name (``lamp/led``). The control loop replaces the mapping instead
+        of changing it."""
 
     @property
     def has_inputs(self) -> bool:
-        """Whether the component has an input."""
+        """Whether the component has any inputs."""
         return bool(self._inputs)
 
     def forget(self) -> None:
@@ -84,7 +85,8 @@ class ServoOutputs:
                 return
 
     def read(self, buses: JointBuses, now_s: float, deadline_s: float) -> None:
-        """Read one input, if it is due and there is time. An input that does not answer keeps its value."""
+        """Read one input if it is due and there is enough time. An input whose servo does not respond keeps its
+        value."""
         if not self._inputs or (now_s < self._next_s and len(self._due) == len(self._inputs)):
             return
         if len(self._due) == len(self._inputs):

@@ -1,6 +1,6 @@
-"""Write the EEPROM settings of the robot file to servos during setup, and log each change.
+"""Write the EEPROM settings in the robot file to the servos during setup, and log each change.
 
-Settings that the file does not contain stay unchanged. If such a setting affects the stiffness or lag of a joint, a
+Settings that the file does not contain are left unchanged. If such a setting affects the stiffness or lag of a joint, a
 warning is logged, because the compensation assumes the factory gains.
 """
 
@@ -37,9 +37,9 @@ These registers define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
-    """Return the registers of a servo that a robot file may set, keyed by name: settings in EEPROM and gains in RAM.
+    """Return the servo registers that a robot file may set, keyed by name: settings in EEPROM and gains in RAM.
 
-    A P gain in RAM is not included, because the robot file has the key ``position_p`` for it.
+    A P gain in RAM is not included, because the robot file has the key ``position_p`` for this gain.
     """
     saved = (
         register
@@ -51,7 +51,7 @@ def settings_of(model: ServoModel) -> dict[str, Register]:
 
 
 def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
-    """List settings that the servo does not have, and values outside the range of their register."""
+    """List settings that the servo does not have, and values outside their register's range."""
     known = settings_of(model)
     problems: list[str] = []
     for name, value in settings.items():
@@ -77,7 +77,7 @@ def homing_mistake(model: ServoModel, offset: int | None) -> str | None:
 
 
 def check_homing_offset(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if the homing offset of the servo has changed since calibration."""
+    """Raise ServoRefused if the servo's homing offset has changed since calibration."""
     register = _homing_register(joint.model)
     if register is None or joint.homing_offset is None:
         return
@@ -94,7 +94,7 @@ def check_mode(joint: Joint, bus: Bus) -> None:
     """Raise ServoRefused if a Dynamixel X is in an operating mode in which its zero is not valid.
 
     In position mode some homing offsets are ignored, so positions differ between the modes. If another program, such as
-    LeRobot, calibrated the servo, the servo stays in the mode that this program has set.
+    LeRobot, calibrated the servo, it stays in the mode set by that program.
     """
     if series_of(joint.model) is not X:
         return
@@ -105,7 +105,7 @@ def check_mode(joint: Joint, bus: Bus) -> None:
 
 
 def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
-    """Log a warning if the homing offset takes effect only in the mode that another program has set."""
+    """Log a warning if the homing offset takes effect only in the operating mode that another program has set."""
     if series_of(joint.model) is not X or joint.extended:
         return
     held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
@@ -119,7 +119,8 @@ def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
 
 
 def check_goal_current(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and so no torque."""
+    """Raise ServoRefused if a Dynamixel X in current-based position mode has a goal current of 0 and therefore no
+    torque."""
     if _goal_current(joint, bus) == 0:
         raise ServoRefused(
             joint.servo_id,
@@ -176,7 +177,7 @@ def mode_mistake(joint: Joint, held: int, offset: int) -> str | None:
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:
-    """Write the settings of the robot file that differ from those in the servo's EEPROM, and log each change.
+    """Write the settings in the robot file that differ from those in the servo's EEPROM, and log each change.
 
     Raises:
         ServoError: A setting could not be written. The EEPROM is not written while torque is enabled.
@@ -206,15 +207,15 @@ def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
 def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     """Check that the position limits of the servo include those of the joint.
 
-    A servo does not move beyond its own limits and reports no error. Some servos stop at the limit, and others discard
-    the goal.
+    A servo does not move beyond its own limits, and does not report an error. Some servos stop at the limit, and others
+    discard the goal.
 
     Args:
         joint: The joint.
         limits: Position limits of the servo, in counts; None if it has none.
 
     Raises:
-        ServoRefused: The limits of the servo are too narrow.
+        ServoRefused: The servo's limits are too narrow.
     """
     if limits is None:
         return
@@ -232,7 +233,7 @@ def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
 
 
 def _advice(joint: Joint, lowest: int, highest: int) -> str:
-    """Return a remedy with the limits that the joint may have, rounded inwards to six decimals."""
+    """Return a remedy with the limits that the joint may have, rounded inward to six decimals."""
     if lowest >= highest:
         return "correct zero_counts, because the two ranges hardly overlap"
     lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))

@@ -36,13 +36,13 @@ Result = TypeVar("Result")
 
 
 class ServoSetup:
-    """Slow access to single servos. It must not be used in a cycle."""
+    """Slow access to single servos. It must not be used in a control cycle."""
 
     def __init__(self, buses: JointBuses) -> None:
         self._buses = buses
 
     def check(self) -> None:
-        """Check that every servo answers and matches the robot file, and write the settings of the file.
+        """Check that every servo responds and matches the robot file, and write the settings in the file.
 
         Raises:
             DriverError: A check failed, or settings could not be written. The message lists all errors.
@@ -52,7 +52,7 @@ class ServoSetup:
         self.settle()
 
     def settle(self) -> None:
-        """Write the settings of the robot file to identified servos. Raises DriverError with all errors."""
+        """Write the settings in the robot file to identified servos. Raises one DriverError that lists all errors."""
         if problems := self._settle_all():
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
@@ -61,14 +61,15 @@ class ServoSetup:
                     _failed(self._buses.joints_on[name], bus, warn)  # errors are ignored for these warnings
 
     def problems(self) -> list[str]:
-        """Check every servo and write the settings of the robot file. Return the errors."""
+        """Check every servo and write the settings in the robot file. Return the errors."""
         return self.identify_all() or self._settle_all()
 
     def _settle_all(self) -> list[str]:
         return [problem for name, bus in self._buses.buses.items() for problem in self._settle_bus(name, bus)]
 
     def identify_all(self) -> list[str]:
-        """Check that every servo answers and has the model of its joint. Nothing is written. Return the errors."""
+        """Check that every servo responds and is the model specified for its joint. Nothing is written. Return the
+        errors."""
         return [problem for name, bus in self._buses.buses.items() for problem in self._identify_bus(name, bus)]
 
     def _settle_bus(self, name: str, bus: Bus) -> list[str]:
@@ -87,14 +88,14 @@ class ServoSetup:
             errors = _failed(joints, bus, _identify)
             silent = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
             causes = diagnose(bus, silent) if silent else {}
-            # Two servos with the same model and ID return the same model number. Only their states show that there are
-            # two.
+            # Two servos with the same model and ID return the same model number. Only reading their states shows that
+            # there are two servos.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
             found, stateless = read_explained_states(bus, known)
             causes |= stateless | _wrong_voltages(joints, bus, found)
         if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
-            return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
+            return [f"no servo responds on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
         problems = {
             i: intermittent_text(i, bus.name) if i in silent else str(error) for i, error in errors.items()
         } | causes
@@ -152,14 +153,14 @@ class ServoSetup:
         self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
 
     def write_goals_alone(self, joints: Sequence[Joint], alone: bool = True) -> None:
-        """Switch joints to separate writes of their goals, or back to group writes."""
+        """Switch joints to separate goal writes, or back to group writes."""
         for joint in joints:
             self._ask(joint, lambda bus, i=joint.servo_id: bus.write_goals_alone([i], alone))  # type: ignore[misc]
 
     def prepare_torque(self, joint: Joint) -> None:
         """Write the gains and other registers that a servo keeps in RAM and needs before its torque is enabled.
 
-        If the joint is limp, measure its position after this call, because repeated requests take a long time.
+        If the joint is limp, measure its position after this call, because repeated requests may take a long time.
         """
         self._ask(joint, partial(_prepare_torque, joint))
 
@@ -211,7 +212,7 @@ def _identify(joint: Joint, bus: Bus) -> None:
 
 def _settle(joint: Joint, bus: Bus) -> None:
     apply_settings(joint, bus)
-    limits = bus.position_limits(joint.servo_id)  # after the settings, which may change the limits
+    limits = bus.position_limits(joint.servo_id)  # after applying the settings, which may change the limits
     if limits is None and joint.settings:  # some servos rotate continuously if both limits are 0
         bus.check_settings(joint.servo_id, joint.model)
     check_reach(joint, limits)
@@ -221,12 +222,13 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
     """Make a servo discard the turns that it has counted. Some servos and adapters do not support the instruction.
 
     Raises:
-        ServoRefused: The instruction is not supported, but the joint can pass the servo's last count and needs it.
+        ServoRefused: The instruction is not supported, but it is needed because the joint can move past the servo's
+            last count.
     """
     try:
         retry(lambda: bus.forget_turns(joint.servo_id))
     except (ServoSilent, ServoRefused) as error:
-        retry(partial(bus.ping, joint.servo_id))  # raises if the servo itself is silent
+        retry(partial(bus.ping, joint.servo_id))  # raises an error if the servo itself is silent
         name = "the instruction 0x0A (forget turns)"
         if joint.seam_inside:
             raise ServoRefused(
@@ -244,7 +246,7 @@ def _prepare_torque(joint: Joint, bus: Bus) -> None:
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """Enable torque. If a Dynamixel refuses because it has shut down, add its alarms to the error."""
+    """Enable torque. If a Dynamixel rejects the request because it has shut down, add its alarms to the error."""
     try:
         bus.torque_on(joint.servo_id, prepared=True)
     except ServoRefused as error:
@@ -256,7 +258,7 @@ def _torque_on(joint: Joint, bus: Bus) -> None:
 
 
 def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """Return messages for servos whose voltage is outside the rated range in every reading, keyed by servo ID."""
+    """Return messages about servos whose voltage is outside the rated range in every reading, keyed by servo ID."""
     models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
     for _ in range(ATTEMPTS):
         states = {i: reading for i, reading in readings.items() if isinstance(reading, ServoState)}
@@ -269,5 +271,5 @@ def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Re
 
 
 def _with_cause(reading: Reading, cause: str | None) -> Reading:
-    """Replace the description of a fault with its likely cause, if the cause is known."""
+    """Replace the description of a fault with its likely cause, if known."""
     return reading._replace(text=cause) if cause and isinstance(reading, ServoFault) else reading

@@ -17,15 +17,15 @@ from hal.types import JointFault, JointState, ServoHealth, Stall
 
 
 class ServoStates:
-    """Joint states of one hardware component. A joint whose servo is silent keeps its last state."""
+    """Joint states of one hardware component. A joint whose servo is silent keeps its last known state."""
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.measured: dict[str, int] = {}
-        """Counts of the servos that answered in the last exchange, keyed by joint name."""
+        """Counts of the servos that replied in the last exchange, keyed by joint name."""
         self.loads: dict[str, float] = {}
-        """Drive of the servos that answered in the last exchange, as a fraction of full drive, keyed by joint name."""
+        """Drive of the servos that replied in the last exchange, as a fraction of full drive, keyed by joint name."""
         self.stalls: Mapping[str, Stall] = {}
-        """Servos that press without moving, keyed by joint name."""
+        """Servos that push without moving, keyed by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
@@ -44,16 +44,16 @@ class ServoStates:
     def update(
         self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
     ) -> JointState:
-        """Return the joint states after one exchange on the bus.
+        """Return the joint states after one exchange on each bus.
 
         Args:
-            readings: Reading of each joint, keyed by joint name.
+            readings: Servo readings, keyed by joint name.
             buses: Buses of the joints, with their counters.
             ask_until_s: Clock time until which servos may be asked whether their torque is enabled. None if the
                 component is not active.
         """
         now_s, last = self._clock.now(), self._last
-        # Plain floats are faster here than arrays of a few joints. Joints without a reading keep their last values.
+        # Floats are faster here than arrays of a few joints. Joints without a reading keep their last known values.
         position, velocity, effort = last.position.tolist(), last.velocity.tolist(), last.effort.tolist()
         health = dict(last.health)
         counters = buses.counters()
@@ -74,7 +74,7 @@ class ServoStates:
                 reading = _implausible(joint, reading, leap, buses)
             account.implausible += reading.kind == "implausible"
             self.faults.note_missing(joint, reading, last.stamp_s, buses)
-            if joint.name in health:  # the counters of a silent servo must be up to date
+            if joint.name in health:  # the counters of a silent servo must also be up to date
                 health[joint.name] = health[joint.name]._replace(counters=account)
         try:
             faults = self.faults.present(self.measured, buses, ask_until_s)
@@ -87,7 +87,7 @@ class ServoStates:
         return self._last
 
     def _measure(self, joint: Joint, reading: ServoState, account: ServoCounters, buses: JointBuses) -> ServoHealth:
-        """Record the counts and the drive of a servo that answered, and return its health."""
+        """Record the counts and the drive of a servo that replied, and return its health."""
         name, load, current_a = joint.name, reading.load, reading.current_a
         self.measured[name], self.loads[name] = reading.position_counts, load
         return ServoHealth(
@@ -110,7 +110,7 @@ class ServoStates:
 
 
 def _implausible(joint: Joint, reading: ServoState, leap: float, buses: JointBuses) -> JointFault:
-    """Return the fault of a joint that cannot have reached its measured position."""
+    """Return a fault if the joint cannot have reached its measured position."""
     return JointFault(
         "implausible",
         f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "

@@ -12,8 +12,9 @@ from hal.servos.servo_setup import ServoSetup
 
 LOG = logging.getLogger("servoloop.hal")
 SOFT_SHARE: Final = 0.7
-"""Fraction of each joint's torque limit that is available while the arm is soft. At most half is needed for the weight,
-and the rest is for holding. Even if a servo does not answer and does not yield, the user can move the joint by hand.
+"""Fraction of each joint's torque limit that remains available while the arm is soft. At most half of the limit is
+needed to support the weight, and the rest is for holding. Even if a servo does not respond and does not yield, the user
+can still move the joint by hand.
 """
 
 
@@ -27,8 +28,9 @@ class SoftTorque:
 
         Args:
             joints: Joints with their full torque limits.
-            setup: Function that returns the access to the servos.
-            compensation: Gravity compensation, which does not work against the hand while the limits are reduced.
+            setup: Function that returns an object for accessing the servos.
+            compensation: Gravity compensation, which does not work against the user's hand while the limits are
+                reduced.
         """
         self._joints, self._setup, self._compensation = tuple(joints), setup, compensation
         self.reduced: frozenset[str] = frozenset()
@@ -44,10 +46,11 @@ class SoftTorque:
         return self._write([replace(one, torque_limit=SOFT_SHARE * one.torque_limit) for one in self._joints])[0]
 
     def restore(self, silent: Collection[str] = ()) -> None:
-        """Restore the torque limits that are reduced. Joints whose servos fail are logged and stay in ``reduced``.
+        """Restore the torque limits that have been reduced. Joints whose servos fail are logged and remain in
+        ``reduced``.
 
         Args:
-            silent: Joints that do not answer now. These joints are skipped and stay in ``reduced``.
+            silent: Joints whose servos currently do not respond. These joints are skipped and remain in ``reduced``.
 
         Raises:
             DriverError: The port is lost.
@@ -69,7 +72,7 @@ class SoftTorque:
             try:
                 self._setup().limit_torque(joint)
                 written.add(joint.name)
-            except ServoError as error:  # the other joints also hold the arm
+            except ServoError as error:  # the other joints also support the arm
                 problems.append(str(error))
         return problems, written
 

@@ -1,6 +1,6 @@
-"""Detect servos that press with full drive without moving, which would overheat the motor of a gripper.
+"""Detect servos that push with full drive without moving, which would overheat the motor of a gripper.
 
-Every stalled joint is reported. The drive is reduced only for joints with a ``torque_limit`` below 1, because this
+Every stalled joint is reported. The drive is reduced only for joints with a ``torque_limit`` below 1, because such a
 limit prevents the servo's own overload protection from acting. A joint with full torque still has that protection.
 The drive of such a joint is not reduced, because it may carry a load and would fall. The drive alone does not
 distinguish a load from an obstacle.
@@ -20,53 +20,57 @@ from hal.servos.fault_log import FaultLog
 from hal.types import Stall
 
 STALL_S: Final = 1.0
-"""Maximum time a joint may press without moving before its drive is reduced. The protection of an STS takes 2 s."""
+"""Maximum time a joint may push without moving before its drive is reduced, in seconds. An STS's own protection reacts
+after 2 s."""
 PRESSING: Final = 0.8
-"""Minimum drive at which a servo counts as pressing, as a fraction of the torque limit."""
+"""Minimum drive at which a servo counts as pushing, as a fraction of the torque limit."""
 HOLDING: Final = 0.36
-"""Reduced drive, as a fraction of the torque limit. With a limit of 50 %, the reduced drive is 18 %, less than the 20 %
-of an STS's protective torque.
+"""Reduced drive, as a fraction of the torque limit. With a limit of 50 %, the reduced drive is 18 %, which is less than
+an STS's protective torque of 20 %.
 """
 SETTLE_S: Final = 0.8
-"""Time that a servo needs to react to the closer goal, before its measured drive is used."""
+"""Time a servo needs to react to the closer goal before its measured drive is used."""
 WEAKEN_S: Final = 0.5
-"""Time constant with which the goal moves closer while the drive is still too high."""
+"""Time constant with which the goal moves closer to the joint while the drive is still too high."""
 STRENGTHEN_PER_S: Final = 0.05
-"""Speed at which the goal moves away while the drive is too low. The unit is the distance at full drive, per second."""
+"""Speed at which the goal moves away from the joint while the drive is too low. The unit is the distance at full drive
+per second."""
 STILL_TURNS: Final = 0.005
-"""Maximum motion of a joint that counts as not moving, in turns of the shaft. It covers backlash and soft fingers."""
+"""Maximum motion at which a joint counts as not moving, in turns of the shaft. This margin covers backlash and soft
+fingers."""
 FREE_TURNS: Final = 0.02
-"""Minimum motion toward the goal at which a joint counts as free again, in turns of the shaft."""
+"""Minimum motion toward the goal after which a joint counts as free again, in turns of the shaft."""
 NEW_COMMAND_TURNS: Final = 0.005
 """Minimum change of a command that counts as a motion, in turns of the shaft."""
 NEW_MOTION_S: Final = 1.0
-"""Minimum time a command must be at rest before the next change counts as a new motion."""
+"""Minimum time a command must be at rest before the next change counts as a new motion, in seconds."""
 WARN_S: Final = 10.0
-"""Duration of the warning about a gripper that has closed on an object. After this time, holding the object is normal.
+"""Duration of the warning about a gripper that has closed on an object, in seconds. After this time, holding the object
+is normal.
 """
 
 
 @dataclass(slots=True)
 class _Press:
-    """State of one joint. Positions are in counts of its servo."""
+    """State of one joint. Positions are in counts of the joint's servo."""
 
     began: int
     """Position at the beginning of the motion."""
     command: int
-    """Commanded position, within ``NEW_COMMAND_TURNS``."""
+    """Commanded position, accurate to within ``NEW_COMMAND_TURNS``."""
     anchor: int
     """Position at which the drive was reduced, or the furthest position to which the object has yielded since then."""
     resting_s: float = 0.0
     """Time since the command came to rest, in seconds."""
     pressed: list[int] = field(default_factory=list)
-    """Positions in the latest cycles in which the servo pressed without moving, for at most ``STALL_S``."""
+    """Positions in the latest cycles in which the servo pushed without moving, covering at most ``STALL_S``."""
     held_s: float = 0.0
     """Time since the drive was first reduced, in seconds."""
     ahead: float | None = None
     """Distance from the joint to its goal while the drive is reduced; None if it is not reduced."""
     direction: int = 1
     moved: bool = False
-    """Whether the joint moved before it pressed."""
+    """Whether the joint moved before it began to push."""
     goal: int = 0
 
 
@@ -82,12 +86,12 @@ class StallWatch:
         self.stalls: dict[str, Stall] = {}
         """Joints that press without moving, keyed by name."""
         self.log = FaultLog()
-        """Log of the events of a cycle, which the caller of ``goal`` flushes."""
+        """Log of the events of a cycle, which is flushed by the caller of ``goal``."""
         self._full_ahead = full_ahead
         self._presses: dict[str, _Press] = {}
 
     def restart(self, names: Iterable[str]) -> None:
-        """Discard the state of joints, for example at their activation."""
+        """Discard the state of these joints, for example when they are activated."""
         for name in names:
             self.stalls.pop(name, None)
             self._presses.pop(name, None)
@@ -103,7 +107,7 @@ class StallWatch:
             period_s: Period of the control loop, in seconds.
 
         Returns:
-            The goal in counts; None if the drive is not reduced.
+            The goal, in counts; None if the drive is not reduced.
         """
         press = self._presses.get(joint.name)
         if here is None:
@@ -132,7 +136,8 @@ class StallWatch:
         return press.goal
 
     def _followed(self, press: _Press | None, joint: Joint, command: int, here: int, period_s: float) -> _Press:
-        """Return the state after a command. A changed command ends the reduction and may begin a new motion."""
+        """Return the state of a joint after a command. A changed command ends the reduction and may begin a new
+        motion."""
         if press is None:
             return self._begin(joint, command, here)
         if abs(command - press.command) <= NEW_COMMAND_TURNS * joint.model.counts_per_turn:

@@ -10,13 +10,15 @@ from hal.joint import Joint
 from hal.servos.fault_log import FaultLog
 
 BEGINS_S: Final = 0.3
-"""Minimum duration of a wrong voltage before it is reported. Braking and starting motors change the voltage briefly."""
+"""Minimum duration of an abnormal voltage before it is reported, in seconds. Motors that brake or start change the
+voltage briefly."""
 ENDS_S: Final = 1.0
-"""Minimum duration of a correct voltage before the report ends. A supply that sags in each motion causes one report."""
+"""Minimum duration of a normal voltage before the report ends, in seconds. A supply that sags during each motion causes
+only one report."""
 
 
 class SupplyWatch:
-    """Voltage faults of the joints. The start and the end of each episode are logged once."""
+    """Voltage faults of joints. The start and the end of each episode are logged once."""
 
     def __init__(self, joints: Sequence[Joint], clock: Clock, log: FaultLog) -> None:
         """Create the check. The owner of ``log`` flushes it at the end of each cycle."""
@@ -24,8 +26,8 @@ class SupplyWatch:
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
-        """Changes that are not reported yet, keyed by joint name. Each holds the new kind of fault (empty if none)
-        and the time of the change.
+        """Changes that have not been reported yet, keyed by joint name. Each entry holds the new fault type (empty if
+        none) and the time of the change.
         """
 
     def forget(self) -> None:
@@ -34,7 +36,7 @@ class SupplyWatch:
         self._changed_s.clear()
 
     def check(self, joint: Joint, voltage_v: float, label: str) -> VoltageFault | None:
-        """Return the voltage fault of a joint, once it has lasted ``BEGINS_S``.
+        """Return the voltage fault of a joint once it has lasted ``BEGINS_S``.
 
         Args:
             joint: The joint.

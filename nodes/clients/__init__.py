@@ -1,1 +1,1 @@
-"""Clients of a running stack: nodes that watch it, and nodes that measure it."""
+"""Clients of a running stack: nodes that monitor the stack and nodes that measure its timing."""

@@ -14,11 +14,11 @@ from nodes.clients.client_node import WatchingNode
 PICTURES: Final = "apple_camera/image_raw/compressed"
 """Topic of the compressed images."""
 GONE_S: Final = 3.0
-"""Maximum age of an image that is shown, in seconds."""
+"""Maximum age at which an image is still shown, in seconds."""
 STAMP: Final = struct.Struct("<iI")
-"""Layout of the stamp, seconds and nanoseconds, which is the first field of the message."""
+"""Layout of the stamp (seconds and nanoseconds), which is the first field of the message."""
 STAMP_AT: Final = 4
-"""Position of the stamp after the header of the encoding, in bytes."""
+"""Position of the stamp after the encoding header, in bytes."""
 
 
 def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:

@@ -20,7 +20,7 @@ Client = tuple[Node, SingleThreadedExecutor]
 
 @contextmanager
 def client_node(name: str, namespace: str = "") -> Iterator[Client]:
-    """Provide a node in a namespace and its executor, which the caller spins.
+    """Provide a node in a namespace, together with its executor, which the caller spins.
 
     The caller remains responsible for signal handling.
 
@@ -33,7 +33,7 @@ def client_node(name: str, namespace: str = "") -> Iterator[Client]:
 
 @contextmanager
 def client_nodes(names: Sequence[str], namespace: str = "") -> Iterator[list[Client]]:
-    """Provide several nodes, each with its own executor, for clients that run in several threads.
+    """Provide several nodes, each with its own executor, for clients that use several threads.
 
     Raises:
         RosError: ROS 2 does not start.

@@ -1,4 +1,4 @@
-"""Use the topics of the sorting cell to monitor jobs that camera images have started."""
+"""Monitor jobs that camera images have started, using the topics of the sorting cell."""
 
 import json
 from collections import deque
@@ -24,7 +24,7 @@ ENDS: Final = (JobPhase.DONE, JobPhase.ERROR)
 
 @dataclass(frozen=True, slots=True)
 class SeenApple:
-    """The first apple with a grade in a message. The stamp of the apple is the time of the image, in ROS time."""
+    """The first graded apple in a message. The apple's stamp is the time of the image, in ROS time."""
 
     stamp_s: float
     grade: str
@@ -42,9 +42,9 @@ class SortingJob:
     started_s: float
     """ROS time of the first state of the job."""
     apple: SeenApple | None = None
-    """Apple that started the job: the first apple with this grade after the previous job. The message with this apple
-    can arrive later than the first state of the job. A monitor that was connected too late for this message has the
-    values from the next image of the same apple."""
+    """Apple that started the job, which is the first apple with this grade after the previous job. The message with
+    this apple may arrive later than the first state of the job. A monitor that connected too late to receive this
+    message uses the values from the next image of the same apple."""
     phase: str = ""
     message: str = ""
 
@@ -68,13 +68,12 @@ class SortingJob:
 
 @dataclass(slots=True)
 class SortingMonitor:
-    """Subscriber to the states of the jobs and to the apples. The subscriber receives messages only while the caller
-    spins."""
+    """Subscriber to the job states and the apples. The subscriber receives messages only while the caller spins."""
 
     jobs: list[SortingJob] = field(default_factory=list)
-    """All jobs since the start, oldest first."""
+    """All jobs since the monitor started, oldest first."""
     newest: SeenApple | None = None
-    """Apple of the latest message; None if that message has no apple with a grade."""
+    """Apple in the latest message; None if that message does not contain a graded apple."""
     _node: Node | None = None
     _seen: deque[SeenApple] = field(default_factory=lambda: deque(maxlen=KEPT))
 

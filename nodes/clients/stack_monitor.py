@@ -36,7 +36,8 @@ class NewestMessages:
     velocity: dict[str, float] = field(default_factory=dict)
     error: dict[str, float] = field(default_factory=dict)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Values of each diagnostic status by its name; the key ``message`` contains its text."""
+    """Values of each diagnostic status, keyed by status name; the key ``message`` contains the message of the
+    status."""
     samples: list[Sample] = field(default_factory=list)
     """Samples of all cycles since the caller last cleared the list."""
 
@@ -62,13 +63,13 @@ class StackMonitor:
         self._executor = executor
         namespace = namespace_of(node)
         self._prefix = f"{namespace}/" if namespace else ""
-        """Prefix of this stack's statuses, because all namespaces share /diagnostics."""
+        """Prefix of this stack's status names, because all namespaces share /diagnostics."""
         node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         node.create_subscription(JointTrajectoryControllerState, f"{arm}/controller_state", self._on_state, 50)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def spin(self, seconds: float) -> None:
-        """Receive messages, and wait at most ``seconds`` for a message."""
+        """Receive messages, waiting at most ``seconds`` for a message."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:

@@ -18,7 +18,7 @@ from drivers.errors import DriverError
 
 PATIENCE_S: Final = 30.0
 POLL_S: Final = 0.05
-"""Interval at which a wait checks whether to end, in seconds."""
+"""Interval at which a waiting call checks whether to stop waiting, in seconds."""
 
 
 @dataclass(slots=True)
@@ -31,7 +31,7 @@ class Promptness:
     stamps_s: list[float] = field(default_factory=list)
     """Stamps of /joint_states in ROS time, recorded while ``recording`` is True."""
     ages_s: list[float] = field(default_factory=list)
-    """Age of each recorded message when the client received it, in seconds."""
+    """Age of each recorded message when it was received, in seconds."""
     goals: int = 0
     failed: int = 0
 
@@ -44,7 +44,7 @@ class TimedController:
     """Names of the controller's joints."""
     name: str = "arm_controller"
     moved: float = 1e-6
-    """Minimum distance at which a joint counts as moved, in rad or m."""
+    """Minimum distance after which a joint counts as moved, in rad or m."""
 
 
 class TimingClient:
@@ -63,13 +63,13 @@ class TimingClient:
 
         Args:
             node: Node of the client.
-            executor: Executor of the node, spun by this client.
+            executor: Executor of the node, which this client spins.
             controller: The controller.
             noted: Object that stores the measurements.
             stop: Function that ends every wait when it returns True.
 
         Raises:
-            DriverError: No node offers the action of the controller.
+            DriverError: No node provides the controller's action.
         """
         self.recording = False
         self._executor, self._controller, self._noted, self._stop = executor, controller, noted, stop
@@ -92,13 +92,13 @@ class TimingClient:
     def go(
         self, position: Sequence[float], seconds: float, cancel_after_s: float | None = None, period_s: float = 0.05
     ) -> None:
-        """Send one goal at a random point of the stack's cycle and wait for the result.
+        """Send one goal at a random point in the stack's cycle and wait for the result.
 
         Args:
             position: Goal position of each joint, in rad or m.
             seconds: Duration of the motion.
-            cancel_after_s: Time after which to cancel the goal, in seconds; None to let it finish.
-            period_s: Period of the stack's cycle, in seconds.
+            cancel_after_s: Time after which to cancel the goal, in seconds; None to let the goal finish.
+            period_s: Period of the stack's control cycle, in seconds.
 
         Raises:
             DriverError: The stack does not respond in time.
@@ -143,7 +143,7 @@ class TimingClient:
 
 
 def goal_to(joints: Sequence[str], position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """Build a goal with a single point (rad or m), as most clients send it."""
+    """Build a goal with a single point (in rad or m), like the goals that most clients send."""
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = list(joints)
     point = JointTrajectoryPoint(positions=list(position))

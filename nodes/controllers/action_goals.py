@@ -1,4 +1,4 @@
-"""Track the running goals of one action. This module accepts goals, and the control loop decides their results."""
+"""Track the running goals of one action. This module accepts goals, and the control loop determines their results."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,13 +14,13 @@ from nodes.publishing import EVERY_CALL
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
-"""Time a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
-every status message would list all goals of the last 15 minutes, and responses would become late after several hundred
+"""Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
+every status message would list all goals of the last 15 minutes, and responses would be delayed after several hundred
 goals."""
 
 
 class AcceptedGoal(Protocol):
-    """An accepted goal. The loop thread decides the result of the goal."""
+    """An accepted goal. The loop thread determines the result of the goal."""
 
     @property
     def done(self) -> bool: ...
@@ -39,7 +39,7 @@ def make_action_server(
     on_goal: Callable[[Any], GoalResponse],
     on_accepted: Callable[[ServerGoalHandle], None],
 ) -> ActionServer:
-    """Create an action server for goals whose results the control loop decides."""
+    """Create an action server for goals whose results are determined by the control loop."""
     server = ActionServer(
         node,
         kind,
@@ -48,7 +48,7 @@ def make_action_server(
         goal_callback=on_goal,
         handle_accepted_callback=on_accepted,
         cancel_callback=goals.on_cancel,
-        # With the default queue of ten, a client that floods the server would displace other clients' requests.
+        # With the default queue size of ten, a client that floods the server would displace other clients' requests.
         goal_service_qos_profile=EVERY_CALL,
         cancel_service_qos_profile=EVERY_CALL,
         result_service_qos_profile=EVERY_CALL,
@@ -86,7 +86,7 @@ class ActionGoals(Generic[Handle]):
         return bool(self._undecided)
 
     def accept(self, server_goal: ServerGoalHandle, handle: Handle) -> None:
-        """Register an accepted goal. The server calls ``execute`` only in the next turn of the executor."""
+        """Register an accepted goal. The server calls ``execute`` only in the next iteration of the executor."""
         key = bytes(server_goal.goal_id.uuid)
         self._handles[key] = handle
         self._undecided[key] = (server_goal, Future())
@@ -107,7 +107,7 @@ class ActionGoals(Generic[Handle]):
                 server_goal.publish_feedback(feedback)
 
     def finish_decided(self) -> None:
-        """Finish the goals whose results are decided."""
+        """Finish the goals whose results have been decided."""
         decided = [key for key in self._undecided if self._handles[key].done]
         for key in decided:
             _, future = self._undecided.pop(key)
@@ -116,7 +116,7 @@ class ActionGoals(Generic[Handle]):
             self.wake()
 
     async def execute(self, server_goal: ServerGoalHandle) -> Any:
-        """Wait for the decision without blocking the executor (``execute_callback`` of the server)."""
+        """Wait for the goal's result without blocking the executor (``execute_callback`` of the server)."""
         key = bytes(server_goal.goal_id.uuid)
         if key in self._undecided:
             await self._undecided[key][1]

@@ -1,4 +1,4 @@
-"""Publish the topics of the broadcasters: ``joint_states`` and ``dynamic_joint_states``."""
+"""Publish the broadcaster topics ``joint_states`` and ``dynamic_joint_states``."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,11 @@ from nodes.publishing import LATCHED, LATCHED_WHILE_NEW, numbers
 
 
 class HasInterfaces(Protocol):
-    """Controller that has state interfaces. The interfaces and their values have the same order."""
+    """Controller that has state interfaces. The interfaces and their values are in the same order."""
 
     @property
     def interfaces(self) -> Mapping[str, tuple[str, ...]]:
-        """Interface names of each joint."""
+        """Interface names, keyed by joint."""
         ...
 
     def values(self, state: JointState) -> Sequence[Sequence[float]]:
@@ -30,8 +30,8 @@ class HasInterfaces(Protocol):
 
 
 class DynamicStates:
-    """Publisher of ``dynamic_joint_states``. The publisher fills its message only if there is a subscriber, because
-    filling it is slow."""
+    """Publisher of ``dynamic_joint_states``. The publisher fills in its message only if there is a subscriber, because
+    this is slow."""
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller
@@ -44,7 +44,7 @@ class DynamicStates:
         self._message.header.frame_id = frame_id
 
     def publish(self, state: JointState, stamp: Time) -> None:
-        """Publish a state if there is a subscriber."""
+        """Publish the state if there is a subscriber."""
         if not self._topic.get_subscription_count():
             return
         self._message.header.stamp = stamp
@@ -97,8 +97,8 @@ class JointStateNode:
 
 
 class ServoStateNode:
-    """Interface node of a servo state broadcaster. ``publish`` runs after each cycle, but publishes a state only if it
-    is new."""
+    """Interface node of a servo state broadcaster. ``publish`` is called after each cycle, but publishes a state only
+    if it is new."""
 
     def __init__(self, node: Node, controller: ServoStateBroadcaster) -> None:
         self.node = node

@@ -31,7 +31,7 @@ from nodes.ros_time import RosTime
 LOG = logging.getLogger("servoloop.nodes")
 
 LAST_CYCLES = 2
-"""Number of extra cycles a node exists after its controller is unloaded, so that clients receive results."""
+"""Number of extra cycles for which a node exists after its controller is unloaded, so that clients receive results."""
 
 _INCOMPLETE = "controller %s is running, but its ROS node is incomplete because of this error"
 
@@ -46,8 +46,8 @@ class ControllerNode:
             TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
         )
         self._specs = [spec]
-        """The original specification and all specifications created by parameter changes. The control loop possibly
-        does not use the latest specification yet."""
+        """The original specification and all specifications created by parameter changes. The control loop may not be
+        using the latest specification yet."""
         self.controller: Controller | None = None
         """Controller to which the interface node belongs."""
         self._set_interface(None)
@@ -97,7 +97,7 @@ class ControllerNode:
         return self._cycles_left < 0
 
     def set_controller(self, controller: Controller | None) -> None:
-        """Add the interface of ``controller`` after the extra cycles of the previous interface have passed."""
+        """Add the interface of ``controller`` once the extra cycles of the previous interface have passed."""
         if self.controller is controller or (self._interface_entities is not None and not self.last_cycles_are_over()):
             return
         self._remove_interface()
@@ -143,13 +143,13 @@ class ControllerNodes:
         self._unloaded: dict[str, ControllerNode] = {}
         self._failed: dict[str, Loaded] = {}
         """Controllers whose nodes could not be updated. The update of such a node is retried only after its controller
-        has changed."""
+        changes."""
         self._synchronized_with: object = None
         self._complete = True
 
     @property
     def controllers(self) -> Iterator[Controller]:
-        """Controllers whose nodes have their interfaces."""
+        """Controllers whose nodes have interfaces."""
         return (node.controller for node in self._nodes.values() if node.controller is not None)
 
     @property

@@ -19,9 +19,9 @@ BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than
 class ControllerParameters:
     """ROS parameters of one controller. Names of nested parameters contain dots (``constraints.joint1.goal``).
 
-    A parameter can be set if its name or the name of its group is in ``settable``. A parameter without a value can be
-    set until the controller is ``configured``. All other parameters are read-only. The function ``change`` receives the
-    new parameters and raises ValueError to reject them.
+    A parameter can be set if its own name or its group's name is in ``settable``. A parameter without a value can be
+    set until the controller has been ``configured``. All other parameters are read-only. The ``change`` function
+    receives the new parameters and raises ValueError to reject them.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class ControllerParameters:
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, parameters: Parameters) -> None:
-        """Declare new parameters, such as the constraints of an added joint."""
+        """Declare new parameters, such as the constraints for an added joint."""
         for name, value, info in flat(parameters):
             if not self._node.has_parameter(name):
                 _declare(self._node, name, value, _descriptor(value, info, _may_be_set(name, self._settable)))
@@ -108,7 +108,7 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
 
 
 def _plain(value: Any) -> Any:
-    """Convert enumerations to their values and sequences to lists, as ROS parameters require."""
+    """Convert enumerations to their values, and sequences to lists, as required for ROS parameters."""
     if isinstance(value, Enum):
         return value.value
     return [_plain(item) for item in value] if isinstance(value, tuple | list | set | frozenset) else value
@@ -135,7 +135,7 @@ def _descriptor(value: Any, info: FieldInfo | None, settable: bool) -> Parameter
 
 
 def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
-    if value == []:  # rclpy would take an empty list for a list of bytes.
+    if value == []:  # rclpy would interpret an empty list as a list of bytes.
         kind = Parameter.Type.STRING_ARRAY
         node.declare_parameter(name, kind)
         node.set_parameters([Parameter(name, kind, [])])

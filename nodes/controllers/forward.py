@@ -11,10 +11,10 @@ from nodes.publishing import ANY_CLIENT
 
 
 class TakesCommands(Protocol):
-    """A forward command controller with any kind of command interface."""
+    """A forward command controller with any type of command interface."""
 
     def submit(self, values: list[float]) -> str | None:
-        """Submit a command. Return the reason why the command is dropped, or None if it is accepted."""
+        """Submit a command. Return the reason why the command was dropped, or None if it was accepted."""
         ...
 
 
@@ -27,7 +27,7 @@ class ForwardNode:
         self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, ANY_CLIENT)
 
     def publish(self, stamp: Time) -> None:
-        """Do nothing, because a forward command controller publishes no topic."""
+        """Do nothing, because a forward command controller does not publish any topics."""
 
     def _on_command(self, message: Float64MultiArray) -> None:
         reason = self._controller.submit(list(message.data))

@@ -1,4 +1,4 @@
-"""Serve the action ``~/gripper_cmd`` of the gripper controllers, with either of ros2_control's two action types."""
+"""Serve the action ``~/gripper_cmd`` of the gripper controllers, using either of ros2_control's two action types."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ from nodes.publishing import RateLimiter
 
 
 class GripperNode(ABC):
-    """Interface node of a gripper controller. ``publish`` runs after each cycle."""
+    """Interface node of a gripper controller. ``publish`` is called after each cycle."""
 
     action: ClassVar[Any]
 
@@ -95,7 +95,7 @@ class ParallelGripperNode(GripperNode):
         if count != 1:
             raise ValueError(f"Received action goal with wrong number of position values, expects 1, got {count}")
         if names not in ([], [self.joint]):
-            raise ValueError(f"the goal names {', '.join(names)}, but the joint of this gripper is {self.joint}")
+            raise ValueError(f"the goal is for {', '.join(names)}, but the joint of this gripper is {self.joint}")
         return GripperGoal(command.position[0], _only(command.velocity), _only(command.effort))
 
     def result(self, state: GripperState, stamp: Time) -> ParallelGripperCommand.Result:
@@ -138,7 +138,7 @@ class PositionGripperNode(GripperNode):
 
 
 def _only(values: Any) -> float:
-    """Return the single value of an optional field, or 0 if the field is empty."""
+    """Return the value of an optional single-value field, or 0 if the field is empty."""
     if len(values) > 1:
-        raise ValueError(f"{len(values)} velocities or efforts for one joint: send at most one of each")
+        raise ValueError(f"the goal has {len(values)} velocities or efforts for one joint: send at most one of each")
     return float(values[0]) if len(values) else 0.0

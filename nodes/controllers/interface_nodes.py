@@ -39,7 +39,7 @@ class NewestCycleNode(Protocol):
 
 @runtime_checkable
 class EveryCycleNode(Protocol):
-    """An interface node that publishes every cycle, even if the ROS thread lags behind the loop."""
+    """An interface node that publishes every cycle, even if the ROS thread lags behind the control loop."""
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
         """Publish the measured state of one cycle, with its ROS time."""
@@ -47,13 +47,14 @@ class EveryCycleNode(Protocol):
 
 
 ControllerInterfaceNode = NewestCycleNode | EveryCycleNode
-"""An interface node that has ``publish``, ``publish_cycle`` or both. ``publish`` is called after ``publish_cycle`` was
-called for all cycles.
+"""An interface node that has ``publish``, ``publish_cycle`` or both. ``publish`` is called after ``publish_cycle`` has
+been called for all cycles.
 
-The methods never run at the same time as a callback of a node. The interface node exists from the configuration of its
-controller to the cleanup. The interface node is created as ``Class(node, controller)``. The manager creates ``node``
-with the name, parameters and remappings of the controller when the controller is loaded, and keeps the node until the
-controller is unloaded. At cleanup, the manager removes everything that the interface node has added to ``node``.
+The methods of the interface node never run at the same time as a callback of a node. The interface node exists from the
+configuration of its controller until the cleanup. The interface node is created as ``Class(node, controller)``. The
+manager creates ``node`` with the controller's name, parameters and remappings when the controller is loaded, and keeps
+the node until the controller is unloaded. At cleanup, the manager removes everything that the interface node has added
+to ``node``.
 """
 
 
@@ -82,8 +83,8 @@ _OURS: Final[Mapping[str, Callable[[Node, Any], ControllerInterfaceNode]]] = {
 
 
 def interface_node_of(node: Node, controller: Controller) -> ControllerInterfaceNode:
-    """Add the interface of a controller to ``node``. Exceptions raised by an installed interface class are passed to
-    the caller."""
+    """Add a controller's interface to ``node``. Exceptions raised by an installed interface class are passed to the
+    caller."""
     installed = entry_points(group=ENTRY_POINTS, name=controller.kind)
     maker = next((point.load() for point in installed), _OURS.get(controller.kind, PlainNode))
     interface: ControllerInterfaceNode = maker(node, controller)

@@ -1,4 +1,4 @@
-"""Remove the ROS entities that the interface of a controller has added to its node."""
+"""Remove the ROS entities that a controller's interface has added to its node."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -29,7 +29,7 @@ class NodeEntities:
         self._parameters = node.parameter_names
 
     def remove(self) -> None:
-        """Restore the node to its state when this object was created."""
+        """Restore the node to the state it was in when this object was created."""
         node = self._node
         for waitable in _new(node.waitables, self._waitables):
             if isinstance(waitable, ActionServer | ActionClient):  # Other entities are removed with their owners.

@@ -1,4 +1,4 @@
-"""Publish states and feedback of the joint trajectory controller. The goals of the controller are handled in
+"""Publish states and feedback of the joint trajectory controller. The controller's goals are handled in
 trajectory_goals.py."""
 
 from typing import Final
@@ -26,8 +26,8 @@ NOTHING: Final = np.empty(0)
 class TrajectoryNode:
     """Interface node of a joint trajectory controller. The node publishes a state and feedback for each cycle.
 
-    In addition to the goals, the node provides ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
-    ``~/query_state``.
+    In addition to handling goals, the node provides ``~/controller_state``, ``~/speed_scaling_input`` and
+    ``~/query_state``, as in ros2_control.
     """
 
     def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
@@ -52,7 +52,7 @@ class TrajectoryNode:
             self._goals.newest = None
 
     def publish(self, stamp: Time) -> None:
-        """Send the results of finished goals, after the states of all cycles have been published."""
+        """Send the results of finished goals once the states of all cycles have been published."""
         self._goals.under_way.finish_decided()
 
     def _on_scaling(self, message: SpeedScalingFactor) -> None:

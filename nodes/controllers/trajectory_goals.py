@@ -76,7 +76,7 @@ class TrajectoryGoals:
             self._controller.submit(goal)
 
     def _refuse(self, reason: str) -> None:
-        """Log and publish the reason for a rejection."""
+        """Log and publish the reason why a message was rejected."""
         self._node.get_logger().error(printable(reason))
         self._reason.publish(String(data=reason))
 
@@ -89,7 +89,7 @@ class TrajectoryGoals:
         return self._timed(request.trajectory, tolerances)
 
     def _timed(self, message: JointTrajectory, tolerances: Tolerances, from_topic: bool = False) -> TrajectoryGoal:
-        """Convert a trajectory and add the time of the next cycle, estimated from the latest cycle."""
+        """Convert a trajectory and add the time of the next cycle, estimated from that of the latest cycle."""
         now_s = self._clock.now().nanoseconds * 1e-9
         goal = _trajectory(message, now_s, tolerances, from_topic)
         if self.newest is None:
@@ -119,8 +119,8 @@ def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, 
 def _tolerance(message: JointTolerance) -> float:
     """Return the position tolerance.
 
-    Tolerances of velocity and acceleration do not affect position commands. As in ros2_control, however, an invalid
-    tolerance of velocity or acceleration makes the whole tolerance invalid.
+    Velocity and acceleration tolerances do not affect position commands. As in ros2_control, however, an invalid
+    velocity or acceleration tolerance makes the whole tolerance invalid.
     """
     others = (message.velocity, message.acceleration)
     return next((float(other) for other in others if other < 0.0 and other != ERASE), float(message.position))
@@ -131,8 +131,8 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was rejected. This is a function, because a bound method in the client limits would prevent
-    the node from being freed."""
+    """Publish why a message was rejected. This is a function because storing a bound method in the client limits would
+    prevent the node from being freed."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

@@ -1,1 +1,1 @@
-"""The node ``/controller_manager`` and the nodes of the hardware components."""
+"""The ``/controller_manager`` node and the nodes of the hardware components."""

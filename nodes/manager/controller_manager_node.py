@@ -66,7 +66,7 @@ class ManagerNode:
         parameters = stack.factory.file.manager
         self._declare(parameters)
         self._introspection = self._introspect(stack) if parameters.get("publish_introspection") else None
-        group = ReentrantCallbackGroup()  # Other requests are served while one request waits.
+        group = ReentrantCallbackGroup()  # Other requests are served while one request is waiting.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
             (ListControllerTypes, "list_controller_types", self._types),
@@ -84,7 +84,7 @@ class ManagerNode:
             self.node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
-        """Publish the interfaces and the times of a cycle, if the parameter ``publish_introspection`` is set."""
+        """Publish the interfaces and the times of a cycle if the parameter ``publish_introspection`` is set."""
         if self._introspection is not None:
             self._introspection.publish(state, stamp)
 
@@ -110,7 +110,7 @@ class ManagerNode:
             self._activity.publish(message)
 
     def _declare(self, parameters: Mapping[str, Any]) -> None:
-        """Declare the parameters of the controllers file, as ros2_control does, and declare the robot description in
+        """Declare the parameters in the controllers file, as ros2_control does, and declare the robot description in
         use."""
         rate = round(1.0 / self._stack.loop.period_s)
         fixed = {"update_rate": rate, "robot_description": self._stack.description.xml, "enforce_command_limits": True}
@@ -135,7 +135,7 @@ class ManagerNode:
         self.node.add_post_set_parameters_callback(_set_size)
 
     def _setting(self, controller: str, key: str) -> Any:
-        """Return the parameter ``<controller>.<key>``, or None."""
+        """Return the value of the parameter ``<controller>.<key>``, or None."""
         return self.node.get_parameter_or(f"{controller}.{key}").value if controller else None
 
     def _on_description(self, message: String) -> None:

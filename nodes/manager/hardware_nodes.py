@@ -26,7 +26,7 @@ class HardwareNodes:
         self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
         self._stack, self._others = stack, others
         self._state: JointState | None = None
-        # The first node reports for all components in one message, because all components run in one process.
+        # The first node reports for all components in one message, because all components run in the same process.
         self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.nodes[0].create_timer(1.0, self._publish)
         for component, node in zip(components, self.nodes, strict=True):
@@ -51,7 +51,7 @@ class HardwareNodes:
 def diagnostic_message(status: Status, namespace: str) -> DiagnosticStatus:
     """Convert a status to its message.
 
-    The name in the message begins with the namespace of the stack, because all namespaces share /diagnostics.
+    The name in the message begins with the stack's namespace, because all namespaces share /diagnostics.
     """
     return DiagnosticStatus(
         level=bytes([status.level]),
@@ -63,7 +63,7 @@ def diagnostic_message(status: Status, namespace: str) -> DiagnosticStatus:
 
 
 def _node_name(component: str) -> str:
-    """Convert a component name, which may be any text, to a valid node name (letters, digits and underscores)."""
+    """Convert a component name, which may be any string, to a valid node name (letters, digits and underscores)."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", component)
     return f"_{name}" if name[0].isdigit() else name
 

@@ -18,12 +18,12 @@ from nodes.publishing import EVERY_CALL
 from nodes.stack import Stack
 
 LONGEST_NAME: Final = 100
-"""Maximum length of a name in a message, in characters, so that the rest of the message fits."""
+"""Maximum length of a name in a message, in characters, chosen so that the rest of the message fits."""
 
 
 class HardwareServices:
-    """Hardware services of ``/controller_manager``, which run in the ROS thread. A state change may take seconds. Other
-    requests are served during a state change."""
+    """Hardware services of ``/controller_manager``, which run in the ROS thread. A state change may take several
+    seconds. Other requests are served during a state change."""
 
     def __init__(self, node: Node, stack: Stack, pending: PendingRequests) -> None:
         self._node = node
@@ -108,7 +108,7 @@ class HardwareServices:
 
 
 def _target(state: State) -> LifecycleState | None:
-    """Return the state with the given ID, or with the given label if the ID is 0."""
+    """Return the state with the given ID, or the state with the given label if the ID is 0."""
     return next(
         (s for s in LifecycleState if s.value == state.id or (not state.id and s.name.lower() == state.label)), None
     )

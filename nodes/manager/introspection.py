@@ -1,6 +1,6 @@
-"""Publish the interfaces of the hardware and the times of the loop, as ros2_control does with pal_statistics.
+"""Publish the hardware interfaces and the loop times, as ros2_control does with pal_statistics.
 
-PlotJuggler draws these topics. A cycle is published only if a program has subscribed.
+PlotJuggler can plot these topics. A cycle is published only if there is a subscriber.
 """
 
 import math
@@ -33,7 +33,7 @@ MICROSECONDS: Final = 1e6
 
 
 class _Topics:
-    """The topics ``full``, ``names`` and ``values`` of one list of variables."""
+    """The topics ``full``, ``names`` and ``values`` for one list of variables."""
 
     def __init__(self, node: Node, topic: str, names: Sequence[str]) -> None:
         self._full = node.create_publisher(Statistics, f"{topic}/full", EVERY_CYCLE)
@@ -45,7 +45,7 @@ class _Topics:
         self._names.publish(message)
 
     def publish(self, values: Callable[[], Sequence[float]], stamp: Time) -> None:
-        """Publish values in the order of the names. The values are computed only if there is a subscriber."""
+        """Publish values in the same order as the names. The values are computed only if there is a subscriber."""
         full, alone = self._full.get_subscription_count(), self._values.get_subscription_count()
         if not full and not alone:
             return
@@ -72,7 +72,7 @@ class RunningFigure:
     _squares: float = 0.0
 
     def add(self, value: float) -> None:
-        """Add a value (Welford's method)."""
+        """Add a value, using Welford's method."""
         self.count += 1
         self.highest = value if self.count == 1 else max(self.highest, value)
         self.lowest = value if self.count == 1 else min(self.lowest, value)
@@ -88,7 +88,7 @@ class RunningFigure:
 
 
 class LoopTimes:
-    """Times of the control loop: its execution and its reads in µs, and its rate in Hz."""
+    """Times of the control loop: the execution and read times in µs, and the rate in Hz."""
 
     names = tuple(f"controller_manager.{what}" for what in ("total_time", "read_time", "periodicity"))
 

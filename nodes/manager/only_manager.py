@@ -1,4 +1,4 @@
-"""Name of the controller manager, of which only one may run in a namespace. Imports no ROS package."""
+"""Name of the controller manager, of which only one may run in each namespace. Imports no ROS package."""
 
 from typing import Final
 
@@ -8,4 +8,4 @@ OTHER: Final = (
     "another node is named {}, so a client's goal would move the arms of both stacks: stop the other stack, or choose "
     "another --namespace or another ROS_DOMAIN_ID for this stack"
 )
-"""Message if another controller manager with the name in the braces is in the ROS graph."""
+"""Message to use if another controller manager, whose name replaces the braces, is in the ROS graph."""

@@ -31,7 +31,7 @@ class PendingRequests:
         return any(request.done for request, _ in self._pending)
 
     def resume_done(self) -> None:
-        """Resume the callbacks of completed requests in the next turn of the executor. Call this method after each
+        """Resume the callbacks of completed requests in the next iteration of the executor. Call this method after each
         cycle."""
         done = [future for request, future in self._pending if request.done]
         self._pending = [pair for pair in self._pending if not pair[0].done]

@@ -1,1 +1,1 @@
-"""The camera node, which publishes the images of a camera and grades the apples in them."""
+"""The camera node, which publishes camera images and grades the apples in them."""

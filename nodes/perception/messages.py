@@ -52,8 +52,8 @@ def camera_info(intrinsics: Intrinsics, header: Header) -> CameraInfo:
 
 
 def apple_array(apples: Sequence[GradedApple], header: Header) -> AppleQualityArray:
-    """Return the message with the values of the apples, in the order of ``pose_array``. An apple without a grade has an
-    empty string as its grade."""
+    """Return the message with the apples' values, in the order of ``pose_array``. For an ungraded apple, the grade is
+    an empty string."""
     return AppleQualityArray(
         header=header,
         apples=[
@@ -69,14 +69,14 @@ def apple_array(apples: Sequence[GradedApple], header: Header) -> AppleQualityAr
 
 
 def pose_array(apples: Sequence[GradedApple], header: Header) -> PoseArray:
-    """Return the message with the centers of the apples in base_link."""
+    """Return the message with the centers of the apples in the base_link frame."""
     return PoseArray(header=header, poses=[_pose(apple) for apple in apples])
 
 
 def diagnostics(name: str, status: GradingStatus, stamp: Time) -> DiagnosticArray:
-    """Return the diagnostic status of the camera and of the grading. While the camera works, each frame is graded."""
+    """Return the diagnostic status of the camera and the grading. As long as the camera works, each frame is graded."""
     level = DiagnosticStatus.OK if status.working else DiagnosticStatus.ERROR
-    message = status.message if status.working else f"nothing is graded: {status.message}"
+    message = status.message if status.working else f"no images are graded: {status.message}"
     values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
     entry = DiagnosticStatus(level=level, name=name, message=message, hardware_id="camera", values=values)
     return DiagnosticArray(header=Header(stamp=stamp), status=[entry])

@@ -1,4 +1,4 @@
-"""Publish the images of a camera and the apples in them.
+"""Publish the camera images and the apples in them.
 
 A thread reads the camera, grades the apples and publishes the results. The executor serves the parameters and publishes
 ``/diagnostics``.
@@ -89,7 +89,7 @@ class CameraNode:
                 self._set(loop.status)
                 if seen is not None and rclpy.ok():
                     self._publish(seen, intrinsics)
-        except Exception as error:  # The node must report that it grades no images.
+        except Exception as error:  # The node must report that it no longer grades images.
             self._set(GradingStatus(False, f"internal error: {type(error).__name__}: {error}"))
             self._node.get_logger().error(printable_line(f"the camera has stopped: {error!r}"))
         finally:
@@ -98,7 +98,7 @@ class CameraNode:
     def _publish(self, seen: Seen, intrinsics: Intrinsics) -> None:
         rgb, stamp = seen.frame.rgb, self._stamp(seen.frame.stamp_s)
         header = Header(stamp=stamp, frame_id=self._camera_frame)
-        if seen.apples is not None:  # The apples are published first, because the arm waits for them.
+        if seen.apples is not None:  # The apples are published first, because the arm is waiting for them.
             self._apples.publish(apple_array(seen.apples, header))
             self._poses.publish(pose_array(seen.apples, Header(stamp=stamp, frame_id=self._base_frame)))
         self._infos.publish(camera_info(intrinsics, header))
@@ -107,20 +107,20 @@ class CameraNode:
         _if_wanted(self._annotated, lambda: image(annotated(rgb, seen.apples or ()), header))
 
     def _stamp(self, stamp_s: float) -> Time:
-        """Convert a time of capture on the clock of the camera to ROS time."""
+        """Convert a capture time on the camera's clock to ROS time."""
         return RosTimePoint(nanoseconds=round((stamp_s + wall_offset_s(self._clock, time)) * 1e9)).to_msg()
 
     def _set(self, status: GradingStatus) -> None:
-        """Store a state, and log the beginning or the end of a failure."""
+        """Store the status, and log when a failure begins or ends."""
         self._status = status
         problem = "" if status.working else status.message
         if problem == self._logged:
             return
         self._logged = problem
-        if problem:  # rclpy allows only one severity per line of code.
-            self._node.get_logger().error(printable_line(f"nothing is graded: {problem}"))
+        if problem:  # rclpy accepts only one severity per call site.
+            self._node.get_logger().error(printable_line(f"no images are graded: {problem}"))
         else:
-            self._node.get_logger().info("the camera works, and its images are graded")
+            self._node.get_logger().info("the camera works, and its images are being graded")
 
     def _report(self) -> None:
         now = self._node.get_clock().now().to_msg()

@@ -50,15 +50,15 @@ class CameraSetup:
 
 
 Setup = Callable[[Node], CameraSetup]
-"""Function that declares the parameters of a camera and opens the camera. The function raises a PerceptionError if the
-camera cannot be opened."""
+"""Function that declares a camera's parameters and opens the camera. Raises PerceptionError if the camera cannot be
+opened."""
 
 
 def declare(node: Node, name: str, default: Any, description: str) -> Any:
     """Declare a read-only parameter, and return its value, which has the type of the default.
 
-    On a command line, ``source:=0`` and ``rate_hz:=30`` are whole numbers, so both parameters accept numbers and
-    strings. Raises PerceptionError if the value cannot be converted.
+    On a command line, ``source:=0`` and ``rate_hz:=30`` are integers, so both parameters accept numbers and strings.
+    Raises PerceptionError if the value cannot be converted.
     """
     descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True, description=description)
     value = node.declare_parameter(name, default, descriptor).value
@@ -72,12 +72,12 @@ def declare(node: Node, name: str, default: Any, description: str) -> Any:
 
 
 def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:
-    """Return a camera set-up for a camera that the program has created."""
+    """Return the setup for a camera that the program has created."""
     return lambda node: CameraSetup(source, view.intrinsics, Grader(view, settings).grade)
 
 
 def camera_of_parameters(clock: Clock) -> Setup:
-    """Return a camera set-up for the camera that the parameters select."""
+    """Return the setup for the camera that the parameters select."""
 
     def setup(node: Node) -> CameraSetup:
         values = {name: declare(node, name, *rest) for name, rest in OWN.items()}
@@ -101,5 +101,5 @@ def _grading(values: Mapping[str, Any], grader: Grader) -> Grading:
         raise PerceptionError(f"parameter 'detector' is {values['detector']!r}: choose color or onnx")
     for name in ("model_file", "classes_file"):
         if not values[name]:
-            raise PerceptionError(f"parameter '{name}' is empty: set it to the file of your detector")
+            raise PerceptionError(f"parameter '{name}' is empty: set it to your detector's file")
     return OnnxGrader(Path(values["model_file"]), read_classes(Path(values["classes_file"])), grader).grade

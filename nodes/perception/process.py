@@ -40,7 +40,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def run_source(source: CameraSource, view: CameraView, settings: GradingSettings, args: Sequence[str]) -> int:
-    """Run the node as ``run`` does, but with a given camera whose stamps are times of the monotonic clock."""
+    """Run the node like ``run``, but with a given camera whose timestamps are monotonic clock times."""
     return _run(args, given_camera(source, view, settings))
 
 

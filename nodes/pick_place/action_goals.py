@@ -1,4 +1,4 @@
-"""Send goals to one action server, one at a time, and wait for their outcomes within the timeouts of the settings."""
+"""Send goals to one action server, one at a time, and wait for each outcome within the configured timeouts."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -46,7 +46,7 @@ class SentGoals:
             self._stop.set_result(None)
 
     async def send(self, goal: Any, more_s: float = 0.0) -> JobOutcome:
-        """Send one goal and wait for its outcome. ``more_s`` is added to the maximum time of the result."""
+        """Send one goal and wait for its outcome. ``more_s`` is added to the maximum time to wait for the result."""
         self._stop = Future()
         server_s = self._settings.server_timeout_s
         found = await self._waiter.until_ready(server_s, self._client.server_is_ready, self._stop)
@@ -67,7 +67,7 @@ class SentGoals:
         if not await self._waiter.until_moved(timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
             return self._unfinished("the arm did not finish in time; its goal is canceled", timeout_s)
-        if not result.done():  # stop() has stopped the motion.
+        if not result.done():  # stop() was called.
             goal.cancel_goal_async()
             cancel_timeout_s = self._settings.cancel_timeout_s
             if not await self._waiter.until_moved(cancel_timeout_s, is_available, result):

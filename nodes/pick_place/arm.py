@@ -1,4 +1,4 @@
-"""Move the arm and the hand of a job through the controllers of the stack."""
+"""Move the arm and the hand during a job through the controllers of the stack."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from pick_place.settings import ArmSettings
 
 
 def hand_topic(settings: ArmSettings) -> str:
-    """Return the topic of the commands for the hand."""
+    """Return the command topic of the hand."""
     return f"{settings.hand_controller}/commands"
 
 
@@ -29,11 +29,11 @@ class RosArm:
         self._hand = node.create_publisher(Float64MultiArray, hand_topic(settings), 10)
 
     def wait_for_server(self, timeout_s: float) -> bool:
-        """Block until the action server of the arm appears, and return whether it appeared in time."""
+        """Block until the arm's action server appears, and return whether it appeared in time."""
         return self._goals.wait_for_server(timeout_s)
 
     def hand(self, position_m: float) -> None:
-        """Send a position to the fingers without waiting for them."""
+        """Send a finger position without waiting for the fingers to reach it."""
         self._hand.publish(Float64MultiArray(data=[position_m]))
 
     def stop(self) -> None:
@@ -41,7 +41,7 @@ class RosArm:
         self._goals.stop()
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
-        """Send one goal and wait for its outcome, within the timeouts of the settings."""
+        """Send one goal and wait for its outcome, within the configured timeouts."""
         return await self._goals.send(self._goal(positions_rad))
 
     def _goal(self, positions_rad: Sequence[float]) -> Any:

@@ -1,4 +1,4 @@
-"""Client of the pick-place action for ``servoloop pick`` and the demo. All waits of the client are limited in time."""
+"""Client of the pick-place action for ``servoloop pick`` and the demo. Every wait of the client has a timeout."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,23 +19,23 @@ from nodes.ros_process import spin_until_done
 ACTION: Final = "sorting/arm/pick_place"
 ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
-"""Maximum time for the result after a cancel, in seconds. The node takes up to 3 s for the response to its goal and 2 s
-for the confirmation that the arm has stopped."""
+"""Maximum time to wait for the result after canceling, in seconds. The node waits up to 3 s for the response to its
+goal and 2 s for confirmation that the arm has stopped."""
 GONE_S: Final = 3.5
-"""Minimum time without an answer after which the server counts as lost, in seconds. A killed node leaves the graph only
-when its liveliness lease expires, after 20 s (Fast DDS)."""
+"""Minimum time without a response after which the server is considered lost, in seconds. A killed node leaves the graph
+only when its liveliness lease expires, after 20 s (Fast DDS)."""
 GONE_CANCELED_S: Final = 0.8
-"""Maximum time without an answer from the server after a cancel, in seconds. This limit is shorter than ``GONE_S``,
-because the user is waiting for the program to exit."""
+"""Maximum time without a response from the server after a cancel request, in seconds. This limit is shorter than
+``GONE_S``, because the user is waiting for the program to exit."""
 QUIET_S: Final = 120.0
 """Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
-15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""
+15 s for a motion to finish. A node that hangs or was restarted never sends feedback for the old goal."""
 _SPIN_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class PickOutcome:
-    """Outcome of a job. ``message`` comes from the node, or explains why the node sent no message."""
+    """Outcome of a job. ``message`` comes from the node, or explains why the node did not send one."""
 
     success: bool
     message: str
@@ -60,7 +60,7 @@ class PickClient:
         return bool(available)
 
     def pick(self, grade: str, on_phase: Callable[[str, str], None], stop: Callable[[], bool]) -> PickOutcome:
-        """Run one job and wait for its end.
+        """Run one job and wait until it ends.
 
         Args:
             grade: Grade of the cube.

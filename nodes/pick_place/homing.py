@@ -1,4 +1,4 @@
-"""Move the arm from the pose in which a failed job has left it to the ready pose, with the hand open."""
+"""Move the arm from the pose in which a failed job left it to the ready pose, with the hand open."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -12,12 +12,12 @@ from pick_place.job import JobOutcome
 from pick_place.settings import JobSettings
 
 OPEN_S: Final = 1.0
-"""Time for the fingers to open and for a released object to come to rest, in seconds."""
+"""Time for the fingers to open and for a released object to settle, in seconds."""
 _SPIN_S: Final = 0.05
 
 
 class Homing:
-    """Homing motion through the controllers of arm and hand. The caller's thread spins ``executor``."""
+    """Homing motion through the controllers of the arm and the hand. The caller's thread spins ``executor``."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: JobSettings) -> None:
         self._settings = settings
@@ -31,7 +31,7 @@ class Homing:
         while monotonic() < opened_s and not stop():
             self._executor.spin_once(timeout_sec=_SPIN_S)
         moving = self._executor.create_task(self._arm.move(self._settings.ready_rad))
-        while not moving.done():  # The motion has its own timeouts.
+        while not moving.done():  # The move enforces its own timeouts.
             if stop():
                 self._arm.stop()
             self._executor.spin_once(timeout_sec=_SPIN_S)

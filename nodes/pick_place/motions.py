@@ -1,4 +1,4 @@
-"""Connect the jobs of the node to the arm: either directly to its controllers, or through a motion planner."""
+"""Connect the node's jobs to the arm, either directly through its controllers or through a motion planner."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ class ServedArm(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ArmMotions:
-    """An arm, and the motions that each job executes with it."""
+    """The arm, and the motions that each job performs with it."""
 
     arm: ServedArm
     of_job: Callable[[], JobMotions]
     missing: str
-    """Message to show if the action server of the arm is not available."""
+    """Message to show if the arm's action server is not available."""
 
 
 def motions_of(node: Node, settings: JobSettings | PoseSettings) -> ArmMotions:
@@ -45,7 +45,7 @@ def _planned(node: Node, settings: PoseSettings) -> ArmMotions:
     try:
         from nodes.pick_place.planned_arm import PlannedArm  # The messages of the planner may not be installed.
     except ModuleNotFoundError as error:
-        raise RosError(f"motion: poses needs the package {error.name}. Run `make setup`") from error
+        raise RosError(f"motion: poses requires the package {error.name}. Run `make setup`") from error
     planner = PlannedArm(node, settings)
     missing = "the motion planner is not available yet: start `servoloop plan-server` or MoveIt"
     return ArmMotions(planner, lambda: PoseMotions(settings, planner), missing)

@@ -34,7 +34,7 @@ announcement, which Fast DDS sends every 3 s without this_machine.xml. A job its
 
 
 class PickPlaceNode:
-    """ROS interface of the node. ``PickPlaceJob`` contains the job itself."""
+    """ROS interface of the node. ``PickPlaceJob`` implements the job itself."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -53,7 +53,7 @@ class PickPlaceNode:
         node.create_subscription(AppleQualityArray, "sorting/perception/apple_quality", self._on_vision, 10)
         node.create_service(SetBool, "sorting/arm/enable", self._on_enable)
         if not self._motions.arm.wait_for_server(_DISCOVERY_S):
-            self._log.warning(f"{self._motions.missing}, or jobs will fail after a short wait")
+            self._log.warning(f"{self._motions.missing}; otherwise, jobs will fail after a short wait")
         self._server = self._serve(parameters.action_name(node))
         self._log.info(printable_line(f"ready for goals; grades {', '.join(self._grades)}"))
 
@@ -91,7 +91,7 @@ class PickPlaceNode:
         return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:
-        # If _on_goal created the job, and the response to the client were lost, the node would remain busy.
+        # If _on_goal created the job and the response to the client were lost, the node would remain busy.
         self._job = self._new_job(handle.request.grade, handle.publish_feedback)
         handle.execute()
 
@@ -150,7 +150,7 @@ class PickPlaceNode:
         return PickPlaceJob(self._jobs, grade, self._motions.of_job(), tell)
 
     async def _execute(self, handle: Any) -> Any:
-        if self._job is None:  # This cannot happen, because _on_accepted has set it.
+        if self._job is None:  # This cannot happen, because _on_accepted has set the job.
             return PickPlace.Result(message="internal error: no job")
         result = await self._run(self._job)
         if result.ending is JobEnding.SUCCEEDED:

@@ -1,4 +1,4 @@
-"""Declare the ROS parameters of the node with the defaults of its settings, and read them once."""
+"""Declare the node's ROS parameters with the default settings, and read them once."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -22,8 +22,8 @@ def undeclare_overrides(node: Node) -> set[str]:
     """Undeclare the parameters that were set by files and arguments, and return their names. ``declare`` declares these
     parameters again.
 
-    The node must be created with ``automatically_declare_parameters_from_overrides``. rclpy offers no other way to list
-    the overrides.
+    The node must be created with ``automatically_declare_parameters_from_overrides``, because rclpy offers no other way
+    to list the overrides.
     """
     given = {name for name in node.get_parameters_by_prefix("") if not name.startswith(_OF_RCLPY)}
     for name in given:
@@ -32,7 +32,7 @@ def undeclare_overrides(node: Node) -> set[str]:
 
 
 def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[str]:
-    """Yield warnings about unknown parameters and about files without parameters for this node."""
+    """Yield warnings about unknown parameters and about files that contain no parameters for this node."""
     for name in sorted(name for name in given if not node.has_parameter(name)):
         yield f"parameter '{name}' is ignored: this node has no parameter with that name"
     files = files_in(arguments)
@@ -42,12 +42,12 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
 
 
 def declare(node: Node) -> JobSettings | PoseSettings:
-    """Declare all parameters for the configured kind of motion, and read the settings.
+    """Declare all parameters for the configured type of motion, and read the settings.
 
     Raises:
         ValueError: A parameter is invalid. The message lists all errors.
     """
-    # This parameter is read at every vision message, so it can be changed at run time.
+    # This parameter is read for every vision message, so it can be changed at run time.
     node.declare_parameter(AUTO_GOAL, True)
     motion = _fixed(node, "motion", JOINTS)
     if motion not in (JOINTS, POSES):
@@ -93,7 +93,7 @@ def _object(node: Node, default: PickObject) -> PickObject:
 
 
 def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
-    """Read the settings of both kinds of motion."""
+    """Read the settings that both types of motion share."""
     return {
         "joints": tuple(_fixed(node, "joints", list(default.joints))),
         "ready_rad": _pose(node, "poses.ready", default.ready_rad),
@@ -111,7 +111,7 @@ def action_name(node: Node) -> str:
 
 
 def _fixed(node: Node, name: str, default: Any) -> Any:
-    """Declare and read a read-only parameter, so that a change at run time is rejected and not ignored."""
+    """Declare and read a read-only parameter, so that a change at run time is rejected instead of ignored."""
     value = node.declare_parameter(name, default, ParameterDescriptor(read_only=True)).value
     if value is None:
         raise ValueError(f"parameter '{name}' is missing or empty: set it in the parameters file")

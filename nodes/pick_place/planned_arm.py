@@ -1,4 +1,4 @@
-"""Plan and execute the motions of a job with MoveIt's interfaces of the node move_group."""
+"""Plan and execute the motions of a job through the MoveIt interfaces of the move_group node."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -22,11 +22,11 @@ from pick_place.pose_settings import PoseSettings, ToolPose
 MOVE_ACTION: Final = "move_action"
 EXECUTE_ACTION: Final = "execute_trajectory"
 COMPLETE: Final = 1.0 - 1e-6
-"""Minimum fraction of a straight line that counts as the whole line."""
+"""Minimum fraction of a straight line that must be planned for the line to be considered complete."""
 
 
 class PlannedArm:
-    """Arm and hand that are moved by a motion planner, one motion at a time. All methods must be called from the
+    """Arm and hand that are moved through a motion planner, one motion at a time. All methods must be called from the
     executor thread."""
 
     def __init__(self, node: Node, settings: PoseSettings) -> None:
@@ -45,18 +45,18 @@ class PlannedArm:
         return self._plans.wait_for_server(timeout_s)
 
     def stop(self) -> None:
-        """Cancel the running motion, if any, and end the current wait."""
+        """Cancel the running motion, if any, and stop waiting for it."""
         self._plans.stop()
         self._executions.stop()
         if not self._stop.done():
             self._stop.set_result(None)
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
-        """Plan a motion to joint positions and execute it."""
+        """Plan a motion to the given joint positions and execute it."""
         return await self._plan(messages.joint_goal(self._settings, positions_rad))
 
     async def move_to(self, pose: ToolPose) -> JobOutcome:
-        """Plan a motion of the tool to a pose and execute it."""
+        """Plan a motion that moves the tool to a pose, and execute it."""
         return await self._plan(messages.pose_goal(self._settings, pose))
 
     async def _plan(self, goal: Any) -> JobOutcome:
@@ -73,30 +73,31 @@ class PlannedArm:
         return await self._executions.send(ExecuteTrajectory.Goal(trajectory=line.solution))
 
     async def hand(self, position_m: float) -> JobOutcome:
-        """Send a position to the fingers, and wait until they have had time to reach it."""
+        """Send a finger position, and wait until the fingers have had time to reach it."""
         self._hand.publish(Float64MultiArray(data=[position_m]))
         self._stop = Future()
         await self._waiter.until_moved(self._settings.hand_time_s, lambda: True, self._stop)
         return JobOutcome(not self._stop.done())
 
     async def lay_object(self) -> JobOutcome:
-        """Add the object to the planning scene at its position before the pick."""
+        """Add the object to the planning scene at its position before picking."""
         return await self._change(messages.laid(self._settings))
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool in the position in which it is gripped at the pick pose."""
+        """Attach the object to the tool at the position in which it is gripped at the pick pose."""
         return await self._change(messages.attached(self._settings))
 
     async def remove_object(self) -> JobOutcome:
-        """Remove the object from the tool and from the planning scene. The object need not exist."""
+        """Remove the object from the tool and from the planning scene. The object does not have to exist."""
         return await self._remove(only_attached=False)
 
     async def drop_object(self) -> JobOutcome:
-        """Remove the object if it is attached to the tool. If the object is not attached, keep the scene unchanged."""
+        """Remove the object if it is attached to the tool. If the object is not attached, leave the scene unchanged."""
         return await self._remove(only_attached=True)
 
     async def _remove(self, *, only_attached: bool) -> JobOutcome:
-        """Remove the object from its current place. MoveIt reports a failure if the object to remove does not exist."""
+        """Remove the object from its current position. MoveIt reports a failure if the object to remove does not
+        exist."""
         outcome, response = await self._call(self._scene, OBJECTS)
         if not outcome.reached:
             return outcome

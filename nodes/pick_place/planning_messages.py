@@ -1,4 +1,4 @@
-"""Messages for the node move_group: goals for the arm, straight lines, and changes of the planning scene."""
+"""Messages for the move_group node: goals for the arm, straight lines, and planning scene changes."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -14,23 +14,23 @@ from pick_place.pose_settings import PoseSettings, ToolPose
 from planning.scene import Box, Pose, SceneObject
 
 LINE_STEP_M: Final = 0.01
-"""Distance between the poses for which a straight line is computed, in m."""
+"""Distance between consecutive poses on a straight line, in m."""
 
 
 def joint_goal(settings: PoseSettings, positions_rad: Sequence[float]) -> MoveGroup.Goal:
-    """Return the goal for a motion to joint positions."""
+    """Return the goal for a motion to the given joint positions."""
     constraints = goals.joint_constraints(dict(zip(settings.joints, positions_rad, strict=True)))
     return goals.motion_goal(settings.group, constraints, settings.speed, settings.planning_time_s)
 
 
 def pose_goal(settings: PoseSettings, pose: ToolPose) -> MoveGroup.Goal:
-    """Return the goal for a motion of the tool to a pose."""
+    """Return the goal for a motion that moves the tool to a pose."""
     constraints = goals.pose_constraints(settings.tool_link, settings.frame, pose[:3], pose[3:])
     return goals.motion_goal(settings.group, constraints, settings.speed, settings.planning_time_s)
 
 
 def line(settings: PoseSettings, pose: ToolPose) -> GetCartesianPath.Request:
-    """Return the request for a straight line from the current pose of the tool to ``pose``."""
+    """Return the request for a straight line from the current tool pose to ``pose``."""
     request = GetCartesianPath.Request(
         group_name=settings.group,
         link_name=settings.tool_link,
@@ -46,12 +46,12 @@ def line(settings: PoseSettings, pose: ToolPose) -> GetCartesianPath.Request:
 
 
 def laid(settings: PoseSettings) -> PlanningScene:
-    """Return the scene change that adds the object at its position before the pick."""
+    """Return the scene change that adds the object at its position before picking."""
     return change([object_message(_object(settings), settings.frame)])
 
 
 def attached(settings: PoseSettings) -> PlanningScene:
-    """Return the scene change that attaches the object to the tool. The object is at its position before the pick."""
+    """Return the scene change that attaches the object to the tool. The object is at its position before picking."""
     held = AttachedCollisionObject(
         link_name=settings.tool_link,
         object=object_message(_object(settings), settings.frame),

@@ -1,4 +1,4 @@
-"""Run the process of the node ``vision_pick_place_controller``, from its arguments to its exit status."""
+"""Run the process of the ``vision_pick_place_controller`` node, from its arguments to its exit status."""
 
 from collections.abc import Sequence
 

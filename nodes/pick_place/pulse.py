@@ -1,4 +1,4 @@
-"""Check whether an action server still responds, because the middleware notices a killed node only after 20 s."""
+"""Check whether an action server still responds, because the middleware detects a killed node only after 20 s."""
 
 from time import monotonic
 from typing import Final
@@ -11,15 +11,15 @@ from unique_identifier_msgs.msg import UUID
 PULSE_S: Final = 0.25
 """Period of the requests, in seconds."""
 LOST_S: Final = 1.0
-"""Time after which a request without an answer is repeated, in seconds. The server may be slow."""
+"""Time after which a request without a response is repeated, in seconds. The server may be slow."""
 _NO_GOAL: Final = CancelGoal.Request()
-"""Request to cancel a goal that does not exist. Every action server answers such a request, and it has no other
-effect."""
+"""Request that cancels a goal that does not exist. Every action server responds to such a request, and the request has
+no other effect."""
 _NO_GOAL.goal_info.goal_id = UUID(uuid=[0xFF] * 16)
 
 
 class ServerPulse:
-    """Requests to one action server, one at a time. The caller spins the executor of the node."""
+    """Liveness requests to one action server, one at a time. The caller spins the node's executor."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._client = node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
@@ -27,13 +27,13 @@ class ServerPulse:
         self.begin()
 
     def begin(self) -> None:
-        """Start watching a server that has just answered."""
+        """Start watching a server that has just responded."""
         self._forget()
         self._answered_s = monotonic()
         self._asked_s = 0.0
 
     def silent_s(self) -> float:
-        """Return the time since the server last answered, in seconds, and send the next request when it is due."""
+        """Return the time since the server last responded, in seconds, and send the next request when it is due."""
         now_s = monotonic()
         if self._answer is not None and self._answer.done():
             self._answer, self._answered_s = None, now_s

@@ -19,8 +19,8 @@ class Waiter:
 
     Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
 
-    In a simulation, motions are timed by the clock of the node. This clock stops when the simulation ends. The wait for
-    a motion therefore also ends when its server has disappeared.
+    In a simulation, motions are timed by the node's clock. The simulated clock stops when the simulation ends. The wait
+    for a motion therefore also ends when its server has disappeared.
     """
 
     def __init__(self, node: Node) -> None:
@@ -32,7 +32,7 @@ class Waiter:
         return await self._until(timeout_s, self._steady, *futures)
 
     async def until_ready(self, timeout_s: float, ready: Callable[[], bool], stop: Future) -> bool:
-        """Wait up to ``timeout_s`` until ``ready`` returns true, and return its last value.
+        """Wait up to ``timeout_s`` until ``ready`` returns true, and return the last value that it returned.
 
         A request to a server that is not connected yet is lost. The wait also ends when ``stop`` is done.
         """
@@ -43,8 +43,8 @@ class Waiter:
         return ready()
 
     async def until_moved(self, timeout_s: float, available: Callable[[], bool], *futures: Future) -> bool:
-        """Wait like ``until`` for the end of a motion, on the node's clock if time is simulated, and only while its
-        server exists."""
+        """Wait like ``until`` for a motion to end, but use the node's clock if time is simulated, and stop waiting when
+        the server disappears."""
         clock, gone, absent = self._node.get_clock(), Future(), 0
 
         def check_server() -> None:
@@ -82,7 +82,8 @@ class Waiter:
     def wake(self) -> None:
         """Make the executor check its tasks again.
 
-        rclpy resumes a waiting task only in its next turn, and it may have checked the task before its future was done.
+        rclpy resumes a waiting task only in its next iteration, and it may have checked the task before the task's
+        future was done.
         """
         if self._node.executor is not None:
             self._node.executor.wake()

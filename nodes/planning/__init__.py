@@ -1,1 +1,1 @@
-"""MoveIt's interfaces for the planner in planning/: the node ``move_group`` with its actions, services and topics."""
+"""MoveIt's interfaces to the planner in planning/: the ``move_group`` node with its actions, services and topics."""

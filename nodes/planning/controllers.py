@@ -1,4 +1,4 @@
-"""Controllers of the running stack that execute trajectories: for the arm, for grippers, and for forward commands."""
+"""Controllers of the running stack that execute trajectories: arm, gripper and forward command controllers."""
 
 from collections.abc import Callable
 from typing import Any, Final, Protocol
@@ -20,23 +20,23 @@ from nodes.planning.routes import Route
 ANSWER_S: Final = 3.0
 """Maximum time for a controller to accept a goal, in seconds."""
 CANCEL_S: Final = 10.0
-"""Maximum time for a controller to stop after a cancel, in seconds."""
+"""Maximum time for a controller to stop after a goal is canceled, in seconds."""
 SLACK: Final = 2.0
 """Factor in the time limit of a trajectory, which is ``SLACK`` times the duration plus ``SLACK_S``."""
 SLACK_S: Final = 10.0
-"""Time added to the limit, in seconds. A controller that exceeds the limit counts as stuck."""
+"""Time added to the limit, in seconds. A controller that exceeds the limit is considered stuck."""
 REST_S: Final = 0.4
-"""Time without motion after which the joints of a forward controller count as at rest, in seconds."""
+"""Time without motion after which the joints of a forward controller are considered at rest, in seconds."""
 CLOSE: Final = 2e-3
-"""Maximum distance from the command at which a joint counts as arrived, in rad or m."""
+"""Maximum distance from the commanded position at which a joint is considered to have arrived, in rad or m."""
 STILL: Final = 5e-4
-"""Maximum motion between two checks of a joint that counts as at rest, in rad or m."""
+"""Maximum motion between two checks at which a joint is considered at rest, in rad or m."""
 POLL_S: Final = 0.05
 """Period of the checks for arrival and rest, in seconds."""
 
 
 class StopRequest:
-    """A request to stop a motion, with MoveIt's code and a message for the client."""
+    """A request to stop a motion, with a MoveIt error code and a message for the client."""
 
     def __init__(self) -> None:
         self.future = Future()
@@ -61,7 +61,8 @@ class RouteController(Protocol):
     route: Route
 
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
-        """Follow a trajectory until its end or a stop. Return the reason if the trajectory was not executed, or ""."""
+        """Follow a trajectory until it ends or a stop is requested. Return the reason if the trajectory was not
+        executed, otherwise ""."""
         ...
 
 
@@ -77,7 +78,7 @@ def controllers(node: Node, routes: tuple[Route, ...], joints: JointMonitor) -> 
 
 
 class ActionController:
-    """Controller with an action: a trajectory controller or a gripper."""
+    """Controller with an action server: a trajectory controller or a gripper controller."""
 
     def __init__(self, node: Node, route: Route, action: Any, suffix: str) -> None:
         self.route = route
@@ -130,8 +131,8 @@ class ActionController:
 
 
 class ForwardController:
-    """Controller with a topic. The controller moves to the last point within its limits, on a path that it chooses
-    itself."""
+    """Controller that is commanded through a topic. The controller moves to the last point within its limits, along a
+    path that it chooses itself."""
 
     def __init__(self, node: Node, route: Route, joints: JointMonitor) -> None:
         self.route = route
@@ -160,7 +161,7 @@ class ForwardController:
         return bool(self._commands.get_subscription_count())
 
     async def _rest(self, targets: list[float], duration_s: float, stop: StopRequest) -> None:
-        """Wait until the joints have arrived, or have been at rest after the time of the trajectory."""
+        """Wait until the joints have arrived, or until they are at rest after the duration of the trajectory."""
         before, still_s, waited_s = self._positions(), 0.0, 0.0
         while not stop.requested and waited_s < duration_s * SLACK + SLACK_S:
             await self._waiter.until(POLL_S, stop.future)

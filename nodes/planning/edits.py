@@ -1,4 +1,4 @@
-"""Changes of the planning scene as clients send them: objects, attached objects and whole scenes."""
+"""Changes of the planning scene that clients send: objects, attached objects and whole scenes."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -19,7 +19,7 @@ from planning.scene import Pose, SceneObject
 
 
 class WorldEdit:
-    """A series of changes. ``world`` is the result. If a change is refused, use the previous world."""
+    """A series of changes. ``world`` is the result. If a change is rejected, use the previous world."""
 
     def __init__(self, robot: PlanningRobot, world: PlanningWorld, state: Callable[[], State | None]) -> None:
         self.world = world
@@ -30,16 +30,16 @@ class WorldEdit:
     def apply_scene(self, message: PlanningScene) -> None:
         """Apply a scene message: only its changes if ``is_diff`` is set, otherwise the whole scene.
 
-        First, objects are detached, then the objects of the world are changed, and then objects are attached. A change
-        can therefore detach an object and remove it, or remove an object and attach it.
+        First, objects are detached, then the objects of the world are changed, and then objects are attached. A single
+        message can therefore detach an object and remove it, or remove an object and attach it.
 
         Raises:
-            RequestError, PlanningError: A part of the scene is invalid, or the scene is for another robot.
+            RequestError, PlanningError: A part of the scene is invalid, or the scene is for a different robot.
         """
         name, own = message.robot_model_name, robot_name(self._robot)
         if name and name != own:
             raise RequestError(
-                "INVALID_ROBOT_STATE", f"the scene is for the robot {name}, not for {own}: load the scene of this robot"
+                "INVALID_ROBOT_STATE", f"the scene is for the robot {name}, not for {own}: load a scene for {own}"
             )
         if not message.is_diff:
             self._clear()
@@ -61,8 +61,7 @@ class WorldEdit:
         self.world = self.world.settled(self._robot)
 
     def apply_object(self, message: CollisionObject) -> None:
-        """Add an object of the world, append shapes to it, move it or remove it. Raises RequestError or
-        PlanningError."""
+        """Add a world object, append shapes to it, move it or remove it. Raises RequestError or PlanningError."""
         self._change_object(message)
         self.world = self.world.settled(self._robot)
 
@@ -105,7 +104,7 @@ class WorldEdit:
             )
 
     def _put(self, message: CollisionObject, pose: Pose) -> None:
-        """Add or replace an object of the world at a pose in the world of the scene."""
+        """Add or replace a world object at a pose in the world frame of the scene."""
         item = SceneObject(message.id, shapes_of(message), pose)
         self._check_subframes(message)
         self.world = replace(
@@ -129,7 +128,7 @@ class WorldEdit:
         self.world = replace(self.world, scene=scene, items=items)
 
     def _move(self, message: CollisionObject) -> None:
-        """Move an object and, if the message has poses of its shapes, the shapes within the object. As in MoveIt,
+        """Move an object and, if the message contains shape poses, also the shapes within the object. As in MoveIt,
         shapes in the message are ignored."""
         if message.id not in self.world.scene.objects:
             raise RequestError(
@@ -140,7 +139,7 @@ class WorldEdit:
         self._put(with_shape_poses(self.world.items[message.id], message), pose)
 
     def _append(self, message: CollisionObject) -> None:
-        """Add shapes to an object. The object moves to the pose of the message, as in MoveIt."""
+        """Add shapes to an object. The object moves to the pose in the message, as in MoveIt."""
         own = centered(message)
         pose = self._frames().in_scene(own.header.frame_id) @ pose_of(own.pose)
         self._put(joined(self.world.items[message.id], own), pose)
@@ -182,8 +181,8 @@ class WorldEdit:
         self._hold(item, link, frames.in_scene(link).inverse() @ pose, message.touch_links)
 
     def _append_attached(self, message: AttachedCollisionObject) -> None:
-        """Add shapes and touch links to an attached object. As in MoveIt, the object keeps its pose if the message has
-        no pose."""
+        """Add shapes and touch links to an attached object. As in MoveIt, the object keeps its pose if the message does
+        not contain one."""
         item, frames, held = message.object, self._frames(), self.world.scene.attached[message.object.id]
         pose = held.item.pose
         if not is_identity(item.pose):

@@ -1,4 +1,4 @@
-"""Errors of requests, and messages with MoveIt's error codes."""
+"""Request errors, and messages with MoveIt's error codes."""
 
 import traceback
 from pathlib import Path
@@ -10,7 +10,7 @@ from drivers.printable import printable_line
 from planning.errors import PlanningError
 
 SOURCE: Final = "servoloop"
-"""Name of this server, as the source of the error codes that it sends."""
+"""Name of this server, sent as the source of its error codes."""
 
 
 class RequestError(Exception):
@@ -37,7 +37,7 @@ def error_code(error: RequestError | PlanningError) -> MoveItErrorCodes:
 
 
 def crash(log: Any, error: Exception) -> MoveItErrorCodes:
-    """Return the error code of an internal error, and write its traceback to the log for a bug report."""
+    """Log the traceback of an exception for a bug report, and return the error code of an internal error."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}"
     message = f"internal error, please report it: {type(error).__name__}: {error} ({place})"

@@ -39,13 +39,14 @@ class Running:
     """The motion of all driven joints."""
     stop: StopRequest
     begun_s: float
-    """Time of the node's clock at the start, in seconds."""
+    """Time on the node's clock when the motion started, in seconds."""
     names: tuple[str, ...]
     """Names of the controllers that execute the motion."""
     is_monitored: bool = True
-    """Whether changes of the scene stop the motion. A motion that touches an object from the start is not monitored."""
+    """Whether scene changes stop the motion. A motion that already touches an object when it starts is not
+    monitored."""
     is_checked: bool = False
-    """Whether the rest of the motion is being checked against the scene."""
+    """Whether the remainder of the motion is being checked against the scene."""
     is_outdated: bool = False
     """Whether the scene has changed since the current check began."""
 
@@ -64,7 +65,7 @@ class Execution:
         self.controllers: Mapping[str, RouteController] = {}
         """Controllers of the stack, keyed by name."""
         self.idle = Future()
-        """Future that is done when no motion is running after ``stop_all``."""
+        """Future that is done when all motions have stopped after ``stop_all``."""
         store.listeners.append(self._check_all)
 
     @property
@@ -80,14 +81,14 @@ class Execution:
     async def run(
         self, trajectory: RobotTrajectory, names: Sequence[str], stop: StopRequest, *, must_be_free: bool = False
     ) -> None:
-        """Execute a trajectory until its end or until it is stopped.
+        """Execute a trajectory until it ends or is stopped.
 
         Args:
             trajectory: The trajectory.
             names: Controllers to use; if empty, the controllers of the joints.
             stop: Request that stops the motion.
-            must_be_free: Whether a trajectory that touches an object in the current scene is refused. If False, the
-                trajectory is executed, as in MoveIt, and changes of the scene do not stop it.
+            must_be_free: Whether to reject a trajectory that touches an object in the current scene. If False, the
+                trajectory is executed, as in MoveIt, and scene changes do not stop it.
 
         Raises:
             RequestError: The trajectory is invalid, was stopped, or was not executed.
@@ -95,7 +96,9 @@ class Execution:
         message = trajectory.joint_trajectory
         if trajectory.multi_dof_joint_trajectory.joint_names:
             raise RequestError(
-                "INVALID_MOTION_PLAN", "the robot has no joint with several axes: send joint trajectories"
+                "INVALID_MOTION_PLAN",
+                "multi-DOF trajectories are not supported, because the robot has no multi-DOF joint: send joint "
+                "trajectories",
             )
         checked_points(message)
         chosen = self._chosen(message, names)
@@ -130,7 +133,7 @@ class Execution:
         except RequestError as error:
             reason = str(error)
         if reason and not stop.requested:
-            stop.request("CONTROL_FAILED", reason)  # The other controllers also stop.
+            stop.request("CONTROL_FAILED", reason)  # This also stops the other controllers.
         return reason
 
     def _chosen(self, message: JointTrajectory, names: Sequence[str]) -> list[RouteController]:
@@ -146,13 +149,15 @@ class Execution:
             owner = next((one for one in usable if joint in one.route.joints), None)
             if owner is None and joint not in followers:
                 raise RequestError(
-                    "CONTROL_FAILED", f"no controller moves {joint}: use joints of {self._moved(usable)}"
+                    "CONTROL_FAILED", f"no controller moves {joint}: use only joints of {self._moved(usable)}"
                 )
             if owner is not None and owner not in chosen:
                 chosen.append(owner)
         busy = {name for running in self._running for name in running.names}
         if taken := [one.route.name for one in chosen if one.route.name in busy]:
-            raise RequestError("CONTROL_FAILED", f"{taken[0]} executes another motion: wait for its end or cancel it")
+            raise RequestError(
+                "CONTROL_FAILED", f"{taken[0]} is executing another motion: wait until the motion ends, or cancel it"
+            )
         return chosen
 
     def _moved(self, usable: Sequence[RouteController]) -> str:
@@ -176,18 +181,18 @@ class Execution:
                 )
 
     async def _check_first(self, running: Running, now: Snapshot, must_be_free: bool) -> None:
-        """Check a motion against the scene before it begins. Raises RequestError."""
+        """Check a motion against the scene before the motion begins. Raises RequestError."""
         contact = await self._workers.compute(partial(self._contact, running, now, 0.0))
         if contact is None:
             return
         text = f"{contact.one} would touch {contact.other}"
         if must_be_free:
-            raise RequestError(INVALIDATED, f"the scene has changed, and {text}: nothing has moved")
+            raise RequestError(INVALIDATED, f"the scene has changed, and {text}: the arm has not moved")
         running.is_monitored = False
-        self._log.warning(printable_line(f"on the trajectory, {text}: changes of the scene will not stop it"))
+        self._log.warning(printable_line(f"on the trajectory, {text}: scene changes will not stop this motion"))
 
     def _check_all(self) -> None:
-        """Check the rest of each motion against the changed scene."""
+        """Check the remainder of each motion against the changed scene."""
         for running in self._running:
             running.is_outdated = True
             if running.is_monitored and not running.is_checked:

@@ -17,7 +17,7 @@ STALE_S: Final = 2.0
 """Maximum age at which a measured position is still used, in seconds."""
 
 POLL_S: Final = 0.05
-"""Period of the checks for the first positions, in seconds."""
+"""Period of the checks for the first joint positions, in seconds."""
 
 
 class JointMonitor:
@@ -44,13 +44,12 @@ class JointMonitor:
             if now_s - self._seen_s.get(joint, float("-inf")) > STALE_S:
                 raise RequestError(
                     "ROBOT_STATE_STALE",
-                    f"{self._topic} has had no position of {joint} for {STALE_S:g} s: start the stack",
+                    f"no position of {joint} has been published on {self._topic} for {STALE_S:g} s: start the stack",
                 )
         return {joint: self._positions[joint] for joint in self._robot.limits}
 
     async def wait(self) -> None:
-        """Wait for the first positions, which arrive shortly after the start of this server, for at most
-        ``STALE_S``."""
+        """Wait for the first positions, which arrive shortly after this server starts, for at most ``STALE_S``."""
         for _ in range(round(STALE_S / POLL_S)):
             if self._seen_s.keys() >= self._robot.limits.keys():
                 return

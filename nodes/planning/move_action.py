@@ -1,4 +1,4 @@
-"""Serve the actions of move_group: plan and execute a motion, and execute a trajectory."""
+"""Serve the move_group actions: plan and execute a motion, and execute a trajectory."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -30,11 +30,11 @@ from nodes.publishing import EVERY_CALL, LATCHED
 from planning.motion import Motion, State
 
 REPLANS: Final = 5
-"""Default number of replanning attempts after changes of the scene."""
+"""Default number of replanning attempts after scene changes."""
 MOST_REPLANS: Final = 100
 """Maximum number of replanning attempts."""
 LONGEST_DELAY_S: Final = 10.0
-"""Maximum delay before a new plan, in seconds."""
+"""Maximum delay before replanning, in seconds."""
 CANCELED: Final = "the goal was canceled"
 """Message of a goal that was canceled."""
 
@@ -48,7 +48,7 @@ class Planning:
 
     def __init__(self, node: Node, requests: Requests, store: WorldStore, workers: Workers) -> None:
         self.requests = requests
-        """Object that computes the answers."""
+        """Object that computes the responses."""
         self._store = store
         self._workers = workers
         self._plans = node.create_publisher(DisplayTrajectory, "display_planned_path", LATCHED)
@@ -87,8 +87,8 @@ class Planning:
 
 
 class MoveActions:
-    """Server of /move_action and /execute_trajectory. Several goals may run at the same time; each plan waits for the
-    plans before it."""
+    """Server of /move_action and /execute_trajectory. Several goals may run at the same time, but each plan waits for
+    earlier plans to finish."""
 
     def __init__(self, node: Node, planning: Planning, execution: Execution) -> None:
         self._planning = planning
@@ -192,7 +192,7 @@ class MoveActions:
             await self._waiter.until(min(max(options.replan_delay, 0.0), LONGEST_DELAY_S) + 1e-3, stop.future)
 
     async def _run(self, result: Any, stop: StopRequest) -> None:
-        """Execute the planned trajectory. A change of the scene stops only the current attempt."""
+        """Execute the planned trajectory. A scene change stops only the current attempt."""
         attempt = StopRequest()
         stop.future.add_done_callback(lambda _: attempt.request(stop.code, stop.message))
         if stop.requested:
@@ -207,7 +207,8 @@ def _replans(options: Any) -> int:
 
 
 def _has_changes(diff: PlanningScene) -> bool:
-    """Return whether a scene has changes. Clients without changes send the default message, which has no scene."""
+    """Return whether a scene message contains changes. Clients that do not change the scene send the default message,
+    which has an empty scene."""
     return bool(
         diff.is_diff
         or diff.robot_model_name

@@ -1,4 +1,4 @@
-"""The node move_group: MoveIt's interfaces for one robot."""
+"""The move_group node: MoveIt's interfaces for one robot."""
 
 from collections.abc import Callable
 from typing import Final
@@ -23,17 +23,17 @@ from nodes.publishing import LATCHED
 from planning.robot import PlanningRobot
 
 NAME: Final = "move_group"
-"""Name of the node, to which MoveIt's clients connect."""
+"""Name of the node to which MoveIt's clients connect."""
 STOP_TOPIC: Final = "trajectory_execution_event"
-"""Topic on which RViz stops all motions."""
+"""Topic on which RViz requests that all motions stop."""
 POLL_S: Final = 0.05
 """Period of the checks for motions that are still running at shutdown, in seconds."""
 END_S: Final = 12.0
-"""Maximum time until all motions have stopped when the program exits, in seconds."""
+"""Maximum time for all motions to stop when the program exits, in seconds."""
 
 
 class MoveGroupNode:
-    """All interfaces of move_group. All callbacks run in the thread of one executor."""
+    """All interfaces of move_group. All callbacks run in the executor's only thread."""
 
     def __init__(
         self, node: Node, robot: PlanningRobot, routes: tuple[Route, ...], on_other: Callable[[], None]
@@ -57,7 +57,7 @@ class MoveGroupNode:
         self._actions = MoveActions(node, planning, execution)
 
     async def stop(self, reason: str) -> None:
-        """Stop all motions along their paths, and wait until the motions have stopped."""
+        """Brake all motions along their paths, and wait until they have stopped."""
         self._actions.stop_all("PREEMPTED", reason)
         for _ in range(round(END_S / POLL_S)):
             if self._actions.is_idle:

@@ -1,4 +1,4 @@
-"""Run the process of the node move_group, until a signal or until another move_group appears."""
+"""Run the move_group process until a signal arrives or another move_group appears."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ OTHER: Final = (
     "another node is named {}, so MoveIt or another servoloop plan-server is running. "
     "Stop that program first, because both programs would move the arm"
 )
-"""Message if another server with the name in the braces is in the ROS graph."""
+"""Message to show if the ROS graph contains another server with the name in the braces."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServerSettings:
-    """Settings of the process, other than the robot."""
+    """Settings of the process that do not concern the robot."""
 
     namespace: str = ""
-    """Namespace of the node and of the stack; empty for the root namespace."""
+    """Namespace of the node and of the stack, or empty for the root namespace."""
     sim_time: bool = False
     """Whether the stack runs in simulated time."""
 
@@ -47,7 +47,7 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
         The exit status.
 
     Raises:
-        RosError: ROS 2 does not start, or another move_group is running.
+        RosError: ROS 2 cannot start, or another move_group is running.
     """
     Search(NAME, settings.namespace, OTHER).finish()
     reach = init_rclpy(namespace=settings.namespace)

@@ -1,4 +1,4 @@
-"""The services of move_group: plans, kinematics, checks, the planning scene and the planners."""
+"""The services of move_group: planning, kinematics, state checks, the planning scene and the list of planners."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -45,7 +45,7 @@ PLANNERS: Final = (
     "ESTkConfigDefault",
     "LBKPIECEkConfigDefault",
 )
-"""MoveIt's ids of the planners."""
+"""Planner IDs for MoveIt."""
 
 
 class QueryServices:
@@ -61,7 +61,8 @@ class QueryServices:
         self._joints = joints
         self._workers = workers
         self._node, self._log = node, node.get_logger()
-        self._group = ReentrantCallbackGroup()  # A request is answered while others are being computed.
+        # The server responds to a request while others are still being computed.
+        self._group = ReentrantCallbackGroup()
         services: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
             (GetMotionPlan, "plan_kinematic_path", self._plan),
             (GetPositionIK, "compute_ik", self._inverse),
@@ -180,7 +181,7 @@ class QueryServices:
         return response
 
     async def _now(self, names: list[str]) -> Snapshot:
-        """Return the scene and the state. A request that contains all joints needs no measured state."""
+        """Return the scene and the state. A request that contains all joints does not require a measured state."""
         if set(self._robot.limits) <= set(names):
             return Snapshot(self._store.world, self._robot.rest)
         return await self._store.snapshot()

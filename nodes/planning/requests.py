@@ -1,5 +1,5 @@
-"""Convert requests of clients to computations on a robot and one planning scene. No function in this module
-communicates over ROS."""
+"""Convert client requests to computations on a robot and one planning scene. No function in this module communicates
+over ROS."""
 
 import math
 from collections.abc import Callable
@@ -36,7 +36,7 @@ DEFAULT_TIME_S: Final = 5.0
 LONGEST_TIME_S: Final = 60.0
 """Maximum time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
-"""Maximum number of searches for a request, regardless of the number of attempts in the request."""
+"""Maximum number of searches for a request, regardless of the number of attempts requested."""
 SLOWEST: Final = 1e-3
 """Minimum scaling factor."""
 IK_POSITION_M: Final = 1e-4
@@ -47,7 +47,7 @@ IK_TURN_RAD: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The planning scene and the measured state when a request arrived."""
+    """The planning scene and the measured state at the time a request arrived."""
 
     world: PlanningWorld
     state: State
@@ -65,7 +65,7 @@ class Planned:
 
 
 class Requests:
-    """Object that computes answers and never changes its own state. Only one thread at a time may call ``motion``."""
+    """Object that computes responses and never changes its own state. Only one thread at a time may call ``motion``."""
 
     def __init__(self, robot: PlanningRobot) -> None:
         self.robot = robot
@@ -74,7 +74,7 @@ class Requests:
         """Return the time limit of a request, in seconds. Raises RequestError if the time limit is not a number."""
         limit_s = request.allowed_planning_time
         if math.isnan(limit_s):
-            raise RequestError("PLANNING_FAILED", "allowed_planning_time is nan: send a time in seconds")
+            raise RequestError("PLANNING_FAILED", "allowed_planning_time is NaN: send a time in seconds")
         return min(limit_s, LONGEST_TIME_S) if limit_s > 0.0 else DEFAULT_TIME_S
 
     def motion(self, request: MotionPlanRequest, now: Snapshot, remaining_s: Callable[[], float]) -> Planned:
@@ -106,7 +106,7 @@ class Requests:
         return Planned(motion, start, group.group.name, begun_s - remaining_s())
 
     def inverse(self, request: PositionIKRequest, now: Snapshot) -> State:
-        """Return a state of the robot in which a link is at a given pose. Raises RequestError or PlanningError."""
+        """Return a robot state in which a link is at a given pose. Raises RequestError or PlanningError."""
         group = self.robot.group(request.group_name)
         seed, world = self._placed(request.robot_state, now)
         if len(request.pose_stamped_vector) > 1:
@@ -135,7 +135,7 @@ class Requests:
         frames = self._frames(state, world)
         base = frames.in_base(request.header.frame_id).inverse()
         if not request.fk_link_names:
-            raise RequestError("INVALID_LINK_NAME", f"the request names no link: choose from {self._links()}")
+            raise RequestError("INVALID_LINK_NAME", f"the request does not specify a link: choose from {self._links()}")
         found = []
         for link in request.fk_link_names:
             if link not in self.robot.description.links and link not in self.robot.links:
@@ -146,7 +146,7 @@ class Requests:
         return found
 
     def straight(self, request: GetCartesianPath.Request, now: Snapshot) -> tuple[State, LineMotion]:
-        """Return the start and a straight motion, as far as the motion is possible. Raises RequestError or
+        """Return the start state and a straight motion, as far as the motion is possible. Raises RequestError or
         PlanningError."""
         group = self.robot.group(request.group_name)
         start, world = self._placed(request.start_state, now)
@@ -176,8 +176,8 @@ class Requests:
     def _waypoints(
         self, request: GetCartesianPath.Request, group: GroupPlanner, start: State, world: PlanningWorld
     ) -> list[Pose]:
-        """Return the poses of a straight path in the planning frame. As in MoveIt, each waypoint in the frame of the
-        link that moves is relative to the waypoint before it. Raises RequestError or PlanningError."""
+        """Return the poses of a straight path in the planning frame. As in MoveIt, each waypoint given in the frame of
+        the moving link is relative to the previous waypoint. Raises RequestError or PlanningError."""
         frames, reader = self._frames(start, world), self._reader(group, start, world)
         name = request.header.frame_id.removeprefix("/")
         frame = frames.in_base(name)
@@ -197,7 +197,7 @@ class Requests:
         return found, checks.results(state, self._frames(state, world)), world
 
     def contacts(self, found: Validity, world: PlanningWorld) -> list[ContactInformation]:
-        """Return the messages of the pairs in contact."""
+        """Return a message for each pair in contact."""
         header = Header(frame_id=self.robot.frame)
         return [
             ContactInformation(
@@ -250,11 +250,12 @@ def _scaling(velocity: float, acceleration: float) -> Scaling:
     """Return the scaling factors. As in MoveIt, factors outside (0, 1] are replaced by 1. Raises RequestError."""
     for name, value in (("velocity", velocity), ("acceleration", acceleration)):
         if math.isnan(value) or 0.0 < value < SLOWEST:
-            raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is {value}: send {SLOWEST} to 1")
+            text = f"the {name} scaling factor is {value}: send a value from {SLOWEST} to 1"
+            raise RequestError("PLANNING_FAILED", text)
     return Scaling(*(value if 0.0 < value <= 1.0 else 1.0 for value in (velocity, acceleration)))
 
 
 def _margins(world: PlanningWorld) -> Margins:
-    """Return the usual margins, or the largest padding that a client has set."""
+    """Return the default margins, or the largest padding that a client has set."""
     usual = Margins()
     return Margins(max(usual.padding_m, *world.padding_m.values()), usual.tolerance_m) if world.padding_m else usual

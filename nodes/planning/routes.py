@@ -8,7 +8,7 @@ Kind = Literal["trajectory", "gripper", "parallel_gripper", "forward"]
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A controller, with the joints that it moves in the controller's order."""
+    """A controller and its joints, in the controller's order."""
 
     name: str
     kind: Kind

@@ -15,14 +15,14 @@ PARTS = PlanningSceneComponents
 def scene_message(
     robot: PlanningRobot, world: PlanningWorld, state: State | None, parts: int = 0, is_diff: bool = False
 ) -> PlanningScene:
-    """Return the message of a scene.
+    """Return a message for the scene.
 
     Args:
         robot: The robot.
         world: The scene.
-        state: Positions of all driven joints; None if they are not known.
-        parts: Sum of components of PlanningSceneComponents; 0 for all of them.
-        is_diff: Whether the message contains only the state of the robot, as a change.
+        state: Positions of all driven joints, or None if they are unknown.
+        parts: Sum of PlanningSceneComponents values, or 0 for all components.
+        is_diff: Whether the message contains only the robot state, as a change.
     """
     message = PlanningScene(robot_model_name=robot_name(robot), is_diff=is_diff)
     message.robot_state.is_diff = state is None or is_diff

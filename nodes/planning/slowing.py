@@ -1,4 +1,4 @@
-"""Limit the speed of a link along a motion."""
+"""Limit the speed of a link during a motion."""
 
 import math
 from dataclasses import replace
@@ -15,17 +15,17 @@ def slowed(group: GroupPlanner, motion: Motion, link: str, speed_m_s: float) -> 
     """Return a motion along the same path in which the speed of a link stays within a limit.
 
     Args:
-        group: Planner for the group that moves.
+        group: Planner for the moving group.
         motion: The motion.
-        link: Link whose speed is limited; the tip of the group if empty.
-        speed_m_s: Maximum speed, in m/s. 0 or less is no limit.
+        link: Link whose speed is limited, or empty for the tip of the group.
+        speed_m_s: Maximum speed, in m/s. A limit of 0 or less means no limit.
 
     Raises:
         RequestError: The speed is not a number.
         PlanningError: The link does not exist.
     """
     if math.isnan(speed_m_s):
-        raise RequestError("PLANNING_FAILED", "max_cartesian_speed is nan: send a speed in m/s, or 0 for no limit")
+        raise RequestError("PLANNING_FAILED", "max_cartesian_speed is NaN: send a speed in m/s, or 0 for no limit")
     if speed_m_s <= 0.0:
         return motion
     chain = group.chain(link or None, motion.end)

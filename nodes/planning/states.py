@@ -1,4 +1,4 @@
-"""Conversions between messages of robot states and positions of the driven joints."""
+"""Conversions between robot state messages and positions of the driven joints."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from planning.scene import Scene
 
 
 def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[str, float]:
-    """Return the robot state of a message. Joints that the message does not contain keep their current positions.
+    """Return the robot state in a message. Joints that the message does not contain keep their current positions.
 
     Raises:
         RequestError: The number of positions differs from the number of names.
@@ -29,7 +29,7 @@ def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[
     if message.multi_dof_joint_state.joint_names:
         raise RequestError(
             "INVALID_ROBOT_STATE",
-            f"{message.multi_dof_joint_state.joint_names[0]} is a joint with several axes: the robot has none",
+            f"{message.multi_dof_joint_state.joint_names[0]} is a multi-DOF joint, but the robot has no such joint",
         )
     return robot.state({**current, **dict(zip(names, map(float, positions), strict=True))})
 
@@ -45,7 +45,7 @@ def world_of(robot: PlanningRobot, message: RobotState, world: PlanningWorld, st
 
 
 def joint_message(robot: PlanningRobot, state: State) -> JointState:
-    """Return the message of a state, including the mimic joints."""
+    """Return a state as a message, including the mimic joints."""
     positions = {**state, **followers(robot, state)}
     message = JointState(name=list(positions), position=list(positions.values()))
     message.header = Header(frame_id=robot.frame)
@@ -53,7 +53,7 @@ def joint_message(robot: PlanningRobot, state: State) -> JointState:
 
 
 def state_message(robot: PlanningRobot, state: State, world: PlanningWorld | None = None) -> RobotState:
-    """Return the message of a state, with the attached objects of a world."""
+    """Return a state as a message, with the attached objects of a world."""
     message = RobotState(joint_state=joint_message(robot, state))
     if world is not None:
         message.attached_collision_objects = attached_messages(world.scene, world)

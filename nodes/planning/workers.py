@@ -1,4 +1,4 @@
-"""Threads that compute for the callbacks of an executor, so that requests do not wait for each other's computations."""
+"""Threads that compute for the callbacks of an executor, so that requests do not wait for each other."""
 
 from collections.abc import Callable
 from concurrent.futures import Future as ThreadFuture
@@ -15,7 +15,7 @@ Answer = TypeVar("Answer")
 
 
 class Workers:
-    """Worker threads. Searches share one thread, because OMPL's random generator is global.
+    """Worker threads. Searches share one thread, because OMPL's random number generator is global.
 
     Other computations use several threads.
     """
@@ -26,7 +26,7 @@ class Workers:
         self._compute = ThreadPoolExecutor(COMPUTING, "compute")
 
     async def search(self, work: Callable[[], Answer]) -> Answer:
-        """Run a search after the searches that are already waiting, and return its result."""
+        """Run a search after the searches that are already queued, and return its result."""
         return await self._run(self._search, work)
 
     async def compute(self, work: Callable[[], Answer]) -> Answer:
@@ -34,8 +34,8 @@ class Workers:
         return await self._run(self._compute, work)
 
     def close(self) -> None:
-        """Discard the work that has not begun. Searches that are already running end when their time limit is
-        reached."""
+        """Discard queued work that has not started. Searches that are already running end when they reach their time
+        limit."""
         self._search.shutdown(wait=False, cancel_futures=True)
         self._compute.shutdown(wait=False, cancel_futures=True)
 

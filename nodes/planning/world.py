@@ -1,4 +1,4 @@
-"""The planning scene of the server: objects (as messages and for planning), pairs that may touch, and colors."""
+"""The server's planning scene: objects (as messages and for planning), pairs that may touch, and colors."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,11 +21,11 @@ class PlanningWorld:
 
     scene: Scene
     items: Mapping[str, CollisionObject] = field(default_factory=dict)
-    """Message of each object of the world and of each attached object, with its shapes and subframes."""
+    """Messages for each world object and each attached object, with shapes and subframes."""
     allowed: AllowedCollisions = field(default_factory=AllowedCollisions)
     colors: Mapping[str, ColorRGBA] = field(default_factory=dict)
     padding_m: Mapping[str, float] = field(default_factory=dict)
-    """Padding of links that clients have set, in m."""
+    """Link padding set by clients, in m."""
 
     def names(self, robot: PlanningRobot) -> list[str]:
         """Return the names of all links and objects."""
@@ -33,15 +33,15 @@ class PlanningWorld:
         return [*robot.links, *kept, *self.scene.objects, *self.scene.attached]
 
     def settled(self, robot: PlanningRobot) -> "PlanningWorld":
-        """Return a copy of this world with the pairs that may touch according to the matrix of a message."""
+        """Return a copy of this world with the pairs that may touch according to the matrix in a message."""
         return replace(self, scene=replace(self.scene, allowed=self.allowed.touching(self.names(robot))))
 
 
 def first_world(robot: PlanningRobot) -> PlanningWorld:
-    """Return the initial world, with the fixed objects of the arm's scene file as objects that clients can change.
+    """Return the initial world, in which the fixed objects of the arm's scene file are objects that clients can change.
 
-    Objects that can move, such as the cube of a simulated bench, are omitted, because they are elsewhere after the
-    first motion. Meshes of the scene file remain obstacles that clients cannot see.
+    Objects that can move, such as the cube on a simulated bench, are omitted, because they are elsewhere after the
+    first motion. Meshes in the scene file remain obstacles that clients cannot see.
     """
     scene, items = robot.scene, dict[str, CollisionObject]()
     for name, geoms in robot.arm().world_geoms().items():
@@ -60,7 +60,7 @@ def first_world(robot: PlanningRobot) -> PlanningWorld:
 
 
 def message_of(robot: PlanningRobot, item: SceneObject) -> CollisionObject:
-    """Return the message of an object without meshes, in the planning frame."""
+    """Return a message for an object without meshes, in the planning frame."""
     message = CollisionObject(header=Header(frame_id=robot.frame), id=item.name)
     message.pose = pose_message(robot.origin.inverse() @ item.pose)
     add_shapes(message, item.shapes)
@@ -73,7 +73,7 @@ def _is_loose(model: mujoco.MjModel, geoms: Iterable[int]) -> bool:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Shape, Pose] | None:
-    """Return the shape of a geom with its pose in the world of the scene file, or None if it is a mesh.
+    """Return a geom's shape with its pose in the world frame of the scene file, or None if the geom is a mesh.
 
     A plane becomes a box below the plane.
     """

@@ -1,4 +1,4 @@
-"""The planning scene of the server, its topics, and the functions that change it."""
+"""The server's planning scene, its topics, and the functions that change it."""
 
 from collections.abc import Callable
 from typing import Final
@@ -19,9 +19,9 @@ from planning.motion import State
 from planning.robot import PlanningRobot
 
 CHANGES: Final = QoSProfile(depth=100)
-"""QoS profile of the topics that change the scene, so that no object of a burst is lost."""
+"""QoS profile for the topics that change the scene, so that no object in a burst is lost."""
 STATE_S: Final = 0.25
-"""Period at which the state of the robot is published on /monitored_planning_scene, in seconds."""
+"""Period at which the robot state is published on /monitored_planning_scene, in seconds."""
 
 Change = Callable[[WorldEdit], None]
 
@@ -31,7 +31,7 @@ class WorldStore:
 
     def __init__(self, node: Node, robot: PlanningRobot, joints: JointMonitor) -> None:
         self.world = first_world(robot)
-        """The current scene. The object itself never changes."""
+        """The current scene. The world object itself never changes."""
         self.listeners: list[Callable[[], None]] = []
         """Functions to call after each change."""
         self._robot = robot
@@ -49,17 +49,17 @@ class WorldStore:
         node.create_timer(STATE_S, self._publish_state, callback_group=group)
 
     async def snapshot(self) -> Snapshot:
-        """Return the scene and the measured state. Raises RequestError if the state is not known."""
+        """Return the scene and the measured state. Raises RequestError if the state is unknown."""
         await self._joints.wait()
         return Snapshot(self.world, self._joints.state())
 
     def apply(self, what: str, change: Change) -> str:
-        """Apply a change of the scene completely or not at all. Return the reason if the change was refused, or ""."""
+        """Apply a scene change completely or not at all. Return the reason if the change was rejected, otherwise ""."""
         edit = WorldEdit(self._robot, self.world, self._state)
         try:
             change(edit)
         except REFUSALS as error:
-            self._log.error(printable_line(f"{what} refused: {error}"))
+            self._log.error(printable_line(f"{what} rejected: {error}"))
             return str(error)
         except Exception as error:  # After an error, the server must remain available to the other clients.
             return str(crash(self._log, error).message)
@@ -72,7 +72,7 @@ class WorldStore:
     def apply_scene(self, message: PlanningScene) -> str:
         """Apply a scene message. Return the reason if the change was refused, or ""."""
         if message.world.octomap.octomap.data:
-            self._log.warning("the octomap of a scene is ignored: send boxes or meshes", once=True)
+            self._log.warning("the scene's octomap is ignored: send boxes or meshes instead", once=True)
         return self.apply("a planning scene was", lambda edit: edit.apply_scene(message))
 
     def _on_scene(self, message: PlanningScene) -> None:
@@ -85,14 +85,14 @@ class WorldStore:
         self.apply("an attached object was", lambda edit: edit.apply_attached(message))
 
     def _state(self) -> State | None:
-        """Return the measured state, or None if it is not known."""
+        """Return the measured state, or None if it is unknown."""
         try:
             return self._joints.state()
         except RequestError:
             return None
 
     def _publish_state(self) -> None:
-        """Publish the state of the robot if it has changed and a client subscribes to it."""
+        """Publish the robot state if it has changed and a client subscribes to it."""
         state = self._state()
         if state is None or not self._scenes.get_subscription_count() or state == self._published:
             return

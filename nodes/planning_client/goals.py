@@ -1,4 +1,4 @@
-"""Goals of the action /move_action, and texts for MoveIt's error codes."""
+"""Goals for the /move_action action, and descriptions of MoveIt's error codes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -26,7 +26,7 @@ _CODES: Final = {
 
 
 def error_text(code: MoveItErrorCodes) -> str:
-    """Return the name of an error code and its message, if there is one."""
+    """Return the name of an error code and, if available, its message."""
     name = _CODES.get(code.val, f"error code {code.val}")
     return f"{name}: {code.message}" if code.message else f"{name}; the log of move_group may contain the reason"
 
@@ -56,7 +56,7 @@ def pose_constraints(
         link: Name of the link.
         frame: Frame of the pose.
         position_m: Position x, y, z.
-        quaternion: Orientation x, y, z, w; None leaves the orientation free.
+        quaternion: Orientation x, y, z, w. If None, the orientation is free.
     """
     center = pose_message(position_m, (0.0, 0.0, 0.0, 1.0))
     position = PositionConstraint(link_name=link, weight=1.0)
@@ -103,6 +103,6 @@ def motion_goal(group: str, constraints: Constraints, speed: float, planning_tim
 
 
 def pose_message(position_m: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    """Return the message of a position x, y, z in m and a quaternion x, y, z, w."""
+    """Return a message for a position x, y, z in m and a quaternion x, y, z, w."""
     x, y, z = map(float, position_m)
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(**dict(zip("xyzw", quaternion, strict=True))))

@@ -1,4 +1,4 @@
-"""Client of a move_group node, for use in a command. All waits are limited in time and end when a signal arrives."""
+"""Client of a move_group node, for use in a command. Every wait has a timeout and ends when a signal arrives."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ RESPONSE_S: Final = 5.0
 CANCEL_S: Final = 5.0
 """Maximum time for the result after a cancel, in seconds."""
 EXECUTION_S: Final = 120.0
-"""Maximum time of an execution, in seconds."""
+"""Maximum duration of an execution, in seconds."""
 GONE_S: Final = 2.0
-"""Minimum time the server must be missing before the client stops waiting for its result, in seconds."""
+"""Minimum time for which the server must be missing before the client stops waiting for its result, in seconds."""
 MOVE_ACTION: Final = "move_action"
 _SPIN_S: Final = 0.05
 _KINDS: Final = {getattr(SolidPrimitive, name): name.lower() for name in ("BOX", "SPHERE", "CYLINDER", "CONE")}
@@ -35,7 +35,7 @@ START: Final = "start `servoloop up --plan`, or `servoloop plan-server` alongsid
 
 
 class PlannerError(DriverError):
-    """Error if no move_group responds, or if it refuses a request. The message contains the reason."""
+    """Error if no move_group responds, or if move_group rejects a request. The message contains the reason."""
 
 
 class UserInterruptError(Exception):
@@ -57,7 +57,7 @@ class FoundObject:
 
     message: CollisionObject
     link: str = ""
-    """Link to which the object is attached; empty for an object of the world."""
+    """Link to which the object is attached, or empty for a world object."""
 
     def text(self) -> str:
         """Describe the object in one line."""
@@ -86,7 +86,7 @@ class MoveGroupClient:
         values = self._call(GetParameters, "move_group/get_parameters", request).values
         texts = [value.string_value for value in values]
         if len(texts) != 2 or not all(texts):
-            raise PlannerError("move_group has no robot_description and robot_description_semantic: restart it")
+            raise PlannerError("move_group has no robot_description or robot_description_semantic: restart move_group")
         return texts[0], texts[1]
 
     def objects(self) -> list[FoundObject]:
@@ -111,14 +111,14 @@ class MoveGroupClient:
     def _apply(self, scene: PlanningScene) -> None:
         response = self._call(ApplyPlanningScene, "apply_planning_scene", ApplyPlanningScene.Request(scene=scene))
         if not response.success:
-            raise PlannerError("move_group did not change the scene; its log contains the reason")
+            raise PlannerError("move_group did not change the scene: see its log for the reason")
 
     def move(self, goal: MoveGroup.Goal) -> PlannedMotion:
-        """Plan a motion and execute it, unless the goal is only to plan.
+        """Plan a motion and, unless the goal is only to plan, execute it.
 
         Raises:
             PlannerError: There is no plan, or the execution failed.
-            UserInterruptError: The user ended the command. The motion is canceled.
+            UserInterruptError: The user ended the command. The motion is then canceled.
         """
         action = self._node.resolve_service_name(MOVE_ACTION)
         self._wait_for(self._moves.server_is_ready, action)
@@ -126,7 +126,7 @@ class MoveGroupClient:
         self._wait(sent, RESPONSE_S, action)
         handle = sent.result()
         if not handle.accepted:
-            raise PlannerError("move_group rejected the goal; its log contains the reason")
+            raise PlannerError("move_group rejected the goal: see its log for the reason")
         result = handle.get_result_async()
         try:
             self._wait_for_result(result, goal.request.allowed_planning_time + EXECUTION_S)
@@ -145,7 +145,7 @@ class MoveGroupClient:
             if monotonic() - seen_s > GONE_S:
                 raise PlannerError("move_group disappeared during the motion: check its log")
             if monotonic() > end_s:
-                raise PlannerError(f"the motion did not finish within {timeout_s:.0f} s and is canceled")
+                raise PlannerError(f"the motion did not finish within {timeout_s:.0f} s and is being canceled")
 
     def _call(self, service: Any, name: str, request: Any) -> Any:
         name = self._node.resolve_service_name(name)

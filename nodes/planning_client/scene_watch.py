@@ -28,9 +28,9 @@ class SceneItem:
 
     name: str
     link: str
-    """Link that holds the object; empty for an object of the world."""
+    """Link that holds the object, or empty for a world object."""
     shapes: tuple[tuple[Shape, Pose], ...]
-    """Shapes with their poses in the planning frame, or in the frame of the link."""
+    """Shapes with their poses in the planning frame or, for an attached object, in the frame of the link."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class ShownPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WatchedScene:
-    """The latest scene and the latest plan. A changed scene or plan is a new object."""
+    """The latest scene and the latest plan. Each change of the scene or plan creates a new object."""
 
     items: tuple[SceneItem, ...] = ()
     plan: ShownPlan | None = None
@@ -54,11 +54,11 @@ class WatchedScene:
 
 @dataclass(slots=True)
 class SceneWatch:
-    """Watches move_group, if it is running. Any thread may read ``newest``."""
+    """Watches move_group if it is running. ``newest`` may be read from any thread."""
 
     newest: WatchedScene = field(default_factory=WatchedScene)
     namespace: str = ""
-    """Namespace of move_group; empty for the root namespace."""
+    """Namespace of move_group, or empty for the root namespace."""
     _is_new: bool = True
     """Whether the scene has changed since the last request."""
     _answer: Future | None = None
@@ -88,7 +88,7 @@ class SceneWatch:
         self.newest = WatchedScene(self.newest.items, plan_of(message))
 
     def _request(self) -> None:
-        """Request the scene if it has changed. If an answer is lost, the scene is requested again after the next
+        """Request the scene if it has changed. If a response is lost, the scene is requested again after the next
         change."""
         if self._is_new and self._client.service_is_ready():
             if self._answer is not None:
@@ -103,7 +103,7 @@ class SceneWatch:
 
 
 def items_of(scene: PlanningScene) -> tuple[SceneItem, ...]:
-    """Return the objects of a scene. Objects that cannot be drawn are omitted."""
+    """Return the objects of a scene. Objects that cannot be displayed are omitted."""
     world = [("", item) for item in scene.world.collision_objects]
     held = [(one.link_name, one.object) for one in scene.robot_state.attached_collision_objects]
     return tuple(found for link, item in (*world, *held) if (found := _item(item, link)) is not None)
@@ -119,7 +119,7 @@ def _item(item: CollisionObject, link: str) -> SceneItem | None:
 
 
 def plan_of(message: DisplayTrajectory) -> ShownPlan | None:
-    """Return the last part of a displayed plan; None if that part has no points."""
+    """Return the last part of a displayed plan, or None if that part has no points."""
     trajectories = [one.joint_trajectory for one in message.trajectory if one.joint_trajectory.points]
     if not trajectories:
         return None

@@ -1,4 +1,4 @@
-"""Create messages for changes of the planning scene."""
+"""Create messages that change the planning scene."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -31,11 +31,11 @@ _SOLIDS: Final[dict[type[Shape], int]] = {
 
 
 def object_message(item: SceneObject, frame: str) -> CollisionObject:
-    """Return the message that adds an object, or replaces the object with the same name.
+    """Return a message that adds an object or replaces the object with the same name.
 
     Args:
-        item: Object, with its pose in ``frame``.
-        frame: Frame of the pose; empty for the planning frame.
+        item: Object with its pose in ``frame``.
+        frame: Frame of the pose, or empty for the planning frame.
     """
     message = CollisionObject(id=item.name, operation=CollisionObject.ADD)
     message.header.frame_id = frame
@@ -51,13 +51,14 @@ def object_message(item: SceneObject, frame: str) -> CollisionObject:
 
 
 def removal(name: str, *, is_attached: bool) -> PlanningScene:
-    """Return the change that removes an object. MoveIt then moves a detached object into the world."""
+    """Return a scene change that removes an object. MoveIt moves a detached object into the world, so the change also
+    removes the object from the world."""
     gone = CollisionObject(id=name, operation=CollisionObject.REMOVE)
     return change([gone], [AttachedCollisionObject(object=gone)] if is_attached else [])
 
 
 def change(objects: Sequence[CollisionObject], attached: Sequence[AttachedCollisionObject] = ()) -> PlanningScene:
-    """Return a change of the scene."""
+    """Return a scene change."""
     scene = PlanningScene(is_diff=True)
     scene.robot_state.is_diff = True
     scene.world.collision_objects = list(objects)

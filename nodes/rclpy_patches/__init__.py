@@ -1,1 +1,2 @@
-"""Patches of rclpy and uses of its private parts. Each patch states its purpose and the rclpy versions it supports."""
+"""Patches of rclpy, and code that uses its private parts. Each patch states its purpose and the rclpy versions that it
+supports."""

@@ -1,7 +1,7 @@
 """Limit the size of messages and the rate of goals that this process accepts from clients.
 
-Messages beyond the limits are rejected before conversion to Python, which costs only a fraction of the time for reading
-and planning.
+Messages that exceed the limits are rejected before conversion to Python, which costs only a fraction of the time for
+reading and planning.
 """
 
 import logging
@@ -18,13 +18,13 @@ LOG = logging.getLogger("servoloop.nodes")
 
 PARAMETER: Final = "max_message_size"
 GOALS_PER_S, BURST = 100.0, 10
-"""Number of goals that are read per second from all clients, and in a burst from one client. Reading a goal takes some
-milliseconds."""
+"""Number of goals that are read per second from all clients, and in one burst from one client. Reading a goal takes a
+few milliseconds."""
 REFUSALS_PER_S, REFUSALS_AT_ONCE = 100.0, 5
-"""Number of rejections that are sent per second and in one burst. Later rejections wait, without delaying other
-responses."""
+"""Number of rejections that are sent per second and in one burst. Further rejections are delayed, without delaying
+other responses."""
 STATUSES_PER_S, STATUSES_AT_ONCE = 5.0, 10
-"""Rate and burst of the status messages of an action. Each status message contains all goals of the last 10 s."""
+"""Rate and burst size of an action's status messages. Each status message contains all goals of the last 10 s."""
 REPORT_INTERVAL_S: Final = 1.0
 """Minimum time between two reports about rejected messages on one topic, service or action, in seconds."""
 TOO_OFTEN: Final = (
@@ -38,7 +38,7 @@ class ClientLimits:
 
     def __init__(self) -> None:
         self.bytes = sys.maxsize
-        """Maximum size of a message in memory, in bytes. The node of the controller manager sets this limit."""
+        """Maximum size of a message in memory, in bytes. The controller manager node sets this limit."""
         self.goals = FairRate(GOALS_PER_S, BURST)
         self.refusals = FairRate(REFUSALS_PER_S, REFUSALS_AT_ONCE)
         self.statuses = FairRate(STATUSES_PER_S, STATUSES_AT_ONCE)
@@ -46,11 +46,11 @@ class ClientLimits:
         self.on_refused: dict[str, Callable[[str], None]] = {}
         """Function that receives the reason for a rejection, keyed by topic or action name."""
         self.actions: dict[int, str] = {}
-        """Resolved names of actions, keyed by the pointers of their servers. rcl knows only the unresolved names."""
+        """Resolved action names, keyed by the server pointers, because rcl knows only the unresolved names."""
         self._reported_s: dict[str, float] = {}
 
     def add_action(self, server: ActionServer, name: str) -> None:
-        """Register the name of an action for messages about its goals."""
+        """Register an action's name for messages about its goals."""
         self.actions[server._handle.pointer] = name
 
     def refuse_size(self, name: str) -> None:
@@ -61,7 +61,7 @@ class ClientLimits:
         )
 
     def refuse_rate(self, name: str) -> None:
-        """Report that clients send goals too often."""
+        """Report that clients send goals too frequently."""
         self._refuse(name, TOO_OFTEN)
 
     def _refuse(self, name: str, reason: str) -> None:

@@ -1,9 +1,9 @@
 """Executor that reuses its wait set. Supports rclpy 7.1.5.
 
-At each wake-up, rclpy's executor collects the entities of all nodes and builds a new wait set, twice for each message.
-With the hundred entities of a stack, this takes 1 to 1.5 ms each time. This executor builds a new wait set only after
-the entities have changed. The executor relies on private parts of rclpy's executor: tasks, guard conditions and take
-functions.
+At each wake-up, rclpy's executor collects the entities of all nodes and builds a new wait set. This happens twice for
+each message. With the roughly one hundred entities of a stack, this takes 1 to 1.5 ms each time. This executor builds a
+new wait set only if the entities have changed. The executor relies on private parts of rclpy's executor: its tasks,
+guard conditions and take functions.
 """
 
 import inspect
@@ -28,7 +28,7 @@ Take = Callable[[Entity], object]
 
 
 class CycleExecutor(SingleThreadedExecutor):
-    """Executor that returns from ``serve`` when it is woken. Callbacks run in the same way as on rclpy's executor."""
+    """Executor that returns from ``serve`` when it is woken. Callbacks run in the same way as with rclpy's executor."""
 
     def __init__(self, turn: AbstractContextManager[object]) -> None:
         """Create the executor. The executor holds ``turn`` while callbacks run, but not while it waits."""
@@ -45,7 +45,8 @@ class CycleExecutor(SingleThreadedExecutor):
         self._entities: dict[str, dict[int, tuple[Entity, Node, Take]]] = {}
 
     def post(self) -> None:
-        """Make ``serve`` return because a client expects an answer. This method is thread-safe and does not block."""
+        """Make ``serve`` return because a client is waiting for a response. This method is thread-safe and does not
+        block."""
         self._posted.trigger()
 
     def wake(self) -> None:
@@ -87,7 +88,7 @@ class CycleExecutor(SingleThreadedExecutor):
             raise ExternalShutdownException
 
     def _resume_tasks(self) -> None:
-        """Resume the tasks whose callbacks await a result."""
+        """Resume the tasks whose callbacks are awaiting a result."""
         with self._tasks_lock:
             waiting = [task for task, _, _ in self._tasks if not task.executing() and not task.done()]
         self._run(waiting)
@@ -97,11 +98,11 @@ class CycleExecutor(SingleThreadedExecutor):
             for task in tasks:
                 task()
                 if task.done():
-                    task.result()  # Raise the exception of the task.
+                    task.result()  # Raise the task's exception, if any.
         finally:
             with self._tasks_lock:
                 self._tasks = [entry for entry in self._tasks if not entry[0].done() and not entry[0].cancelled()]
-                # A waiting task excludes the other entities of its group from the wait set until it ends.
+                # A waiting task keeps the other entities of its group out of the wait set until the task ends.
                 blocked = any(_blocks(entity) for _, entity, _ in self._tasks)
             self._outdated = self._outdated or blocked or self._blocked
             self._blocked = blocked
@@ -154,7 +155,7 @@ class CycleExecutor(SingleThreadedExecutor):
     def _hold(
         self, nodes: Iterable[Node], kind: str, take: Take, add: Callable[..., None]
     ) -> dict[int, tuple[Entity, Node, Take]]:
-        """Collect the entities of one kind, keyed by handle pointer, because the wait set identifies ready entities by
+        """Collect the entities of one type, keyed by handle pointer, because the wait set identifies ready entities by
         these pointers."""
         found = {}
         for entity, node in self._executable(nodes, kind):
@@ -175,7 +176,7 @@ class CycleExecutor(SingleThreadedExecutor):
         for waitable, _ in self._waitables:
             waitable.add_to_wait_set(wait_set)
         for guard, _, _ in self._entities["guard_condition"].values():
-            if guard._executor_triggered:  # The guard condition was triggered while its callback could not be served.
+            if guard._executor_triggered:  # The guard condition was triggered while its callback could not run.
                 guard.trigger()
 
     def _run_ready(self) -> None:
@@ -195,7 +196,8 @@ class CycleExecutor(SingleThreadedExecutor):
 
 
 def _blocks(entity: Entity) -> bool:
-    """Return whether a callback of the entity blocks its callback group. A task without an entity blocks no group."""
+    """Return whether a running callback of the entity blocks its callback group. A task without an entity does not
+    block any group."""
     return entity is not None and not isinstance(entity.callback_group, ReentrantCallbackGroup)
 
 

@@ -1,14 +1,14 @@
-"""Limit the rate at which the requests of clients are served. All active clients have equal shares."""
+"""Limit the rate at which client requests are served. All active clients get equal shares."""
 
 from collections.abc import Hashable
 from typing import Final
 
 ACTIVE_S: Final = 1.0
-"""Time after a client's last request during which the client counts as active, in seconds."""
+"""Time after a client's last request during which the client is considered active, in seconds."""
 
 
 class FairRate:
-    """Token bucket for each client. Serving a client costs one token, and each client regains tokens at its share of
+    """Token bucket for each client. Serving a request costs one token, and each client regains tokens at its share of
     the rate."""
 
     def __init__(self, per_second: float, burst: int) -> None:
@@ -24,9 +24,9 @@ class FairRate:
         """Tokens and time of the last request, keyed by client."""
 
     def allows(self, client: Hashable, now_s: float) -> bool:
-        """Return whether a request of a client may be served now."""
+        """Return whether a client's request may be served now."""
         known = self._clients
-        if client not in known:  # Also remove inactive clients.
+        if client not in known:  # Also removes inactive clients.
             self._clients = known = {name: entry for name, entry in known.items() if now_s - entry[1] <= ACTIVE_S}
         active = sum(now_s - requested_s <= ACTIVE_S for name, (_, requested_s) in known.items() if name != client) + 1
         tokens, requested_s = known.get(client, (float(self._burst), now_s))

@@ -2,8 +2,8 @@
 
 rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients connect
 and disconnect (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each
-response to a client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these
-waits, and therefore no control cycle runs.
+response to a client whose reader is still undiscovered or incompatible. Without this patch, no Python code can run
+during these waits, so the control loop stops as well.
 
 The functions of rcl_calls.py replace twelve methods of rclpy and call the same C functions through ctypes. Messages
 that are too large or too frequent are not converted to Python (see client_limits.py).
@@ -39,7 +39,7 @@ _SIGNATURES: Final = {
 }
 """Signatures of the replaced C methods, keyed by class, as pybind11 documents them."""
 _SEND_RESPONSE: Final = ("self", "response", "header")
-"""Parameters of ``Service.send_response``, the only replaced method written in Python."""
+"""Parameters of ``Service.send_response``, the only replaced method that is written in Python."""
 _FIELDS: Final = {
     "rmw_service_info_t": ("source_timestamp", "received_timestamp", "request_id"),
     "rmw_request_id_t": ("sequence_number",),
@@ -65,13 +65,13 @@ def replacements() -> list[tuple[Any, str, Any]]:
 
 
 def release_gil_in_middleware() -> None:
-    """Replace the methods of rclpy in the whole process."""
+    """Replace the rclpy methods in the whole process."""
     for owner, name, function in replacements():
         setattr(owner, name, function)
 
 
 def send_delayed() -> None:
-    """Send the rejections and statuses that a flood of goals has delayed. This function must be called often if the
+    """Send the rejections and statuses that were delayed by a flood of goals. This function must be called often if the
     patch is in use."""
     from nodes.rclpy_patches import rcl_calls
 
@@ -102,7 +102,7 @@ def _other_layouts() -> Iterable[str]:
 
     for name, fields in _FIELDS.items():
         yield from missing(getattr(rclpy_implementation, name), fields)
-    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This check fails if the layout differs.
+    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This call fails if the layout differs.
     ours = ctypes.sizeof(rcl_calls.GoalStatuses)
     if platform.machine() == "x86_64" and (theirs := rcl_calls.written_by_zero_initialized_goal_statuses()) != ours:
         yield f"rcl_action_goal_status_array_t has {theirs} bytes instead of {ours}"

@@ -4,7 +4,7 @@ Without a patch, the stack still runs, but with a limitation that it reports in 
 
 Patches depend on the layouts of C structures. An unsuitable patch could crash the process that controls the arm.
 Each patch is therefore used only with the rclpy versions with which it was tested, and only if its checks find no
-difference.
+differences.
 """
 
 import logging
@@ -22,7 +22,7 @@ PATCHES: Final = (gil_release.PATCH, cycle_executor.PATCH, type_service.PATCH)
 
 
 def rclpy_version() -> str:
-    """Return the version of the rclpy package, or "" if the build has none."""
+    """Return the version of the rclpy package, or "" if the build has no version."""
     try:
         return version("rclpy")
     except PackageNotFoundError:
@@ -31,8 +31,8 @@ def rclpy_version() -> str:
 
 @cache
 def usable_patches() -> frozenset[Patch]:
-    """Return the patches that fit this rclpy. The first call in a process logs a warning about the patches that do not
-    fit."""
+    """Return the patches that fit the installed rclpy. The first call in a process logs a warning about the patches
+    that do not fit."""
     usable, warning = select(PATCHES, rclpy_version())
     if warning:
         LOG.warning("%s", warning)

@@ -1,8 +1,9 @@
-"""Measure the size of a C message before its conversion to Python.
+"""Measure the size of a C message before it is converted to Python.
 
-The conversion holds the GIL and does not release it within a list of numbers. With 200,000 trajectory points, the
-control loop has to compete for the GIL for almost two seconds. The offsets of the fields come from the introspection
-type support. The structures of the type support (message_introspection.h of Jazzy) are defined in this module.
+The conversion holds the GIL and does not release it while it converts a list of numbers. While a message with 200,000
+trajectory points is converted, the control loop competes for the GIL for almost two seconds. The offsets of the fields
+come from the introspection type support. The structures of the type support (message_introspection.h of Jazzy) are
+defined in this module.
 """
 
 import ctypes
@@ -17,10 +18,10 @@ _INTROSPECTION: Final = b"rosidl_typesupport_introspection_c"
 _STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # These values and the sizes below are from field_types.h.
 _SIZES: Final = {1: 4, 2: 8, 3: 16, 4: 1, 5: 2, 6: 1, 7: 1, 8: 1, 9: 1, 10: 2, 11: 2, 12: 4, 13: 4, 14: 8, 15: 8}
 _NO_FIELD: Final = "structure_needs_at_least_one_member"
-"""Name of the C field in an empty message."""
+"""Name of the only C field in an empty message."""
 _WORD: Final = ctypes.sizeof(ctypes.c_size_t)
 _SEQUENCE: Final = 3 * _WORD
-"""Size of a sequence or string header in bytes: address of the data, size and capacity."""
+"""Size of a sequence or string header in bytes: data address, size and capacity."""
 
 
 class _TypeSupport(ctypes.Structure):
@@ -48,7 +49,7 @@ class _Member(ctypes.Structure):
 
 
 class _Members(ctypes.Structure):
-    """First fields of rosidl_typesupport_introspection_c__MessageMembers, up to the members."""
+    """First fields of rosidl_typesupport_introspection_c__MessageMembers, up to the member list."""
 
     _fields_ = (
         ("namespace", ctypes.c_char_p),
@@ -85,7 +86,7 @@ class Layout:
 
     def measured(self, address: int, allowed: int) -> int:
         """Return the size of the message at ``address`` in bytes, or any number above ``allowed`` if the message is
-        larger."""
+        larger than ``allowed``."""
         return self.size + self._contents(address, allowed - self.size)
 
     def _contents(self, address: int, allowed: int) -> int:
@@ -102,7 +103,7 @@ class Layout:
         return total
 
     def of_all(self, data: int, count: int, allowed: int) -> int:
-        """Return the size of all sequences in an array of ``count`` messages at ``data``, in bytes."""
+        """Return the total size of all sequences in an array of ``count`` messages at ``data``, in bytes."""
         if all(part.within is None and not part.inline for part in self.parts):
             table = np.array(_words(data, count * self.size // _WORD)).reshape(count, -1)
             return sum(int(table[:, part.offset // _WORD + 1].sum()) * part.size for part in self.parts)
@@ -124,10 +125,10 @@ def _words(address: int, count: int) -> Any:
 
 @cache
 def layout_of(kind: Any) -> Layout:
-    """Return the layout of a message type. Exceptions of ctypes are passed to the caller.
+    """Return the layout of a message type. Exceptions from ctypes are passed to the caller.
 
     Raises:
-        ValueError: The fields differ from those of the Python type.
+        ValueError: The fields differ from the fields of the Python type.
     """
     kind.__class__.__import_type_support__()
     layout = _layout(_introspection(capsule_address(kind._TYPE_SUPPORT)))

@@ -1,4 +1,4 @@
-"""Executor for rclpy versions that cycle_executor.py does not support. The executor is rclpy's own."""
+"""Executor for rclpy versions that cycle_executor.py does not support. This is rclpy's own executor."""
 
 from contextlib import AbstractContextManager
 
@@ -7,7 +7,7 @@ from rclpy.node import Node
 
 
 class PlainExecutor(SingleThreadedExecutor):
-    """rclpy's executor with the methods ``post`` and ``serve`` of ``CycleExecutor``."""
+    """rclpy's executor, extended with the methods ``post`` and ``serve`` of ``CycleExecutor``."""
 
     def __init__(self, node: Node, turn: AbstractContextManager[object]) -> None:
         super().__init__()
@@ -26,4 +26,4 @@ class PlainExecutor(SingleThreadedExecutor):
             return
         with self._turn:
             handler()
-        handler.result()  # Raise the exception of the callback.
+        handler.result()  # Raise the callback's exception, if any.

@@ -47,7 +47,7 @@ _RCUTILS: Final = ctypes.CDLL("librcutils.so")
 
 
 class _RequestId(ctypes.Structure):
-    """C structure rmw_request_id_t, which identifies the client of a response."""
+    """C structure rmw_request_id_t, which identifies the client that sent a request."""
 
     _fields_ = (("writer_guid", ctypes.c_uint8 * 16), ("sequence_number", ctypes.c_int64))
 
@@ -101,7 +101,7 @@ class _Kind:
         """Convert a message to C, pass it to ``send`` and return the return code."""
         raw = self._create()
         try:
-            self._from_python(message, raw)  # The conversion fails for an invalid message.
+            self._from_python(message, raw)  # The conversion fails if the message is invalid.
             return send(raw)
         finally:
             self._destroy(raw)
@@ -111,7 +111,7 @@ class _Kind:
 
         Args:
             take: Function that fills in a C message and returns a return code.
-            refuses: Function that returns whether the messages come too often.
+            refuses: Function that returns whether messages arrive too frequently.
 
         Returns:
             The return code and the message. The message is None after an error, and TOO_LARGE or TOO_OFTEN if it
@@ -236,7 +236,7 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
     answer = _function(_RCL_ACTION, f"rcl_action_send_{name}_response", 3)
 
     def take(server: Any, kind: Any) -> tuple[_RequestId | None, Any]:
-        """Take the first request within the limits."""
+        """Take the first request that is within the limits."""
         pointer = server.pointer
         for _ in range(MOST_REFUSED):
             request_id = _RequestId()
@@ -280,14 +280,14 @@ class _Refusal:
 
 
 _REFUSALS: Final[deque[_Refusal]] = deque(maxlen=10_000)
-"""Pending rejections, sent at a limited rate. Every client receives all responses, and most clients queue only ten of
-them."""
+"""Pending rejections, sent at a limited rate. Every client receives all responses, and most clients queue only ten
+responses."""
 
 
 def send_refusals() -> None:
     """Send the pending rejections that the rate limit allows. This function must be called often."""
     while _REFUSALS and CLIENT_LIMITS.refusals.allows("all", monotonic()):
-        with suppress(InvalidHandle):  # The controller has been unloaded.
+        with suppress(InvalidHandle):  # The controller was unloaded.
             _REFUSALS.popleft().send()
 
 
@@ -313,7 +313,7 @@ def server_publish_feedback(server: Any, message: Any) -> None:
 
 
 def server_publish_status(server: Any) -> None:
-    """Publish the goal status now if the rate limit allows it. Otherwise, the latest status is published later."""
+    """Publish the goal status now if the rate limit allows it. Otherwise, publish the latest status later."""
     if CLIENT_LIMITS.statuses.allows(server.pointer, monotonic()):
         _DELAYED.pop(server.pointer, None)
         _publish_status_now(server)
@@ -340,8 +340,8 @@ def _publish_status_now(server: Any) -> None:
 
 
 def written_by_zero_initialized_goal_statuses() -> int:
-    """Return the size of rcl's goal status array in bytes. The function requires x86_64, which returns structures by
-    pointer."""
+    """Return the size of rcl's goal status array in bytes. The function requires x86_64, where such structures are
+    returned by pointer."""
     untouched = 0xA5
     buffer = (ctypes.c_ubyte * 4096)(*[untouched] * 4096)
     _function(_RCL_ACTION, "rcl_action_get_zero_initialized_goal_status_array", 1)(buffer)

@@ -1,6 +1,6 @@
 """Remove the service ``~/get_type_description``, which rclpy leaves in the graph when its node is destroyed.
 
-Supports rclpy 7.1.5. rclpy has no method that ends the rcl service, so this module calls rcl directly.
+Supports rclpy 7.1.5. rclpy has no method that destroys the rcl service, so this module calls rcl directly.
 """
 
 import ctypes

@@ -25,8 +25,8 @@ class TopicHostInterface:
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics) -> None:
         self._send_delayed = start_rclpy(stack.namespace)
         self._turn = threading.Lock()
-        """Lock that is held by the thread that uses the node: the executor in its callbacks, or the publisher of
-        cycles."""
+        """Lock that is held by the thread that is using the node: the executor during callbacks, or the cycle
+        publisher."""
         self._publisher = CyclePublisher(self._publish_cycles)
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         with rcl_errors():
@@ -52,7 +52,7 @@ class TopicHostInterface:
         """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end this loop.
 
         Raises:
-            RosError: This stack has just started, and another stack with the same name is running.
+            RosError: This stack has just started, but another stack with the same name is running.
         """
         others = self._host.others
         self._serve(lambda: stop() or others.must_end)

@@ -1,4 +1,4 @@
-"""Node that publishes the states of an arm, receives its commands, and reports on both in ``/diagnostics``."""
+"""Node that publishes the arm's states, receives its commands, and reports on both in ``/diagnostics``."""
 
 from collections.abc import Iterator
 from time import monotonic
@@ -28,7 +28,7 @@ from nodes.topic_host.topics import NAME, OTHER, HostTopics
 STATUS: Final = "servoloop: topic host"
 """Name of the diagnostic status that reports on the topics."""
 REPEAT_S: Final = 5.0
-"""Minimum time between two reports of the same reason for a refused message, in seconds."""
+"""Minimum time between two reports of the same reason for rejecting a message, in seconds."""
 RELIABLE: Final = QoSProfile(depth=1)
 """QoS profile for the plug-in's commands. A best-effort subscriber, such as the plug-in, also receives reliable
 states."""
@@ -36,7 +36,7 @@ DIAGNOSTICS_S: Final = 1.0
 
 
 class HostNode:
-    """Node of the arm. ``publish`` must be called after each cycle; all other methods are callbacks."""
+    """Node of the arm. ``publish`` must be called after each cycle. All other methods are callbacks."""
 
     def __init__(self, stack: Stack, controller: HostController, topics: HostTopics, ros_time: RosTime) -> None:
         self.node = node = ParameterNode(NAME, ros_time)
@@ -56,15 +56,15 @@ class HostNode:
         """Number of programs that publish commands."""
         self._state: JointState | None = None
         self._unpublished = ""
-        """Reason why the latest state was not published; empty if it was published."""
+        """Reason why the latest state was not published, or empty if it was published."""
         self._refusals = 0
         self._refused, self._refused_s = "", -REPEAT_S
-        """Reason and time (in seconds) of the last report about a refused message."""
+        """Reason and time (in seconds) of the last report about a rejected message."""
 
     def publish(self, state: JointState, stamp: Time) -> None:
-        """Publish the states of all joints, or no states if a joint was not measured in this cycle.
+        """Publish the states of all joints, or nothing if a joint was not measured in this cycle.
 
-        The plug-in does not check the age of a state. The plug-in keeps the last message.
+        The plug-in does not check the age of a state. The plug-in keeps using the last message.
         """
         self._state = state
         states = self._broadcaster.sample(state)
@@ -75,7 +75,8 @@ class HostNode:
         message = self._message
         message.header.stamp = stamp
         message.position = numbers(states.position)
-        # One version of the plug-in fails if a message has values of interfaces that its block does not declare.
+        # One version of the plug-in fails if a message contains values for interfaces that the plug-in's ros2_control
+        # block does not declare.
         message.velocity, message.effort = (
             numbers(values if np.isfinite(values).all() else values[:0]) for values in (states.velocity, states.effort)
         )
@@ -97,10 +98,10 @@ class HostNode:
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
         before, self._senders = self._senders, info.current_count
         if before and not self._senders:
-            self._controller.lose(f"no program publishes on {self._commands} any longer")
+            self._controller.lose(f"no program publishes to {self._commands} any longer")
         elif self._senders > max(before, 1):
             self.node.get_logger().warning(
-                f"{self._senders} programs publish on {self._commands}, and the arm follows all of them: keep only one"
+                f"{self._senders} programs publish to {self._commands}, and the arm follows all of them: keep only one"
             )
 
     def _report(self) -> None:

@@ -1,4 +1,4 @@
-"""Names of the node and the topics of an arm that another controller manager drives. Imports no ROS package."""
+"""Names for the node and the topics of an arm that another controller manager drives. Imports no ROS package."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,11 +9,11 @@ OTHER: Final = (
     "another node is named {}, so the commands of ros2_control would move the arms of both nodes: stop the other "
     "topic-host, or choose another --namespace or another ROS_DOMAIN_ID for this topic-host"
 )
-"""Message if another node with the name in the braces is in the ROS graph."""
+"""Message to show if the ROS graph contains another node with the name in the braces."""
 STATES = "robot_joint_states"
-"""Default topic of the states in ros2_control's JointStateTopicSystem."""
+"""Default state topic of ros2_control's JointStateTopicSystem."""
 COMMANDS = "robot_joint_commands"
-"""Default topic of the commands in ros2_control's JointStateTopicSystem."""
+"""Default command topic of ros2_control's JointStateTopicSystem."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""Calibrate the intrinsics of a camera, and its pose above the table, with a ChArUco board."""
+"""Calibrate a camera's intrinsics and its pose above the table with a ChArUco board."""

@@ -16,27 +16,27 @@ MARKERS: Final = cv2.aruco.DICT_5X5_50
 MARKER_SHARE: Final = 0.74
 """Side length of a marker, as a fraction of the side length of a square."""
 LEAST_CORNERS: Final = 8
-"""Minimum number of corners for a view to be used."""
+"""Minimum number of corners that a view must contain."""
 LEAST_WIDTH: Final = 0.45
-"""Minimum width of a view's corners, as a fraction of a square. Two rows of corners have 0.5, and one row has 0. A row
-with a few more corners does not determine the pose of the board."""
+"""Minimum spread of a view's corners across their longest direction, as a fraction of a square. Two rows of corners
+have a spread of 0.5, and one row has 0. One row with a few additional corners does not determine the board's pose."""
 A4_M: Final = (0.297, 0.210)
 """Width and height of the page, in m."""
 POINT_M: Final = 0.0254 / 72.0
-"""Unit of length in PDF files, in m."""
+"""PDF length unit, in m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """Size of a board. The default board fills an A4 page."""
+    """Dimensions of a board. The default board fills an A4 page."""
 
     columns: int = 9
     rows: int = 6
     square_m: float = 0.03
-    """Side length of a square, in m, as measured on the print."""
+    """Side length of a square, in m, as measured on the printed board."""
 
     def detector_board(self) -> Any:
-        """Return the board as an object of OpenCV."""
+        """Return the board as an OpenCV object."""
         dictionary = cv2.aruco.getPredefinedDictionary(MARKERS)
         size = (self.columns, self.rows)
         return cv2.aruco.CharucoBoard(size, self.square_m, MARKER_SHARE * self.square_m, dictionary)
@@ -54,7 +54,7 @@ class BoardView:
     corners_m: FloatArray
     """Corners (n, 2) on the board, in m: x to the right and y down from its top left corner."""
     pixels: FloatArray
-    """Pixels of these corners (n, 2)."""
+    """Pixel coordinates (n, 2) of these corners."""
     size: tuple[int, int]
     """Width and height of the image, in pixels."""
 
@@ -93,7 +93,8 @@ class BoardDetector:
 
 
 def _width_m(corners_m: FloatArray) -> float:
-    """Return the standard deviation of corners (n, 2) across their longest direction, in m. It is 0 on a line."""
+    """Return the standard deviation of corners (n, 2) across their longest direction, in m. The result is 0 if the
+    corners are on a line."""
     around = corners_m - corners_m.mean(axis=0)
     return float(np.linalg.svd(around, compute_uv=False)[-1] / np.sqrt(len(around)))
 
@@ -105,7 +106,7 @@ def board_picture(board: Board, square_px: int = 120) -> NDArray[np.uint8]:
 
 
 def board_pdf(board: Board) -> bytes:
-    """Return an A4 page with the board in its true size.
+    """Return an A4 page with the board at its true size.
 
     Raises:
         CalibrationRefused: The board does not fit on the page.
@@ -142,7 +143,7 @@ def board_pdf(board: Board) -> bytes:
 
 
 def _pdf(objects: tuple[bytes, ...]) -> bytes:
-    """Return a PDF file with these objects. The first object is the catalog."""
+    """Return a PDF file with the given objects. The first object is the catalog."""
     text, offsets = b"%PDF-1.4\n", []
     for number, content in enumerate(objects, start=1):
         offsets.append(len(text))

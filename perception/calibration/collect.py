@@ -9,13 +9,13 @@ from perception.errors import CalibrationRefused
 from perception.frames import Picture
 
 STILL_PX: Final = 2.5
-"""Maximum mean motion of the corners between two frames at which a board counts as held still, in pixels."""
+"""Maximum mean motion of the corners between two frames for the board to be considered still, in pixels."""
 NEW_SHARE: Final = 0.05
-"""Minimum mean distance of the corners from those of each earlier view, as a fraction of the width of the image."""
+"""Minimum mean distance of the corners from the corners of every earlier view, as a fraction of the image width."""
 
 
 class ViewCollector:
-    """Collector of different views of one board."""
+    """Collector of distinct views of one board."""
 
     def __init__(self, detector: BoardDetector) -> None:
         self._detector = detector
@@ -23,11 +23,11 @@ class ViewCollector:
         self.views: list[BoardView] = []
 
     def offer(self, picture: Picture, still: bool = True) -> bool:
-        """Add the view in an image if the image shows the board in a new pose.
+        """Add a view if the image shows the board in a new pose.
 
         Args:
             picture: RGB image (height, width, 3).
-            still: Whether the board must be held still since the previous image.
+            still: Whether the board must have been still since the previous image.
 
         Returns:
             Whether a view was added.
@@ -47,8 +47,8 @@ class ViewCollector:
 
 
 def distance_px(one: BoardView, other: BoardView) -> float:
-    """Return the mean distance between the common corners of two views, in pixels, or infinity without such corners."""
-    # The corners of a board have the same positions on the board in all views.
+    """Return the mean distance between the common corners of two views, in pixels, or infinity if there are none."""
+    # The corners have the same positions on the board in all views.
     places = {tuple(place): pixel for place, pixel in zip(one.corners_m.round(5).tolist(), one.pixels, strict=True)}
     pairs = [
         (places[tuple(place)], pixel)

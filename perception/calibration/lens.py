@@ -14,14 +14,15 @@ from perception.intrinsics import Intrinsics
 
 LEAST_VIEWS: Final = 8
 LEAST_TILT_RAD: Final = 0.26
-"""Minimum spread of the directions from which the views show the board. A smaller angle does not determine the lens.
+"""Minimum angle between the directions from which the views show the board, in rad. A smaller spread does not determine
+the lens parameters.
 """
 LEAST_COVERED: Final = 0.3
-"""Minimum fraction of the image in which all views together must show corners."""
+"""Minimum fraction of the image that the corners of all views together must cover."""
 MOST_ERROR_PX: Final = 1.0
 """Maximum RMS reprojection error, in pixels. With a sharp camera, the error is about 0.2."""
 CELLS: Final = 6
-"""The image is divided into 6 × 6 cells to measure how much of it the views cover."""
+"""The image is divided into 6 × 6 cells to measure how much of the image the views cover."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,20 +35,20 @@ class LensReport:
     view_errors_px: tuple[float, ...]
     """RMS reprojection error of each view, in pixels."""
     tilt_rad: float
-    """Largest angle between the directions from which two views show the board, in rad."""
+    """Maximum angle between the directions from which two views show the board, in rad."""
     covered: float
-    """Fraction of the image in which all views together show corners."""
+    """Fraction of the image that the corners of all views together cover."""
 
 
 def calibrate_lens(views: Sequence[BoardView], name: str = "camera") -> LensReport:
     """Calibrate a camera.
 
     Args:
-        views: At least ``LEAST_VIEWS`` views of one board, from different sides.
+        views: At least ``LEAST_VIEWS`` views of one board, from different directions.
         name: Name of the camera.
 
     Raises:
-        CalibrationRefused: The views do not determine the intrinsics, or contradict each other.
+        CalibrationRefused: The views do not determine the intrinsics, or are inconsistent.
     """
     if len(views) < LEAST_VIEWS:
         raise CalibrationRefused(
@@ -91,7 +92,7 @@ def _check(tilt_rad: float, covered: float, error_px: float) -> None:
 
 
 def _tilt_rad(turns: Sequence[FloatArray]) -> float:
-    """Return the largest angle between the normals of boards with these rotation vectors (3, 1)."""
+    """Return the largest angle between the normals of boards with the given rotation vectors (3, 1)."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     return float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
 

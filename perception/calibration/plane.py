@@ -1,7 +1,7 @@
-"""Find the pose of a camera above the table from one view of a board that lies on the table.
+"""Determine the pose of a camera above the table from one view of a board that lies on the table.
 
 The position of the board in base_link is measured with a ruler. This is more accurate than a measurement with an arm
-that has small servos. Their repeatability of 1 to 2 degrees would shift the result by centimeters.
+that has small servos. The repeatability of such servos, 1 to 2 degrees, would shift the result by centimeters.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ MOST_ERROR_PX: Final = 1.5
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """Position and direction of a board on the table, in the frame base_link."""
+    """Position and direction of a board on the table, in the base_link frame."""
 
     x_m: float
     y_m: float
-    """Top left corner of the printed board."""
+    """Position of the top left corner of the printed board, in m."""
     yaw_rad: float = 0.0
-    """Direction of the upper edge from left to right: 0 is along x, and pi / 2 is along y."""
+    """Direction of the board's upper edge from left to right, in rad: 0 is along x, and pi / 2 is along y."""
     height_m: float = 0.0
     """z of the board's surface, in m."""
 
@@ -43,7 +43,7 @@ class PlaneReport:
 
 
 def calibrate_plane(view: BoardView, intrinsics: Intrinsics, place: BoardPlace) -> PlaneReport:
-    """Find the pose of a camera.
+    """Determine the pose of a camera.
 
     Args:
         view: View of the board on the table.
@@ -78,7 +78,7 @@ def calibrate_plane(view: BoardView, intrinsics: Intrinsics, place: BoardPlace) 
 
 
 def _in_base(corners_m: FloatArray, place: BoardPlace) -> FloatArray:
-    """Return the points (n, 3) in base_link that correspond to corners (n, 2) of a board, in m."""
+    """Return the points (n, 3) in base_link, in m, that correspond to board corners (n, 2)."""
     right = np.array([np.cos(place.yaw_rad), np.sin(place.yaw_rad), 0.0])
     down = np.array([np.sin(place.yaw_rad), -np.cos(place.yaw_rad), 0.0])
     origin = np.array([place.x_m, place.y_m, place.height_m])

@@ -1,1 +1,2 @@
-"""Grade apples with the user's detector: an ONNX file in the layout of YOLOv8, and a file with grades per class."""
+"""Grade apples with the user's detector: an ONNX file in the YOLOv8 layout, and a file that assigns a grade to each
+class."""

@@ -1,4 +1,4 @@
-"""Read the file that maps the classes of a detector to grades."""
+"""Read the file that maps a detector's classes to grades."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +14,10 @@ Name = Annotated[str, Field(min_length=1, max_length=100)]
 
 @dataclass(frozen=True, slots=True)
 class DetectorClasses:
-    """Grades of the classes of a detector, and its thresholds."""
+    """Grades for a detector's classes, and its thresholds."""
 
     grades: tuple[str, ...]
-    """Grade of each class, in the order of the classes. If the grade is empty, apples of this class get no grade."""
+    """Grade of each class, in class order. If the grade is empty, apples of this class are not assigned a grade."""
     least_score: float
     most_overlap: float
 
@@ -33,14 +33,14 @@ class _File(BaseModel):
     def _known(self) -> "_File":
         unknown = [name for name in self.grades if name not in self.classes]
         if unknown:
-            raise ValueError(f"grades: there is no class {', '.join(unknown)}: choose from {', '.join(self.classes)}")
+            raise ValueError(f"grades: unknown class {', '.join(unknown)}: choose from {', '.join(self.classes)}")
         if len(set(self.classes)) < len(self.classes):
-            raise ValueError("classes: a name occurs twice: give each class its own name")
+            raise ValueError("classes: two classes have the same name: give each class its own name")
         return self
 
 
 def read_classes(path: Path) -> DetectorClasses:
-    """Read the classes of a detector and their grades. Raise GradesFileError with the line of every error."""
+    """Read a detector's classes and their grades. Raises GradesFileError with the line of every error."""
     file = load(path, _File, GradesFileError)
     grades = tuple(file.grades.get(name, "").strip().upper() for name in file.classes)
     return DetectorClasses(grades, file.least_score, file.most_overlap)

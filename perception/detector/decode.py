@@ -1,4 +1,4 @@
-"""Decode the output of a detector in the layout of YOLOv8."""
+"""Decode the output of a detector in the YOLOv8 layout."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,9 +11,9 @@ from hal.types import FloatArray
 from perception.frames import Picture
 
 GRAY: Final = 114
-"""Gray value of the margins that fit an image to the input of a detector."""
+"""Gray value of the margins that pad an image to the detector's input size."""
 MOST_BOXES: Final = 300
-"""Number of boxes with the highest scores that are compared with each other."""
+"""Number of highest-scoring boxes that are compared with each other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,21 +21,21 @@ class Detection:
     """One object in an image."""
 
     box_px: FloatArray
-    """Left, top, right and bottom (4,), in pixels of the image."""
+    """Left, top, right and bottom edges (4,), in image pixels."""
     label: int
-    """Number of the class."""
+    """Class index."""
     score: float
 
 
 def fitted(picture: Picture, size: tuple[int, int]) -> tuple[NDArray[np.float32], float, FloatArray]:
-    """Scale an image to the input of a detector, with margins.
+    """Scale and pad an image to the detector's input size.
 
     Args:
         picture: RGB image (height, width, 3).
         size: Width and height of the input.
 
     Returns:
-        The input (1, 3, height, width) from 0 to 1, the scale, and the left and upper margin (2,).
+        The input (1, 3, height, width) with values from 0 to 1, the scale, and the left and top margins (2,).
     """
     height, width = picture.shape[:2]
     scale = min(size[0] / width, size[1] / height)
@@ -48,12 +48,12 @@ def fitted(picture: Picture, size: tuple[int, int]) -> tuple[NDArray[np.float32]
 
 
 def decoded(output: NDArray[np.float32], least_score: float, most_overlap: float) -> list[Detection]:
-    """Return the objects in an output (4 + classes, boxes), in pixels of the input, highest score first.
+    """Return the objects in an output (4 + classes, boxes), in input pixels, sorted by descending score.
 
     Args:
-        output: Center x, y, width, height and the score of each class, for each box.
+        output: Center x, center y, width, height and the score of each class, for each box.
         least_score: Minimum score of a box.
-        most_overlap: Largest intersection over union at which two boxes count as two objects.
+        most_overlap: Maximum intersection over union at which two boxes are considered separate objects.
     """
     scores = output[4:]
     labels = scores.argmax(axis=0)
@@ -68,7 +68,7 @@ def decoded(output: NDArray[np.float32], least_score: float, most_overlap: float
 
 
 def _separate(boxes: FloatArray, most_overlap: float) -> list[int]:
-    """Return the indices of boxes (n, 4), sorted best first, that do not overlap with a better box."""
+    """Return the indices of boxes (n, 4), sorted by descending score, that do not overlap with a better box."""
     kept: list[int] = []
     for index in range(len(boxes)):
         if not kept or float(_overlaps(boxes[index], boxes[kept]).max()) <= most_overlap:
@@ -77,7 +77,7 @@ def _separate(boxes: FloatArray, most_overlap: float) -> list[int]:
 
 
 def _overlaps(box: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the intersection over union of a box (4,) with each of several boxes (n, 4)."""
+    """Return the intersection over union of one box (4,) with each of several boxes (n, 4)."""
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=1)
     areas = np.prod(others[:, 2:] - others[:, :2], axis=1)

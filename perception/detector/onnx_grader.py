@@ -12,19 +12,20 @@ from perception.frames import Picture
 from perception.grading.grader import FoundBox, GradedApple, Grader
 
 USUAL_SIZE: Final = 640
-"""Width and height of the input for a model that accepts any size, in pixels."""
+"""Input width and height for a model that accepts any size, in pixels."""
 LARGEST_SIZE: Final = 4096
 
 
 class OnnxGrader:
-    """Grader that finds and grades apples with a model. Size, position and skin are measured as without a model."""
+    """Grader that finds and grades apples with a model. Size, position and skin are measured in the same way as without
+    a model."""
 
     def __init__(self, path: Path, classes: DetectorClasses, grader: Grader) -> None:
         """Load a model.
 
         Args:
-            path: ONNX file in the layout of YOLOv8: input (1, 3, height, width), output (1, 4 + classes, boxes).
-            classes: Grades of the classes of the model.
+            path: ONNX file in the YOLOv8 layout: input (1, 3, height, width), output (1, 4 + classes, boxes). classes:
+            Grades for the model's classes.
             grader: Grader that measures the apples.
 
         Raises:
@@ -40,7 +41,7 @@ class OnnxGrader:
         """Grade the apples of an RGB image (height, width, 3), as ``Grader.grade`` does.
 
         Raises:
-            DetectorError: The model fails.
+            DetectorError: The model fails to run.
             PictureRefused: The image has the wrong resolution, or is black or overexposed.
         """
         output, scale, margin = self._run(picture)
@@ -67,13 +68,13 @@ class OnnxGrader:
         try:
             outputs = self._session.run(None, {self._input: values})
         except Exception as error:  # onnxruntime has an error class for each status
-            raise DetectorError(f"{self._path} fails: {_line(error)}: export the model again") from error
+            raise DetectorError(f"{self._path} failed to run: {_line(error)}: export the model again") from error
         output = np.asarray(outputs[0])
         wanted = 4 + len(self._classes.grades)
         if output.ndim != 3 or output.shape[0] != 1 or output.shape[1] != wanted:
             raise DetectorError(
                 f"{self._path}: the output has the shape {list(output.shape)} instead of [1, {wanted}, boxes] for "
-                f"{wanted - 4} classes: correct the file of the classes, or export the model in the layout of YOLOv8"
+                f"{wanted - 4} classes: correct the class file, or export the model in the layout of YOLOv8"
             )
         return output[0].astype(np.float32), scale, margin
 
@@ -82,7 +83,7 @@ def _session(path: Path) -> Any:
     try:
         import onnxruntime
     except ModuleNotFoundError as error:
-        raise DetectorError("a detector needs onnxruntime: install the extra onnx") from error
+        raise DetectorError("a detector requires onnxruntime: install servoloop with the onnx extra") from error
     if not path.is_file():
         raise DetectorError(f"model {path} does not exist: specify an ONNX file")
     options = onnxruntime.SessionOptions()
@@ -91,12 +92,10 @@ def _session(path: Path) -> Any:
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime has an error class for each status
-        raise DetectorError(
-            f"{path} is not an ONNX model that can run: {_line(error)}: export the model again"
-        ) from error
+        raise DetectorError(f"{path} is not a runnable ONNX model: {_line(error)}: export the model again") from error
 
 
 def _line(error: Exception) -> str:
-    """Return the first line of an error, without the codes of onnxruntime."""
+    """Return the first line of an error message, without onnxruntime's error codes."""
     text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     return text.rpartition(" : ")[2].rstrip(".: ")[:200]

@@ -1,1 +1,1 @@
-"""Grade the apples of an image: find and measure them, judge their skin, and compare the results with thresholds."""
+"""Grade the apples in an image: find and measure them, assess their skin, and compare the results with thresholds."""

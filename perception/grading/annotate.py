@@ -1,4 +1,4 @@
-"""Draw the results of grading into an image."""
+"""Draw the grading results into an image."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,7 +16,7 @@ SCALE: Final = 0.45
 
 
 def annotated(picture: Picture, apples: Sequence[GradedApple]) -> Picture:
-    """Return a copy of an image with a box and the values of each apple."""
+    """Return a copy of an image in which each apple is marked with a box and its values."""
     drawn = picture.copy()
     for apple in apples:
         left, top, width, height = apple.box_px
@@ -29,7 +29,7 @@ def annotated(picture: Picture, apples: Sequence[GradedApple]) -> Picture:
 
 
 def _write(picture: Picture, text: str, place: tuple[int, int]) -> None:
-    """Write a text within the image that is legible on any background."""
+    """Draw text within the image that is legible on any background."""
     (width, height), _ = cv2.getTextSize(text, FONT, SCALE, 1)
     x = min(max(place[0], 2), max(picture.shape[1] - width - 2, 2))
     y = min(max(place[1], height + 2), picture.shape[0] - 4)

@@ -1,7 +1,7 @@
-"""Move the outline of an apple to the middle of the transition from its color to the color of its surroundings.
+"""Move an apple's outline to the middle of the transition between its color and the color of its surroundings.
 
-The mask of colored pixels ends where the color differs enough from the table. In a blurred image, this line is
-outside an apple that is brighter than the table, and inside an apple that is darker.
+The mask of colored pixels ends where the color no longer differs enough from the table. In a blurred image, the mask's
+edge is outside an apple that is brighter than the table, and inside an apple that is darker.
 """
 
 from dataclasses import replace
@@ -15,20 +15,21 @@ from perception.grading.light import Pixels
 from perception.grading.outlines import Outline
 
 REACH_PX: Final = 4.0
-"""Distance inside and outside the outline within which the transition is searched, in pixels."""
+"""Distance inside and outside the outline within which to search for the transition, in pixels."""
 STEP_PX: Final = 0.25
-"""Distance of the samples across the outline, in pixels."""
+"""Distance between the samples across the outline, in pixels."""
 ENDS: Final = 5
-"""Number of samples at each end that are averaged as the color of the apple and as that of its surroundings."""
+"""Number of samples at each end that are averaged to determine the colors of the apple and its surroundings."""
 LEAST_CONTRAST: Final = 0.1
-"""Minimum distance of the two colors at which a point of the outline is moved, as a fraction of the brighter color."""
+"""Minimum difference between the two colors at which a point of the outline is moved, as a fraction of the brighter
+color."""
 
 
 def at_transitions(outline: Outline, relative: Pixels) -> Outline:
-    """Return the outline with its points (n, 2) moved to the transitions in an image.
+    """Return the outline with its points (n, 2) moved to the color transitions in an image.
 
     Args:
-        outline: The outline, within about 3 pixels of the transitions.
+        outline: The outline, which must be within about 3 pixels of the transitions.
         relative: Linear RGB (height, width, 3), relative to the table.
     """
     pixels = outline.pixels
@@ -48,13 +49,13 @@ def at_transitions(outline: Outline, relative: Pixels) -> Outline:
 
 
 def _sampled(relative: Pixels, places: FloatArray) -> FloatArray:
-    """Return the colors (n, m, 3) of an image at pixels (n, m, 2)."""
+    """Return the colors (n, m, 3) of an image at the pixels (n, m, 2)."""
     x, y = (np.ascontiguousarray(places[..., i], dtype=np.float32) for i in (0, 1))
     return np.asarray(cv2.remap(relative, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
 
 
 def _crossing(shares: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the outermost offset (n,) at which the fraction (n, m) of the inner color rises above a half."""
+    """Return the outermost offset (n,) up to which the fraction (n, m) of the inner color exceeds one half."""
     above = shares > 0.5
     last = shares.shape[1] - 1 - np.argmax(above[:, ::-1], axis=1)
     last = np.clip(last, 0, shares.shape[1] - 2)

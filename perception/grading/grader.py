@@ -1,4 +1,4 @@
-"""Grade the apples of images from one calibrated camera."""
+"""Grade the apples in images from one calibrated camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,24 +19,25 @@ from perception.grading.skin import VisibleSkin, rim_px, skin_of
 from perception.grading.spheres import AppleSphere, fit_sphere
 
 MOST_ERROR: Final = 0.12
-"""Maximum mean distance of an apple's outline from a circle, as a fraction of its radius."""
+"""Maximum mean deviation of an apple's outline from a circle, as a fraction of the radius."""
 MOST_OUTLINES: Final = 100
 """Maximum number of outlines that are examined in an image."""
 BESIDE: Final = 1.15
-"""Squared distance from the center of an apple beyond which a pixel belongs to another apple. The outline is at 1."""
+"""Squared relative distance from an apple's center beyond which a pixel belongs to another apple. The distance is 1 at
+the outline."""
 MOST_COVERED: Final = 0.015
-"""Maximum fraction of an apple without color, apart from spots inside its outline. A larger fraction is another object
-in front of the apple, such as a finger."""
+"""Maximum fraction of an apple that may lack color, apart from spots inside its outline. If the fraction is larger,
+another object, such as a finger, is in front of the apple."""
 LEAST_SKIN: Final = 25
-"""Minimum number of pixels for the skin of an apple to be judged."""
+"""Minimum number of pixels required to assess the skin of an apple."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GradedApple:
-    """One apple of an image."""
+    """One apple in an image."""
 
     grade: str
-    """Name of the grade; empty if the apple has no grade."""
+    """Name of the grade, or empty if the apple has no grade."""
     diameter_mm: float
     red_ratio: float
     """Fraction of the visible surface that is red, from 0 to 1."""
@@ -45,19 +46,19 @@ class GradedApple:
     position_m: FloatArray
     """Center (3,) in base_link, in m."""
     box_px: tuple[int, int, int, int]
-    """Left, top, width and height in the image, in pixels."""
+    """Left, top, width and height of the box in the image, in pixels."""
     reason: str = ""
-    """Reason why the apple has no grade; empty if it has a grade."""
+    """Reason why the apple has no grade, or empty if it has a grade."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundBox:
-    """An apple that a detector has found."""
+    """An apple found by a detector."""
 
     box_px: FloatArray
-    """Left, top, right and bottom (4,), in pixels."""
+    """Left, top, right and bottom edges (4,), in pixels."""
     grade: str
-    """Grade of the apple; empty if the detector gives none."""
+    """Grade of the apple, or empty if the detector does not assign one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,18 +67,18 @@ class _Found:
     sphere: AppleSphere
     range_m: float
     grade: str | None = None
-    """Grade that a detector gave; None without a detector."""
+    """Grade assigned by a detector, or None without a detector."""
 
 
 class Grader:
-    """Grader for the images of one camera. Only one thread may use it."""
+    """Grader for images from one camera. Only one thread may use it."""
 
     def __init__(self, view: CameraView, settings: GradingSettings | None = None) -> None:
         """Prepare the grader.
 
         Args:
             view: Calibrated camera.
-            settings: Thresholds of the grades, and limits for apples; by default those of ``GradingSettings``.
+            settings: Grade thresholds and limits for apples. The default is ``GradingSettings``.
         """
         self._view = view
         self._settings = settings or GradingSettings()
@@ -88,10 +89,10 @@ class Grader:
         self._region = self._searched(pixels)
 
     def grade(self, picture: Picture) -> list[GradedApple]:
-        """Grade all apples of an image.
+        """Grade all apples in an image.
 
         Args:
-            picture: RGB image (height, width, 3) with the resolution of the calibration.
+            picture: RGB image (height, width, 3) at the calibration resolution.
 
         Returns:
             The apples, closest to the camera first.
@@ -104,7 +105,7 @@ class Grader:
         return [self._graded(relative, index, found) for index in range(len(found))]
 
     def grade_boxes(self, picture: Picture, boxes: Sequence[FoundBox]) -> list[GradedApple]:
-        """Measure the apples that a detector has found. Arguments and errors are the same as in ``grade``."""
+        """Measure the apples found by a detector. The arguments and errors are the same as those of ``grade``."""
         relative = self._relative(picture)
         found = []
         for box in boxes:
@@ -125,14 +126,14 @@ class Grader:
         return relative_to_table(picture, self._region)
 
     def _searched(self, pixels: FloatArray) -> NDArray[np.bool_] | None:
-        """Return which pixels (height, width) may show an apple in the region of the settings."""
+        """Return a mask (height, width) of the pixels that may show an apple in the configured region."""
         region = self._settings.region_m
         if region is None:
             return None
         places = self._view.on_plane(pixels)[:, :2]
         lowest, highest = np.array(region[:2]), np.array(region[2:])
         inside = ((places >= lowest) & (places <= highest)).all(axis=1)
-        # The outline of an apple also covers points of the plane behind it.
+        # An apple's outline also covers points of the plane behind the apple.
         eye = self._view.pose.position_m[:2]
         top_m = 1e-3 * self._settings.diameter_mm[1]
         above_m = self._view.pose.position_m[2] - self._view.pose.plane_height_m
@@ -142,7 +143,7 @@ class Grader:
         return searched.reshape(self._view.intrinsics.height, self._view.intrinsics.width)
 
     def _found(self, relative: Pixels, shapes: Sequence[Outline]) -> list[_Found]:
-        """Return the outlines that are apples, closest to the camera first."""
+        """Return the outlines that represent apples, closest to the camera first."""
         found, left = [], list(shapes)
         for shape in left:
             outline = at_transitions(shape, relative)
@@ -156,7 +157,8 @@ class Grader:
         return sorted(found, key=lambda one: one.range_m)
 
     def _behind(self, outline: Outline, sphere: AppleSphere) -> Outline | None:
-        """Return the visible part of an apple behind another apple of the same color, if no neck separates them."""
+        """Return the visible part of an apple that is behind another apple of the same color, unless a neck separates
+        the two."""
         left, top, width, height = outline.box
         rays = self._rays[top : top + height, left : left + width].reshape(-1, 3)
         covered = sphere.inside(rays)[1].reshape(height, width) < BESIDE
@@ -166,7 +168,7 @@ class Grader:
         return float(np.linalg.norm(sphere.center_m - self._view.pose.position_m))
 
     def _is_apple(self, sphere: AppleSphere) -> bool:
-        """Whether an object has the size of an apple and is in the region."""
+        """Return whether an object has the size of an apple and is in the region."""
         smallest, largest = self._settings.diameter_mm
         if not smallest <= 2000.0 * sphere.radius_m <= largest:
             return False
@@ -198,7 +200,8 @@ class Grader:
         )  # fmt: skip
 
     def _skin(self, relative: Pixels, one: _Found, nearer: Sequence[_Found]) -> tuple[VisibleSkin, float, float]:
-        """Return an apple's skin, the fraction that no nearer apple hides, and the fraction that an object covers."""
+        """Return an apple's skin, the fraction not hidden by nearer apples, and the fraction covered by another
+        object."""
         left, top, width, height = _grown(_box(one.outline), self._rays.shape)
         rows, columns = slice(top, top + height), slice(left, left + width)
         rays = self._rays[rows, columns].reshape(-1, 3)
@@ -221,21 +224,22 @@ class Grader:
 
 
 def _box(outline: Outline) -> tuple[int, int, int, int]:
-    """Return left, top, width and height of the pixels of an outline."""
+    """Return the left, top, width and height of an outline, in pixels."""
     rows, columns = np.flatnonzero(outline.mask.any(axis=1)), np.flatnonzero(outline.mask.any(axis=0))
     left, top = outline.box[0] + int(columns[0]), outline.box[1] + int(rows[0])
     return left, top, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
 
 
 def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
-    """Whether two boxes (left, top, width, height) have pixels in common."""
+    """Return whether two boxes (left, top, width, height) overlap."""
     apart_x = one[0] + one[2] <= other[0] or other[0] + other[2] <= one[0]
     apart_y = one[1] + one[3] <= other[1] or other[1] + other[3] <= one[1]
     return not (apart_x or apart_y)
 
 
 def _grown(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """Return a box with a margin of a quarter of its size, clipped to an image of this shape (height, width, …)."""
+    """Return a box that is enlarged by a quarter of its size and clipped to an image of the given shape (height, width,
+    …)."""
     left, top, width, height = box
     margin = max(width, height) // 4 + 2
     low_x, low_y = max(left - margin, 0), max(top - margin, 0)

@@ -1,6 +1,6 @@
-"""Convert images to linear colors relative to the color of the table.
+"""Convert images to linear colors relative to the table color.
 
-All features for grading are ratios to the table, so the brightness and the color of the light have no influence.
+All grading features are ratios to the table color, so the brightness and the color of the light do not affect them.
 """
 
 from typing import Any, Final
@@ -18,33 +18,33 @@ Pixels = NDArray[np.float32]
 DARKEST: Final = 0.01
 """Minimum linear brightness of the bright pixels of an image, as a fraction of white."""
 BRIGHT_PERCENT: Final = 90.0
-"""Percentile of the brightness that is compared with ``DARKEST``."""
+"""Brightness percentile that is compared with ``DARKEST``."""
 CLIPPED: Final = 250
-"""Smallest value at which a pixel counts as overexposed."""
+"""Minimum value at which a pixel is considered overexposed."""
 MOST_CLIPPED: Final = 0.25
 """Maximum fraction of overexposed pixels in an image."""
 STEP: Final = 3
-"""Step between the pixels, in both directions, from which the color of the table is estimated."""
+"""Step between the pixels, in both directions, that are used to estimate the table color."""
 SPAN: Final = 2.0
 BIN: Final = 0.04
 """Range and bin width of the histogram of log ratios of two color channels."""
 PEAK: Final = 0.08
-"""Distance from the peak of the histogram within which pixels belong to the table."""
+"""Maximum distance from the histogram's peak at which a pixel is considered part of the table."""
 
 
 def linear_rgb(picture: Picture) -> Pixels:
-    """Return the linear RGB (height, width, 3) of an sRGB image."""
+    """Convert an sRGB image to linear RGB (height, width, 3)."""
     share = np.arange(256, dtype=np.float64) / 255.0
     curve = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return cv2.LUT(picture, curve.astype(np.float32))  # type: ignore[return-value]
 
 
 def relative_to_table(picture: Picture, region: NDArray[np.bool_] | None = None) -> Pixels:
-    """Return the linear RGB (height, width, 3) of an image, in units of the color of the table.
+    """Convert an sRGB image to linear RGB (height, width, 3), in units of the table color.
 
     Args:
         picture: The image.
-        region: Pixels (height, width) of the table; None for all pixels.
+        region: Mask (height, width) of the table's pixels, or None for all pixels.
 
     Raises:
         PictureRefused: The image is black or overexposed.
@@ -60,19 +60,20 @@ def relative_to_table(picture: Picture, region: NDArray[np.bool_] | None = None)
 
 
 def _largest(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the largest value (n,) of each pixel (n, 3). A maximum of numpy over three values takes far longer."""
+    """Return the largest value (n,) of each pixel (n, 3). In NumPy, a maximum over three values takes far longer."""
     largest: NDArray[Any] = np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
     return largest
 
 
 def table_color(pixels: Pixels) -> NDArray[np.float32]:
-    """Return the most frequent color (3,) among pixels (n, 3), in linear RGB. This is the color of the table."""
+    """Return the most frequent color (3,) among pixels (n, 3), in linear RGB. The most frequent color is the color of
+    the table."""
     lit = pixels[-_largest(-pixels) > 0.5 * DARKEST]
     if not len(lit):
         raise PictureRefused("the image has no well exposed pixel: correct the exposure of the camera")
     ratios = np.log(lit[:, [0, 2]] / lit[:, 1:2])
     edges = np.arange(-SPAN, SPAN + BIN, BIN)
-    # Apples are saturated and have many shades, so the table has the peak even if apples cover half of the image.
+    # Apples are saturated and have many shades, so the table forms the peak even if apples cover half of the image.
     counts = np.histogram2d(ratios[:, 0], ratios[:, 1], bins=(edges, edges))[0]
     smooth = cv2.GaussianBlur(counts, (5, 5), 1.0)
     peak = np.array(np.unravel_index(int(smooth.argmax()), smooth.shape))

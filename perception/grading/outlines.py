@@ -1,4 +1,4 @@
-"""Find the outlines of apples in a mask of colored pixels, which is split where apples touch."""
+"""Find the outlines of apples in a mask of colored pixels, and split the mask between touching apples."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,22 +13,23 @@ from perception.grading.light import Pixels
 
 FloatMap = NDArray[np.float32]
 Mask = NDArray[np.uint8]
-"""Image (height, width) with 255 at the pixels that belong to the mask, and 0 elsewhere."""
+"""Image (height, width) with the value 255 at pixels that belong to the mask, and 0 elsewhere."""
 
 LEAST_SATURATION: Final = 0.3
-"""Minimum saturation of a colored pixel: 1 - min / max, relative to the table. Shadows on the table have 0."""
+"""Minimum saturation of a colored pixel: 1 - min / max, relative to the table. Shadows on the table have a saturation
+of 0."""
 SMALLEST_PX: Final = 60
 """Minimum area of an apple, in pixels."""
 NECK: Final = 0.86
 """Maximum width of a mask's neck between two apples, as a fraction of the smaller apple."""
 LEAST_PART: Final = 0.35
-"""Minimum half width of a part of a mask that counts as an apple, as a fraction of the largest part."""
+"""Minimum half width at which a part of a mask is considered an apple, as a fraction of the largest part."""
 LEAST_REST: Final = 0.06
-"""Minimum visible area of an apple behind another apple, as a fraction of the area of the other apple."""
+"""Minimum visible area of an apple behind another apple, as a fraction of the other apple's area."""
 BOX_POINTS: Final = 72
-"""Number of points of an outline that is made from a box."""
+"""Number of points in an outline that is created from a box."""
 BORDER_PX: Final = 2
-"""Distance from the edge of the image below which an outline counts as cut off, in pixels."""
+"""Distance from the image edge below which an outline is considered cut off, in pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,23 +37,23 @@ class Outline:
     """Visible outline of one apple."""
 
     pixels: FloatArray
-    """Pixels (n, 2) of the outline, without pixels at another apple or at the edge of the image."""
+    """Pixels (n, 2) of the outline, except for pixels next to another apple or at the image edge."""
     mask: Mask
-    """Colored pixels of the apple (height, width of ``box``)."""
+    """Mask of the apple's colored pixels (height, width of ``box``)."""
     box: tuple[int, int, int, int]
     """Left, top, width and height of ``mask`` in the image, in pixels."""
     cut: bool
-    """Whether the edge of the image cuts the apple off."""
+    """Whether the apple is cut off by the image edge."""
 
 
 def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
-    """Return the mask of pixels whose color differs from that of the table.
+    """Return the mask of pixels whose color differs from the table color.
 
     Args:
         relative: Linear RGB (height, width, 3), relative to the table.
-        region: Pixels (height, width) in which to search for apples; None for all pixels.
+        region: Mask (height, width) of the pixels in which to search for apples, or None for all pixels.
     """
-    red, green, blue = cv2.split(relative)  # a minimum of numpy over three values takes far longer
+    red, green, blue = cv2.split(relative)  # in NumPy, a minimum over three values takes far longer
     largest, smallest = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
     mask = np.where(largest - smallest > LEAST_SATURATION * largest, 255, 0).astype(np.uint8)
     if region is not None:
@@ -63,7 +64,7 @@ def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
 
 
 def _filled(mask: NDArray[np.generic]) -> Mask:
-    """Fill the holes of a mask, which are gray spots and reflections."""
+    """Fill the holes in a mask, which are gray spots and reflections."""
     contours = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     filled = np.zeros(mask.shape, np.uint8)
     cv2.drawContours(filled, list(contours), -1, 255, cv2.FILLED)
@@ -71,7 +72,7 @@ def _filled(mask: NDArray[np.generic]) -> Mask:
 
 
 def outlines(mask: Mask) -> list[Outline]:
-    """Return the outline of each apple of a mask. Apples that touch are split at the neck between them."""
+    """Return the outline of each apple in a mask. Touching apples are split at the neck between them."""
     return [outline for box, part in _components(mask) for outline in _split(part, box, mask.shape)]
 
 
@@ -97,14 +98,15 @@ def _split(part: Mask, box: tuple[int, int, int, int], shape: tuple[int, ...]) -
 
 
 def _outline(own: Mask, others: NDArray[np.bool_], box: tuple[int, int, int, int], shape: tuple[int, ...]) -> Outline:
-    """Return the outline of a mask, except next to pixels of other apples. The box has a margin of 1 pixel."""
+    """Return the outline of a mask, except for the parts next to other apples. The masks have a margin of 1 pixel
+    around the box."""
     pixels = _free_edge(own, others) + (np.array(box[:2]) - 1.0)
     inside = ((pixels >= BORDER_PX) & (pixels <= np.array(shape[1::-1]) - 1 - BORDER_PX)).all(axis=1)
     return Outline(pixels[inside], own[1:-1, 1:-1], box, cut=not bool(inside.all()))
 
 
 def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
-    """Return the outline of an apple that fills a box (left, top, right, bottom). None if it is too small.
+    """Return the outline of an apple that fills a box (left, top, right, bottom). Returns None if the box is too small.
 
     ``shape`` is the height and width of the image.
     """
@@ -126,7 +128,7 @@ def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -
 
     Args:
         outline: The outline.
-        covered: Pixels (height, width of the box) of the apple.
+        covered: Mask (height, width of the box) of the apple's pixels.
         shape: Height and width of the image.
     """
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -140,7 +142,7 @@ def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -
 
 
 def _seeds(depth: FloatMap) -> list[tuple[int, int]]:
-    """Return the deepest pixel (x, y) of each apple in a map of the distances to the edge of the mask."""
+    """Return the deepest pixel (x, y) of each apple in a map of distances to the mask's edge."""
     left: FloatMap = np.array(cv2.GaussianBlur(depth, (5, 5), 1.0), dtype=np.float32)
     smooth, seeds = left.copy(), list[tuple[int, int]]()
     deepest = float(left.max())
@@ -161,7 +163,8 @@ def _neck(depth: FloatMap, one: tuple[int, int], other: tuple[int, int]) -> floa
 
 
 def _nearest(mask: Mask, depth: FloatMap, seeds: list[tuple[int, int]]) -> NDArray[np.int64]:
-    """Return the number (from 1) of the apple of each pixel, which is the nearest apple relative to its size."""
+    """Return, for each pixel, the number (from 1) of the nearest apple, where distances are relative to the apple's
+    size."""
     y, x = np.indices(mask.shape, dtype=np.float32)
     distances = [np.hypot(x - seed[0], y - seed[1]) / float(depth[seed[1], seed[0]]) for seed in seeds]
     labels: NDArray[np.int64] = np.where(mask > 0, np.argmin(distances, axis=0) + 1, 0)

@@ -1,4 +1,4 @@
-"""Read the settings of the grading: thresholds of the grades, and limits for what counts as an apple."""
+"""Read the grading settings: grade thresholds, and limits that define what is considered an apple."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -13,10 +13,10 @@ from perception.errors import GradesFileError
 QUANTITIES: Final = ("diameter_mm", "red_ratio", "defect_score")
 """Names of the measured quantities that have thresholds."""
 TOPS: Final = {"diameter_mm": 1000.0, "red_ratio": 1.0, "defect_score": 1.0}
-"""Largest value of each quantity. A range that ends at this value includes the value."""
+"""Maximum value of each quantity. A range that ends at this value includes the value."""
 
 Range = tuple[float, float]
-"""Range with its lower end (included) and its upper end (not included)."""
+"""Range with its lower bound (inclusive) and its upper bound (exclusive)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class GradeRule:
     defect_score: Range = (0.0, 1.0)
 
     def covers(self, values: dict[str, float]) -> bool:
-        """Whether the rule covers the values of an apple, keyed by quantity."""
+        """Return whether the rule covers an apple's values, keyed by quantity."""
         return all(_within(values[name], getattr(self, name), TOPS[name]) for name in QUANTITIES)
 
     def overlaps(self, other: "GradeRule") -> bool:
-        """Whether an apple can match both rules."""
+        """Return whether an apple can match both rules."""
         pairs = [(getattr(self, name), getattr(other, name)) for name in QUANTITIES]
         return all(max(one[0], two[0]) < min(one[1], two[1]) for one, two in pairs)
 
@@ -48,25 +48,26 @@ DEFAULT_RULES: Final = (
     GradeRule("B", defect_score=(0.03, 0.12)),
     GradeRule("C", defect_score=(0.12, 1.0)),
 )
-"""Default rules: red apples without defects are A, apples with large defects are C, and all other apples are B."""
+"""Default rules: red apples without defects are graded A, apples with large defects C, and all other apples B."""
 
 
 @dataclass(frozen=True, slots=True)
 class GradingSettings:
-    """Thresholds of the grades, and limits for what counts as an apple."""
+    """Grade thresholds, and limits that define what is considered an apple."""
 
     rules: tuple[GradeRule, ...] = DEFAULT_RULES
     diameter_mm: Range = (15.0, 130.0)
-    """Range of the diameters of apples. Smaller and larger objects are ignored."""
+    """Range of apple diameters, in mm. Smaller and larger objects are ignored."""
     region_m: tuple[float, float, float, float] | None = None
-    """Region in base_link in which to search for apples: smallest x and y, largest x and y, in m. None for no limit."""
+    """Region in base_link in which to search for apples: smallest x and y, largest x and y, in m. None means no
+    limit."""
     table_rgb: tuple[float, float, float] = (0.6, 0.6, 0.6)
     """Fractions of red, green and blue light that the table reflects. For a gray table, the three values are equal."""
     least_visible: float = 0.7
-    """Minimum visible fraction of an apple that gets a grade."""
+    """Minimum visible fraction of an apple required to grade it."""
 
     def grade_of(self, diameter_mm: float, red_ratio: float, defect_score: float) -> str:
-        """Return the grade of an apple, or an empty string if no rule covers its values."""
+        """Return an apple's grade, or an empty string if no rule covers the values."""
         values = {"diameter_mm": diameter_mm, "red_ratio": red_ratio, "defect_score": defect_score}
         return next((rule.grade for rule in self.rules if rule.covers(values)), "")
 
@@ -88,7 +89,7 @@ class _Rule(BaseModel):
             low, high = getattr(self, name)
             if not 0.0 <= low < high <= TOPS[name]:
                 raise ValueError(
-                    f"{name}: [{low}, {high}] is not a range within 0 to {TOPS[name]:g}: write the lower end first"
+                    f"{name}: [{low}, {high}] is not a range within 0 to {TOPS[name]:g}: write the smaller value first"
                 )
         return self
 
@@ -108,7 +109,7 @@ class _File(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> "_File":
         if self.apple_diameter_mm[0] >= self.apple_diameter_mm[1]:
-            raise ValueError(f"apple_diameter_mm {self.apple_diameter_mm}: write the lower end first")
+            raise ValueError(f"apple_diameter_mm {self.apple_diameter_mm}: write the smaller value first")
         if self.region_m is not None and not (
             self.region_m[0] < self.region_m[2] and self.region_m[1] < self.region_m[3]
         ):
@@ -117,10 +118,10 @@ class _File(BaseModel):
 
 
 def read_settings(path: Path) -> GradingSettings:
-    """Read the settings of the grading from a file.
+    """Read the grading settings from a file.
 
     Raises:
-        GradesFileError: The file has errors, or rules of different grades overlap. The message contains the line of
+        GradesFileError: The file has errors, or the rules of different grades overlap. The message states the line of
             each error.
     """
     file, places = load_with_lines(path, _File, GradesFileError)

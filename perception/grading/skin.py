@@ -1,8 +1,8 @@
-"""Find the red pixels and the defects in the skin of an apple.
+"""Find the red pixels and the defects in an apple's skin.
 
-The brightness of a pixel is compared with healthy skin at the same place on the sphere, because the side away from the
-lamp is dark but healthy. A defect is darker than healthy skin and has a color that does not occur in healthy skin. The
-shadow of another object is therefore not a defect.
+The brightness of a pixel is compared with healthy skin at the same position on the sphere, because the side facing away
+from the lamp is dark but healthy. A defect is darker than healthy skin and has a color that does not occur in healthy
+skin. A shadow of another object is therefore not a defect.
 """
 
 from dataclasses import dataclass
@@ -17,51 +17,54 @@ from hal.types import FloatArray
 Flags = NDArray[np.bool_]
 
 RED_HUE: Final = 0.6
-"""Largest hue of red skin, as (G - B) / (R - B) in linear light: 0 is red, and 1 is yellow."""
+"""Maximum hue of red skin, as (G - B) / (R - B) in linear light: 0 is red, and 1 is yellow."""
 DARKER: Final = -0.3
-"""Maximum log brightness of a defect, relative to the darkest healthy skin at the same place."""
+"""Maximum log brightness of a defect, relative to the darkest healthy skin at the same position."""
 HALF: Final = -0.45
-"""Largest log of the relative brightness of a pixel next to a defect that mixes the defect and healthy skin."""
+"""Maximum log relative brightness of a pixel that is next to a defect and mixes the colors of the defect and healthy
+skin."""
 BLACK: Final = -1.9
-"""Log of the relative brightness below which a pixel of any color is a defect."""
+"""Log relative brightness below which a pixel of any color is a defect."""
 BROWN: Final = (0.28, 0.74)
-"""Range of G / R for brown. Red skin has less green, and yellow or green skin has more."""
+"""Range of G / R for brown pixels. Red skin has less green, and yellow or green skin has more."""
 BROWN_BLUE: Final = 0.14
 """Smallest B / R of brown. The transition from red to green skin has less blue."""
 MUCH_DARKER: Final = -0.6
 DARK_BROWN_BLUE: Final = 0.06
-"""Largest log of the relative brightness, and smallest B / R, of a brown with little blue. The transition from red to
-green skin has this color, but it is not as dark."""
+"""Maximum log relative brightness and minimum B / R of a brown with little blue. The transition from red to green skin
+has this color, but is not as dark."""
 GRAY_BLUE: Final = 0.33
 GRAY_GREEN: Final = 0.55
-"""Smallest B / R and G / R of gray and black."""
+"""Minimum B / R and G / R of gray and black."""
 NOT_PALE_RED: Final = 1.25
-"""Smallest G / B of brown. Red skin that a compressed image mixes with the gray of the table has equal G and B."""
+"""Smallest G / B of brown. Where image compression mixes red skin with the gray of the table, G and B are equal."""
 MOSTLY: Final = 0.6
-"""Minimum fraction of brown pixels at which the whole apple counts as either yellow or rotten."""
+"""Minimum fraction of brown pixels at which the whole apple is considered either yellow or rotten."""
 YELLOW: Final = 0.22
-"""Minimum median brightness at which such an apple counts as yellow."""
+"""Minimum median brightness at which such an apple is considered yellow."""
 LEAST_SOUND: Final = 0.4
-"""Minimum fraction of the red (or green) pixels that must not be brown for the brightness of these pixels to count."""
+"""Minimum fraction of the red (or green) pixels that must not be brown for the brightness of these pixels to be
+used."""
 ROUNDS: Final = 6
 MOST_POINTS: Final = 800
-"""Minimum number of sampled pixels for estimating the brightness of healthy skin. If there are fewer, all are used."""
+"""Minimum number of sampled pixels for estimating the brightness of healthy skin. If there are fewer pixels, all of
+them are used."""
 SPREAD: Final = 0.12
-"""Deviation of the log brightness of healthy skin."""
+"""Spread of the log brightness of healthy skin."""
 CHROMA_BIN: Final = 0.15
-"""Bin width of the colors of healthy skin, in log ratios."""
+"""Bin width for the colors of healthy skin, in log ratios."""
 COMMON: Final = 0.02
-"""Minimum fraction of the skin at which a color counts as a color of healthy skin."""
+"""Minimum fraction of the skin at which a color is considered a color of healthy skin."""
 RIM_PX: Final = (1.2, 2.5)
-"""Smallest and largest width of the rim that is not judged, in pixels, because its colors are a mixture of the apple
-and the table. The mixture is wide in compressed images, such as those of USB cameras, whose color has a lower
-resolution."""
+"""Minimum and maximum width of the rim that is not graded, in pixels, because its colors mix the apple and the table.
+The mixture is wide in compressed images, such as those from USB cameras, because their color has a lower resolution."""
 RIM: Final = 0.08
 """Width of the rim between these limits, as a fraction of the apple's radius."""
 RING: Final = 0.08
-"""Width of the ring inside the rim, as a squared fraction of the radius. The ring's pixels also count for the rim."""
+"""Width of the ring inside the rim, as a difference of squared distances relative to the radius. The ring's pixels also
+represent the rim, so they have a higher weight."""
 DIMMEST: Final = 1e-3
-"""Lowest brightness, relative to the table."""
+"""Minimum brightness, relative to the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +72,13 @@ class VisibleSkin:
     """The visible skin of one apple."""
 
     red_ratio: float
-    """Fraction of the skin that is red and not a defect."""
+    """Fraction of the skin that is red and not defective."""
     defect_score: float
-    """Fraction of the skin that is a defect."""
+    """Fraction of the skin that is defective."""
 
 
 def rim_px(radius_px: float) -> float:
-    """Return the width of the apple's rim that is not judged, in pixels."""
+    """Return the width of the apple's rim that is not graded, in pixels."""
     return min(max(RIM * radius_px, RIM_PX[0]), RIM_PX[1])
 
 
@@ -84,8 +87,8 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
 
     Args:
         colors: Linear RGB (n, 3) of the pixels, relative to a white surface.
-        places: Positions (n, 2) of the pixels in the outline, whose radius is 1.
-        area: Position of the n pixels in a part (height, width) of the image.
+        places: Positions (n, 2) of the pixels relative to the outline, which has a radius of 1.
+        area: Mask that marks the positions of the n pixels in a part (height, width) of the image.
     """
     red, green, blue = np.maximum(colors, DIMMEST).T
     is_red = (green - blue) < RED_HUE * np.maximum(red - blue, DIMMEST)
@@ -102,7 +105,7 @@ def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, F
 
 
 def _beside(defect: Flags, area: Flags) -> Flags:
-    """Return which pixels are next to a defect and have a mixed color that is neither brown nor healthy."""
+    """Return which pixels are part of a defect or next to one."""
     mask = np.zeros(area.shape, np.uint8)
     mask[area] = defect
     beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
@@ -110,7 +113,7 @@ def _beside(defect: Flags, area: Flags) -> Flags:
 
 
 def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> VisibleSkin:
-    """Return the fractions of red pixels and defects. The arguments are the same as in ``judge``."""
+    """Return the fractions of red pixels and of defects. The arguments are the same as in ``judge``."""
     red, defect = judge(colors, places, area)
     away = (places * places).sum(axis=1)
     ring = float(away.max()) - RING
@@ -120,7 +123,7 @@ def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> VisibleSkin:
 
 
 def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags:
-    """Return which pixels have the color of a defect, from G / R, B / R and log brightness (n,)."""
+    """Return which pixels have the color of a defect, given G / R, B / R and log brightness (n,)."""
     brown: Flags = (green > BROWN[0]) & (green < BROWN[1]) & (blue > BROWN_BLUE) & (green > NOT_PALE_RED * blue)
     brown |= (blue > GRAY_BLUE) & (green > GRAY_GREEN)
     if brown.mean() > MOSTLY and np.median(brightness[brown]) > np.log(YELLOW):
@@ -129,7 +132,7 @@ def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags
 
 
 def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Flags) -> FloatArray:
-    """Return the log brightness (n,) of the darkest healthy skin at each pixel.
+    """Return the log brightness (n,) that the darkest healthy skin would have at each pixel.
 
     The estimate is a smooth function of the position, with one level for red skin and one for green skin. Darker pixels
     have little weight, because they are spots or in a shadow.
@@ -154,13 +157,15 @@ def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Fla
 
 
 def _is_skin(kind: Flags, brown: Flags) -> bool:
-    """Return whether red or green pixels are skin. If most of them are brown, they are a spot and its edge."""
+    """Return whether pixels of one color, red or green, are skin. If most of these pixels are brown, they are a spot
+    and its edge."""
     sound = int((kind & ~brown).sum())
     return sound > COMMON * len(kind) and sound > LEAST_SOUND * int(kind.sum())
 
 
 def _common(green: FloatArray, blue: FloatArray, sound: Flags) -> Flags:
-    """Return which pixels have a color that is common among healthy pixels. Colors are logs of G / R and B / R (n,)."""
+    """Return which pixels have a color that is common among healthy pixels. The colors are logarithms of G / R and B /
+    R (n,)."""
     if not sound.any():
         return np.zeros(len(green), dtype=bool)
     bins = np.clip(np.column_stack([green, blue]) / CHROMA_BIN, -40, 40).round().astype(int) + 40

@@ -1,8 +1,8 @@
-"""Measure an apple, an almost round body that lies on the plane, from its outline.
+"""Measure an apple, which is an almost round body that lies on the plane, from its outline.
 
-The rays of the outline form a cone around the apple. The opening angle of the cone and the height of the plane
-determine the diameter and the position. An apple whose whole outline is visible may be an ellipsoid. Any other apple is
-measured as a sphere.
+The rays through the outline form a cone around the apple. The opening angle of the cone and the height of the plane
+determine the apple's diameter and position. An apple whose entire outline is visible may be an ellipsoid. Any other
+apple is measured as a sphere.
 """
 
 from collections.abc import Iterator
@@ -17,18 +17,18 @@ from hal.types import FloatArray
 from perception.camera_view import CameraView
 
 Ellipse: TypeAlias = tuple[float, float, float, float, float]
-"""Ellipse: center x and y, half axes, and angle of the first axis in rad."""
+"""Ellipse: center x, center y, half axes, and angle of the first axis in rad."""
 
 Circle: TypeAlias = tuple[FloatArray, float]
 """Center (2,) and radius."""
 
 LEAST_POINTS: Final = 12
 LEAST_ARC: Final = 0.3
-"""Minimum fraction of the outline that determines a sphere."""
+"""Minimum fraction of the outline required to determine a sphere."""
 FULL_ARC: Final = 0.7
-"""Minimum visible fraction of an outline that is fitted with an ellipse."""
+"""Minimum visible fraction of an outline to which an ellipse is fitted."""
 LARGEST_RATIO: Final = 1.35
-"""Maximum ratio of the axes of an apple's outline."""
+"""Maximum axis ratio of an apple's outline."""
 ROUNDS: Final = 4
 NOTCH: Final = 0.08
 BUMP: Final = 0.12
@@ -37,11 +37,11 @@ OFF_ELLIPSE: Final = 0.025
 """Distance from an ellipse within which points belong to the ellipse, as a fraction of its radius."""
 PARTS: Final = 12
 PART: Final = 5
-"""Number of overlapping parts of an outline, and their length: each part has 5 of 12 of the points."""
+"""Number of overlapping parts of an outline, and their length. Each part contains 5 of 12 of the points."""
 START_POINTS: Final = 60
-"""Number of points that are used to choose the start of a fit."""
+"""Number of points that are used to choose the initial circle of a fit."""
 SECTORS: Final = 36
-"""Number of sectors in which the visible fraction of an outline is counted."""
+"""Number of sectors used to determine the visible fraction of an outline."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,21 +53,23 @@ class AppleSphere:
     radius_m: float
     """Half of the largest diameter, in m."""
     frame: FloatArray
-    """Axes (3, 3) of the cone as columns. The last axis points to the apple."""
+    """Axes (3, 3) of the cone, as columns. The last axis points toward the apple."""
     ellipse: Ellipse
-    """Center x, y, half axes and angle (rad) of the outline, in the plane at distance 1 along the cone."""
+    """Center x, center y, half axes and angle (rad) of the outline, in the plane at distance 1 along the cone."""
     arc: float
     """Fraction of the outline from which the apple was measured."""
     error: float
-    """Mean distance of the outline from the ellipse, as a fraction of its radius."""
+    """Mean distance of the outline from the ellipse, as a fraction of the ellipse's radius."""
 
     def inside(self, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return positions (n, 2) of rays (n, 3) relative to an outline of radius 1, and the squared distances (n,)."""
+        """Return the positions (n, 2) of rays (n, 3) relative to the outline scaled to radius 1, and their squared
+        distances (n,)."""
         return _places(_flat(rays, self.frame), self.ellipse)
 
 
 def fit_sphere(view: CameraView, pixels: FloatArray) -> AppleSphere | None:
-    """Measure the apple with an outline of pixels (n, 2). Return None if the outline does not belong to an apple."""
+    """Measure the apple whose outline consists of the pixels (n, 2). Returns None if the outline does not belong to an
+    apple."""
     if len(pixels) < LEAST_POINTS:
         return None
     rays = view.rays(pixels)
@@ -93,7 +95,7 @@ def _placed(view: CameraView, frame: FloatArray, ellipse: Ellipse, quality: tupl
     x, y, a, b, _ = ellipse
     toward = frame @ np.array([x, y, 1.0])
     toward = toward / np.linalg.norm(toward)
-    # Near the center of the outline, an angle of the cone is the angle between its axis and the outline.
+    # Near the center of the outline, a cone angle is the angle between the cone's axis and the outline.
     scale = 1.0 / (1.0 + x * x + y * y)
     sine = float(np.sin(np.arctan(max(a, b) * scale)))
     above_m = float(view.pose.position_m[2]) - view.pose.plane_height_m
@@ -123,8 +125,8 @@ def _robust_circle(points: FloatArray) -> tuple[FloatArray, float, NDArray[np.bo
 
     Return the center (2,), the radius, and which points are on the circle.
 
-    Points inside the circle are the edges of spots and notches, and points outside belong to another apple. The fit
-    starts with the circle through one part of the outline that contains the most points.
+    Points inside the circle are the edges of spots and notches, and points outside the circle belong to another apple.
+    The fit starts with the circle that fits a part of the outline and has the most points on it.
     """
     few = points[:: max(1, len(points) // START_POINTS)]
     starts = [_circle(part) for part in _parts(few)]
@@ -139,7 +141,7 @@ def _robust_circle(points: FloatArray) -> tuple[FloatArray, float, NDArray[np.bo
 
 
 def _parts(points: FloatArray) -> Iterator[FloatArray]:
-    """Yield all points of an outline, and then its parts."""
+    """Yield all points of an outline, then its overlapping parts."""
     yield points
     length = len(points) * PART // PARTS
     for start in range(PARTS):
@@ -147,14 +149,14 @@ def _parts(points: FloatArray) -> Iterator[FloatArray]:
 
 
 def _on(points: FloatArray, circle: Circle, outside: float) -> NDArray[np.bool_]:
-    """Return which points (n, 2) are on a circle, or outside it by up to this fraction of its radius."""
+    """Return which points (n, 2) are on a circle, or outside it by up to the given fraction of its radius."""
     away = np.linalg.norm(points - circle[0], axis=1) / circle[1] - 1.0
     on: NDArray[np.bool_] = (away > -NOTCH) & (away < outside)
     return on
 
 
 def _circle(points: FloatArray) -> Circle:
-    """Return the center (2,) and the radius of the least-squares circle through points (n, 2)."""
+    """Return the center (2,) and the radius of the least-squares circle through the points (n, 2)."""
     middle = points.mean(axis=0)
     local = points - middle
     scale = float(np.abs(local).max()) or 1.0
@@ -167,7 +169,7 @@ def _circle(points: FloatArray) -> Circle:
 
 
 def _robust_ellipse(points: FloatArray) -> Ellipse | None:
-    """Fit an ellipse to points (n, 2), without points that are not on it. Return None if no ellipse is determined."""
+    """Fit an ellipse to points (n, 2), ignoring outliers. Returns None if the points do not determine an ellipse."""
     ellipse = _ellipse(points)
     for _ in range(ROUNDS):
         if ellipse is None:
@@ -180,7 +182,8 @@ def _robust_ellipse(points: FloatArray) -> Ellipse | None:
 
 
 def _places(points: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray]:
-    """Return positions (n, 2) of points (n, 2) relative to an ellipse of radius 1, and the squared distances (n,)."""
+    """Return the positions (n, 2) of points (n, 2) relative to an ellipse that is scaled to radius 1, and their squared
+    distances (n,)."""
     x, y = (points - ellipse[:2]).T
     a, b, cos, sin = ellipse[2], ellipse[3], np.cos(ellipse[4]), np.sin(ellipse[4])
     along, across = (cos * x + sin * y) / a, (cos * y - sin * x) / b
@@ -189,7 +192,7 @@ def _places(points: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArra
 
 
 def _ellipse(points: FloatArray) -> Ellipse | None:
-    """Return the ellipse through points (n, 2), or None if they do not determine an ellipse."""
+    """Return the ellipse through the points (n, 2), or None if they do not determine an ellipse."""
     middle = points.mean(axis=0)
     scale = float(np.abs(points - middle).max()) or 1.0
     local = ((points - middle) / scale).astype(np.float32)
@@ -201,6 +204,6 @@ def _ellipse(points: FloatArray) -> Ellipse | None:
 
 
 def _arc(away: FloatArray) -> float:
-    """Return the fraction of the directions from a center in which there are points (n, 2)."""
+    """Return the fraction of directions from a center in which there are points (n, 2)."""
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi) + 0.5
     return len(np.unique((turns * SECTORS).astype(int) % SECTORS)) / SECTORS

@@ -1,4 +1,4 @@
-"""Choose a camera source by its name on the command line."""
+"""Choose a camera source from its name on the command line."""
 
 from pathlib import Path
 
@@ -10,16 +10,16 @@ from perception.sources.video_device import VideoDevice
 
 
 def source_of(text: str, clock: Clock, size: tuple[int, int], rate_hz: float) -> CameraSource:
-    """Return the source that a text specifies, without opening the source.
+    """Return the source that a string specifies, without opening the source.
 
     Args:
-        text: An index, a path of a device, or a path of a video, an image or a folder of images.
-        clock: Clock of the stamps.
+        text: An index, a device path, or the path of a video, an image or a folder of images.
+        clock: Clock for the timestamps.
         size: Width and height to request from a camera, in pixels.
-        rate_hz: Rate to request from a camera.
+        rate_hz: Frame rate to request from a camera, in Hz.
 
     Raises:
-        CameraMissing: The text is empty.
+        CameraMissing: The string is empty.
     """
     if not text.strip():
         raise CameraMissing(

@@ -1,4 +1,4 @@
-"""List the cameras of the machine, and check access to them."""
+"""List the cameras connected to this machine, and check access to them."""
 
 import grp
 import os
@@ -12,27 +12,27 @@ from perception.errors import CameraBusy, CameraDenied, CameraMissing
 
 BY_ID: Final = "dev/v4l/by-id"
 WATCHERS: Final = ("pipewire", "wireplumber")
-"""Desktop programs that keep every camera open, but use it only on request."""
+"""Desktop programs that keep every camera open, but use the camera only on request."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraDevice:
-    """A camera of the machine."""
+    """A camera connected to this machine."""
 
     device: str
     """Path, such as /dev/video0."""
     index: int
     name: str
     by_id: str | None
-    """Path that stays the same when cameras are plugged in again. None if there is no such path."""
+    """Path that stays the same when the camera is plugged in again. None if the camera has no such path."""
     may_open: bool
     """Whether this user may open the camera."""
     owners: tuple[str, ...]
-    """Programs that use the camera."""
+    """Programs that are using the camera."""
 
 
 def cameras(root: Path = Path("/")) -> list[CameraDevice]:
-    """Return the cameras of the machine, without opening them. ``root`` is the root of the file system."""
+    """Return the cameras connected to this machine, without opening them. ``root`` is the root of the file system."""
     return sorted(_cameras(root), key=lambda camera: camera.index)
 
 
@@ -41,7 +41,7 @@ def _cameras(root: Path) -> Iterator[CameraDevice]:
     for folder in (root / "sys/class/video4linux").glob("video*"):
         number = folder.name.removeprefix("video")
         if not number.isdecimal() or _text(folder / "index") not in ("0", ""):
-            continue  # a second device of the same camera, which delivers metadata
+            continue  # a second device node of the same camera, which delivers metadata
         path = root / "dev" / folder.name
         link = next((link for link in links if link.resolve() == path.resolve()), None)
         yield CameraDevice(
@@ -58,13 +58,13 @@ def find_device(source: str, root: Path = Path("/")) -> str:
     """Return the path of a camera that this program can use.
 
     Args:
-        source: Path of the camera, or its index.
-        root: Root of the file system of the machine.
+        source: Path or index of the camera.
+        root: Root of the machine's file system.
 
     Raises:
-        CameraMissing: The camera does not exist. The message lists the cameras of the machine.
-        CameraDenied: The user has no permission.
-        CameraBusy: Another program uses the camera. The message names the program.
+        CameraMissing: The camera does not exist. The message lists the cameras connected to this machine.
+        CameraDenied: The user does not have permission to open the camera.
+        CameraBusy: Another program is using the camera. The message names the program.
     """
     device = f"/dev/video{int(source)}" if source.isdecimal() else source
     path = root / device.lstrip("/")

@@ -1,4 +1,4 @@
-"""Play a recorded video, or a folder of images, as a camera source at its own rate."""
+"""Play a recorded video or a folder of images as a camera source at its own rate."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ PICTURES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 FOLDER_HZ: Final = 10.0
 """Rate at which the images of a folder are played, in Hz."""
 RATES_HZ: Final = (0.1, 240.0)
-"""Range of plausible rates of a video."""
+"""Range of plausible video frame rates, in Hz."""
 
 
 class RecordedSource:
@@ -26,7 +26,7 @@ class RecordedSource:
         """Prepare the source.
 
         Args:
-            path: A video, an image, or a folder of images, which are played in the order of their names.
+            path: A video, an image, or a folder of images, which are played in name order.
             clock: Clock of the stamps.
         """
         self._path, self._clock = path, clock
@@ -47,7 +47,7 @@ class RecordedSource:
         return self._rate.rate_hz
 
     def open(self) -> None:
-        """Start at the first image. Raises CameraError if there are no images."""
+        """Start with the first image. Raises CameraError if there are no images."""
         if not self._path.exists():
             raise CameraMissing(f"there is no file or folder {self._path}: specify a video or a folder of images")
         self._interval_s = 1.0 / FOLDER_HZ
@@ -107,7 +107,7 @@ class RecordedSource:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a file as an RGB image (height, width, 3). Raise CameraError if the file is not an image."""
+    """Read a file as an RGB image (height, width, 3). Raises CameraError if the file is not an image."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
         bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None

@@ -1,4 +1,4 @@
-"""Read a USB camera with OpenCV. A thread takes the frames, so that a reader always gets the latest frame."""
+"""Read a USB camera with OpenCV. A thread reads the frames, so that the caller always gets the latest frame."""
 
 import threading
 from collections.abc import Callable
@@ -14,17 +14,18 @@ from perception.sources.devices import find_device
 from perception.sources.rate import RateMeter
 
 FROZEN_S: Final = 2.0
-"""Time after which identical images show that the camera is frozen, in seconds. Real images differ by noise."""
+"""Time after which identical images indicate that the camera is frozen, in seconds. Real images differ because of
+noise."""
 STALE_S: Final = 1.0
-"""Maximum age of a frame, in seconds. The driver may deliver frames that have waited in its queue."""
+"""Maximum age of a frame, in seconds. The driver may deliver frames that have been waiting in its queue."""
 SAMPLE: Final = 8
-"""Step between the pixels, in both directions, by which frames are compared."""
+"""Step between the pixels, in both directions, that are used to compare frames."""
 JOIN_S: Final = 2.0
-"""Time to wait for the end of the thread, in seconds."""
+"""Maximum time to wait for the thread to end, in seconds."""
 
 
 class Capture(Protocol):
-    """The methods of cv2.VideoCapture that are used."""
+    """Methods of cv2.VideoCapture that are used."""
 
     def isOpened(self) -> bool: ...
     def read(self) -> tuple[bool, Any]: ...
@@ -33,7 +34,7 @@ class Capture(Protocol):
 
 
 def v4l2_capture(device: str, size: tuple[int, int], rate_hz: float) -> Capture:
-    """Open a camera of Video4Linux with an image size (width, height) and a rate."""
+    """Open a Video4Linux camera with an image size (width, height) and a frame rate."""
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     # Most cameras reach their full rate over USB 2 only with compressed images.
     capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -45,7 +46,7 @@ def v4l2_capture(device: str, size: tuple[int, int], rate_hz: float) -> Capture:
 
 
 class VideoDevice:
-    """Camera source for a camera of the machine (see ``perception.frames.CameraSource``)."""
+    """Camera source for a camera connected to this machine (see ``perception.frames.CameraSource``)."""
 
     def __init__(
         self,
@@ -60,11 +61,11 @@ class VideoDevice:
 
         Args:
             source: Path of the camera, preferably in /dev/v4l/by-id, or its index.
-            clock: Monotonic clock of the stamps.
+            clock: Monotonic clock for the timestamps.
             size: Width and height of the images, in pixels.
-            rate_hz: Requested rate.
+            rate_hz: Requested frame rate, in Hz.
             capture: Function that opens a device.
-            find: Function that checks a source and returns its device.
+            find: Function that checks a source and returns the corresponding device.
         """
         self._source, self._clock, self._size, self._requested_hz = source, clock, size, rate_hz
         self._make_capture, self._find = capture, find
@@ -90,7 +91,7 @@ class VideoDevice:
         return self._rate.rate_hz
 
     def open(self) -> None:
-        """Open the camera. Raise CameraError if it is missing, in use, or does not support the image size."""
+        """Open the camera. Raises CameraError if the camera is missing, in use, or does not support the image size."""
         self.close()
         device = self._find(self._source)
         capture = self._make_capture(device, self._size, self._requested_hz)
@@ -116,8 +117,8 @@ class VideoDevice:
         """Wait for a new frame.
 
         Raises:
-            CameraSilent: No new frame arrived in time, or the images are frozen or old.
-            CameraLost: The camera was unplugged, or is not open.
+            CameraSilent: No new frame arrived in time, or the images are frozen or outdated.
+            CameraLost: The camera was unplugged or is not open.
         """
         with self._new:
             self._new.wait_for(lambda: self._newest is not None or self._lost or self._thread is None, timeout_s)
@@ -155,7 +156,7 @@ class VideoDevice:
         self._rate = RateMeter()
 
     def _take(self, capture: Capture, stop: threading.Event) -> None:
-        """Take frames until the camera is closed or lost."""
+        """Read frames until the camera is closed or lost."""
         while not stop.is_set():
             ok, bgr = capture.read()
             if stop.is_set():
@@ -178,7 +179,7 @@ class VideoDevice:
         self._newest = Frame(rgb, stamp_s, self._number)
 
     def _stamp_s(self, capture: Capture) -> float:
-        """Return the time of capture.
+        """Return the capture time.
 
         Video4Linux reports this time on the monotonic clock, but some drivers do not report it.
         """

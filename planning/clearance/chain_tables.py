@@ -1,7 +1,7 @@
 """Convert the joints of an arm into arrays for compiled code.
 
-Indices: f for a link, j for a joint of the arm, n for a planned joint. A chain is the list of joints from the world to
-    a link.
+Index letters: f for a link, j for a joint of the arm, n for a planned joint. A chain is the list of joints from the
+    world to a link.
 """
 
 import math
@@ -16,42 +16,42 @@ from planning.errors import PlanningError
 
 
 class ChainTables(NamedTuple):
-    """Links and joints of an arm. Lengths in m, angles in rad."""
+    """Links and joints of an arm. Lengths are in m, angles in rad."""
 
     parent: Any
-    """Index of the parent link (f,); -1 for the world."""
+    """Index of the parent link (f,), or -1 for the world."""
     link_pos: FloatArray
-    """Position of each link in its parent (f, 3)."""
+    """Position of each link relative to its parent (f, 3)."""
     link_mat: FloatArray
-    """Rotation matrix of each link in its parent (f, 3, 3)."""
+    """Rotation matrix of each link relative to its parent (f, 3, 3)."""
     first_joint: Any
     """Index of the first joint of each link (f + 1,)."""
     slides: Any
     """Whether each joint is a slide (j,)."""
     axis: FloatArray
-    """Axis of each joint in its link (j, 3)."""
+    """Axis of each joint in the link's frame (j, 3)."""
     anchor: FloatArray
-    """Point on the axis of each joint in its link (j, 3)."""
+    """Point on the axis of each joint in the link's frame (j, 3)."""
     initial: FloatArray
     """Position of each joint in the scene's initial pose (j,)."""
     planned: Any
-    """Index of each planned joint among the joints of the arm (n,)."""
+    """Index of each planned joint among the arm's joints (n,)."""
     follower: Any
     """Index of each mimic joint (m,), leaders first."""
     leader: Any
     """Index of the joint that each mimic joint follows (m,)."""
     coefficients: FloatArray
-    """Polynomial of each mimic joint (m, 5)."""
+    """Polynomial coefficients of each mimic joint (m, 5)."""
     steepest: FloatArray
-    """Largest ratio of the speed of each mimic joint to the speed of its leader (m,)."""
+    """Maximum ratio of each mimic joint's speed to its leader's speed (m,)."""
     chain: Any
-    """Joints of each link's chain (f, c)."""
+    """Joints in each link's chain (f, c)."""
     chain_length: Any
-    """Number of joints of each link's chain (f,)."""
+    """Number of joints in each link's chain (f,)."""
 
 
 def chain_tables(arm: ArmModel) -> ChainTables:
-    """Return the tables of an arm. Raise PlanningError if the speed of a mimic joint is unbounded."""
+    """Return the tables of an arm. Raises PlanningError if the speed of a mimic joint is unbounded."""
     model, bodies = arm.model, arm.bodies
     frame = {body: index for index, body in enumerate(bodies)}
     joints = [joint for body in bodies for joint in _joints(model, body)]
@@ -85,7 +85,7 @@ def joint_positions(arm: ArmModel) -> FloatArray:
 
 
 def travels(arm: ArmModel, tables: ChainTables) -> FloatArray:
-    """Return the largest distance of each slide from its initial position (j,), in m; 0 for hinges."""
+    """Return the maximum distance of each slide from its initial position (j,), in m, with 0 for hinges."""
     farthest = np.abs(joint_positions(arm) - tables.initial)
     for joint, limit in zip(tables.planned, arm.limits, strict=True):
         ends = np.array([limit.lower, limit.upper]) - tables.initial[joint]
@@ -120,7 +120,7 @@ def _chains(arm: ArmModel, frame: dict[int, int], index: dict[int, int]) -> tupl
 
 
 def _steepest(arm: ArmModel, leader: int, terms: FloatArray) -> float:
-    """Return the largest slope of a polynomial within the limits of the leader."""
+    """Return the maximum slope of a polynomial within the leader's limits."""
     if not terms[2:].any():
         return abs(float(terms[1]))
     if leader not in {*arm.joint_ids, *(follower.joint for follower in arm.followers)}:
@@ -135,6 +135,7 @@ def _steepest(arm: ArmModel, leader: int, terms: FloatArray) -> float:
     if not math.isfinite(farthest):
         name = arm.model.joint(leader).name
         raise PlanningError(
-            "INVALID_ROBOT_STATE", f"{name} has no limits, and a joint follows it along a curve: set limits for {name}"
+            "INVALID_ROBOT_STATE",
+            f"{name} has no limits, and another joint follows it nonlinearly: set limits for {name}",
         )
     return float(np.abs(terms[1:] * np.arange(1, 5)) @ farthest ** np.arange(4))

@@ -9,22 +9,22 @@ import numba
 
 Function = TypeVar("Function", bound=Callable[..., object])
 KEY_FILE: Final = "sources.sha256"
-"""Name of the file in ``__pycache__`` with the hash of the sources of the machine code in this folder."""
+"""Name of the file in ``__pycache__`` that contains a hash of the sources of the folder's machine code."""
 
 
 def compiled(function: Function) -> Function:
-    """Compile ``function`` and cache its machine code on disk. The first call in an installation takes seconds.
+    """Compile ``function`` and cache its machine code on disk. The first call after installation takes several seconds.
 
-    The function releases the GIL, so that a control loop in the same process keeps its period.
+    The function releases the GIL, so that a control loop in the same process can keep its period.
     """
     return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove the machine code of a folder if one of its sources has changed.
+    """Remove a folder's machine code if one of its sources has changed.
 
-    The machine code of a function includes the functions that it calls, but numba checks only the file of the function
-    itself. A folder that is not writable belongs to an installation, whose sources do not change.
+    A function's machine code includes the functions that it calls, but numba checks only the function's own source
+    file. A folder that is not writable belongs to an installed package, whose sources do not change.
     """
     key = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
     cache = folder / "__pycache__"

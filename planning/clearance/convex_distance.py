@@ -12,12 +12,12 @@ from planning.clearance.simplex import on_edge, on_face, on_tetrahedron
 ROUNDS: Final = 60
 """Maximum number of iterations. Most pairs take fewer than ten."""
 OVERLAP_M2: Final = 1e-20
-"""Squared distance below which two cores count as overlapping, in m²."""
+"""Squared distance below which two cores are considered overlapping, in m²."""
 
 
 @compiled
 def in_frame(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a vector from the world frame to the frame of a geom."""
+    """Transform a vector from the world frame to a geom's frame."""
     m = MATRIX
     return (
         geoms[geom, m] * x + geoms[geom, m + 3] * y + geoms[geom, m + 6] * z,
@@ -28,7 +28,7 @@ def in_frame(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float
 
 @compiled
 def in_world(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a vector from the frame of a geom to the world frame."""
+    """Transform a vector from a geom's frame to the world frame."""
     m = MATRIX
     return (
         geoms[geom, m] * x + geoms[geom, m + 1] * y + geoms[geom, m + 2] * z,
@@ -39,7 +39,7 @@ def in_world(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float
 
 @compiled
 def support(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the point of a geom's core that is farthest in a direction, in the world frame."""
+    """Return the point of a geom's core that is farthest in a given direction, in the world frame."""
     a, b, c = in_frame(geoms, geom, x, y, z)
     a, b, c = farthest(geoms, geom, vertices, a, b, c)
     a, b, c = in_world(geoms, geom, a, b, c)
@@ -48,7 +48,8 @@ def support(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) 
 
 @compiled
 def _nearest(corners: Any, count: int, weights: Any) -> bool:
-    """Write the weights of the corners. Return whether the corners are a tetrahedron with the origin inside."""
+    """Also writes the weights of the corners. Return whether the corners form a tetrahedron that contains the
+    origin."""
     if count == 1:
         weights[0] = 1.0
     elif count == 2:
@@ -62,7 +63,7 @@ def _nearest(corners: Any, count: int, weights: Any) -> bool:
 
 @compiled
 def _without_idle(corners: Any, count: int, weights: Any) -> int:
-    """Remove the corners of weight 0 and return the number of remaining corners."""
+    """Remove the corners with weight 0, and return the number of remaining corners."""
     kept = 0
     for i in range(count):
         if weights[i] > 0.0:
@@ -75,11 +76,11 @@ def _without_idle(corners: Any, count: int, weights: Any) -> int:
 
 @compiled
 def core_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[float, float], normal: Any) -> float:
-    """Return a lower bound of the distance between two cores, in m; 0 if they overlap.
+    """Return a lower bound on the distance between two cores, in m, or 0 if they overlap.
 
-    ``goal`` is (beyond, share). The bound is below the distance by at most the fraction ``share``. The search ends
-    early with a bound above ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates the
-    cores.
+    ``goal`` is (beyond, share). The bound underestimates the distance by at most the fraction ``share``. The search
+    stops early if the bound exceeds ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates
+    the cores.
     """
     corners = np.empty((4, 3))
     weights = np.empty(4)

@@ -21,7 +21,7 @@ from planning.clearance.shapes import (
 
 @compiled
 def _from_center(geoms: Any, geom: int, cx: float, cy: float, cz: float) -> float:
-    """Return the distance of a point from a geom, or a lower bound of the distance."""
+    """Return the distance of a point from a geom, or a lower bound on the distance."""
     x, y, z = cx - geoms[geom, POSITION], cy - geoms[geom, POSITION + 1], cz - geoms[geom, POSITION + 2]
     if geoms[geom, KIND] != POINT:
         x, y, z = in_frame(geoms, geom, x, y, z)
@@ -30,14 +30,15 @@ def _from_center(geoms: Any, geom: int, cx: float, cy: float, cz: float) -> floa
 
 @compiled
 def _from_geom(geoms: Any, geom: int, other: int) -> float:
-    """Return the distance of the center of ``other`` from a geom, or a lower bound of the distance."""
+    """Return the distance of the center of ``other`` from a geom, or a lower bound on the distance."""
     x, y, z = geoms[other, POSITION], geoms[other, POSITION + 1], geoms[other, POSITION + 2]
     return _from_center(geoms, geom, x, y, z)
 
 
 @compiled
 def _write_normal(geoms: Any, geom: int, other: int, normal: Any) -> None:
-    """Write the direction from the nearest point of ``geom`` to the center of ``other``; 0 if the center is inside."""
+    """Write the direction from the nearest point of ``geom`` to the center of ``other``, or 0 if the center is
+    inside."""
     x, y, z = (
         geoms[other, POSITION] - geoms[geom, POSITION],
         geoms[other, POSITION + 1] - geoms[geom, POSITION + 1],
@@ -53,7 +54,7 @@ def _write_normal(geoms: Any, geom: int, other: int, normal: Any) -> None:
 
 @compiled
 def unit_bound(geoms: Any, centers: Any, radii: Any, first: Any, one: int, other: int) -> float:
-    """Return a lower bound of the distance between two units, based on the spheres around them."""
+    """Return a lower bound on the distance between two units, based on the spheres around them."""
     ax, ay, az = centers[one, 0], centers[one, 1], centers[one, 2]
     bx, by, bz = centers[other, 0], centers[other, 1], centers[other, 2]
     if first[other + 1] - first[other] == 1:

@@ -30,7 +30,7 @@ class Geom(NamedTuple):
     """Index of the link, or ``WORLD``."""
     pose: Pose
     vertices_m: FloatArray
-    """Vertices (v, 3) of a hull; empty for other kinds."""
+    """Vertices (v, 3) of a hull, or empty for other kinds."""
 
     @property
     def radius_m(self) -> float:
@@ -48,17 +48,17 @@ class Geom(NamedTuple):
 
     @property
     def swing_m(self) -> float:
-        """Distance from the origin to the farthest point that a rotation moves, in m: 0 for a sphere."""
+        """Distance from the origin to the farthest point that a rotation moves, in m, with 0 for a sphere."""
         return 0.0 if self.kind == shapes.POINT else self.radius_m
 
 
 class GeomGroup(NamedTuple):
-    """Geoms that move together and are checked together: those of a link, or one shape of an object."""
+    """Geoms that move together and are checked together: the geoms of a link, or one shape of an object."""
 
     name: str
     geoms: tuple[Geom, ...]
     touch_links: frozenset[str]
-    """Links that the unit may touch, if the unit is a shape of an attached object."""
+    """Links that the unit may touch if the unit is a shape of an attached object."""
 
     @property
     def frame(self) -> int:
@@ -70,7 +70,7 @@ class GeomGroup(NamedTuple):
         return max(float(np.linalg.norm(geom.pose.position_m - center)) + geom.swing_m for geom in self.geoms)
 
     def sphere(self) -> tuple[FloatArray, float]:
-        """Return the center (3,) in the unit's frame and the radius of a sphere around all geoms, in m."""
+        """Return the center (3,) in the unit's frame and the radius of a sphere that encloses all geoms, in m."""
         centers = np.array([geom.pose.position_m for geom in self.geoms])
         radii = np.array([geom.radius_m for geom in self.geoms])
         if not np.all(np.isfinite(radii)):
@@ -104,7 +104,8 @@ def arm_units(arm: ArmModel) -> Iterator[GeomGroup]:
 
 
 def world_units(arm: ArmModel, scene: Scene) -> Iterator[GeomGroup]:
-    """Yield the shapes of the world objects: first those of the arm's scene file, then those of the planning scene."""
+    """Yield the shapes of the world objects, starting with those in the arm's scene file, followed by those in the
+    planning scene."""
     gone = scene.removed | set(scene.objects) | set(scene.attached)
     start = mujoco.MjData(arm.model)
     mujoco.mj_kinematics(arm.model, start)
@@ -117,7 +118,7 @@ def world_units(arm: ArmModel, scene: Scene) -> Iterator[GeomGroup]:
 
 
 def attached_units(arm: ArmModel, scene: Scene) -> Iterator[GeomGroup]:
-    """Yield the shapes of the attached objects. Raises PlanningError for a link that the arm does not have."""
+    """Yield the shapes of the attached objects. Raises PlanningError if a link is not part of the arm."""
     for held in scene.attached.values():
         arm.body(held.link)
         yield from _object_units(held.item, arm.links.index(held.link), held.touch_links | {held.link})
@@ -161,7 +162,7 @@ def _from_shape(shape: Shape, frame: int, pose: Pose) -> Geom:
 
 
 def _hull(vertices_m: FloatArray, frame: int, pose: Pose) -> Geom:
-    """Return the convex hull of vertices (v, 3).
+    """Return the convex hull of the vertices (v, 3).
 
     The origin of the hull is the center of the box around the vertices.
     """
@@ -172,14 +173,14 @@ def _hull(vertices_m: FloatArray, frame: int, pose: Pose) -> Geom:
 
 
 def _hull_vertices(vertices_m: FloatArray) -> FloatArray:
-    """Return the vertices (v, 3) on the convex hull, found by MuJoCo."""
+    """Return the vertices (v, 3) on the convex hull, as computed by MuJoCo."""
     spec = mujoco.MjSpec()
     spec.add_mesh(name="hull", uservert=vertices_m.ravel(), maxhullvert=-1)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="hull")
     try:
         model = spec.compile()
     except ValueError:
-        return vertices_m  # MuJoCo computes no hull for this mesh. The set of all vertices has the same hull.
+        return vertices_m  # MuJoCo does not compute a hull for this mesh. The full set of vertices has the same hull.
     graph = int(model.mesh_graphadr[0])
     if graph < 0 or int(model.mesh_vertnum[0]) != len(vertices_m):
         return vertices_m

@@ -1,8 +1,8 @@
 """Clearances of poses and edges in compiled code.
 
-An edge is checked by conservative advancement. At a pose, the clearance of a pair is divided by the largest speed of
-its two units. The result is the part of the edge that is free before and after the pose. The next poses are in the
-middle of the remaining parts. planning/clearance/speed_bounds.py describes the speeds.
+An edge is checked by conservative advancement. At a pose, the clearance of a pair is divided by the maximum speed of
+its two units. The result is the length of the edge that is free before and after the pose. The next poses are in the
+middle of the remaining segments. planning/clearance/speed_bounds.py describes the speeds.
 """
 
 from math import sqrt
@@ -18,21 +18,22 @@ from planning.clearance.placement import Placement, place
 from planning.clearance.speed_bounds import approach, set_bends, set_geom_rates, set_rates
 
 OPEN: Final = 128
-"""Maximum number of unchecked parts of an edge. This number is never reached, because each step at least halves a part.
+"""Maximum number of unchecked segments of an edge. This number is never reached, because each step at least halves a
+segment.
 """
 MOST: Final = 2_000
 """Maximum number of poses for one edge. An edge that slides along an obstacle may need more poses and is then
 rejected.
 """
 SHARE: Final = 1e-3
-"""Maximum relative underestimation of a distance in the check of an edge."""
+"""Maximum relative underestimation of a distance when an edge is checked."""
 EXACT: Final = 1e-9
 """Maximum relative underestimation of a returned distance."""
 
 
 @compiled
 def clearance(pairs: PairTables, now: Placement, start_m: float, share: float) -> tuple[float, int]:
-    """Return the smallest distance below ``start_m`` and its pair, or ``start_m`` and -1.
+    """Return the smallest distance and its pair, or ``start_m`` and -1 if no distance is below ``start_m``.
 
     ``pairs.extra`` is subtracted from all distances.
     """
@@ -54,7 +55,8 @@ def clearance(pairs: PairTables, now: Placement, start_m: float, share: float) -
 def pose_clearance(
     chains: ChainTables, pairs: PairTables, now: Placement, positions: Any, start_m: float
 ) -> tuple[float, int]:
-    """Return the smallest distance below ``start_m`` at positions (n,) and its pair, or ``start_m`` and -1."""
+    """Return the smallest distance at positions (n,) and its pair, or ``start_m`` and -1 if no distance is below
+    ``start_m``."""
     place(chains, pairs, now, positions)
     return clearance(pairs, now, start_m, EXACT)
 
@@ -74,7 +76,7 @@ def pair_distances(chains: ChainTables, pairs: PairTables, now: Placement, posit
 
 @compiled
 def _free_part(rate: float, bend: float, reserve_m: float) -> float:
-    """Return the length of the part of an edge on which a pair comes closer by at most ``reserve_m``."""
+    """Return the length of an edge over which the distance of a pair decreases by at most ``reserve_m``."""
     if rate <= 0.0 and bend <= 0.0:
         return 1e300
     return float(2.0 * reserve_m / (rate + sqrt(rate * rate + 2.0 * bend * reserve_m)))
@@ -84,9 +86,9 @@ def _free_part(rate: float, bend: float, reserve_m: float) -> float:
 def _free_pair(
     chains: ChainTables, pairs: PairTables, now: Placement, pair: int, bend: float, limits: tuple[float, float, float]
 ) -> float:
-    """Return the part of an edge that is free around a pose for one pair, as ``free_around`` does for all pairs.
+    """Return the length of an edge that is free around a pose for one pair, as ``free_around`` does for all pairs.
 
-    ``limits`` are the padding, the tolerance and the largest part.
+    ``limits`` contains the padding, the tolerance and the maximum length.
     """
     padding, tolerance, part = limits
     one, other, common, extra = pairs.one[pair], pairs.other[pair], pairs.common[pair], pairs.extra[pair]
@@ -112,9 +114,10 @@ def _free_pair(
 def free_around(
     chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, lengths_m: tuple[float, float], part: float
 ) -> tuple[float, int]:
-    """Return the length of the free part of an edge before and after a pose (at most ``part``), and the limiting pair.
+    """Return the free length of an edge before and after a pose (at most ``part``), and the limiting pair.
 
-    ``lengths_m`` are the padding and the tolerance. The result is -1 if the pose has less clearance than the padding.
+    ``lengths_m`` contains the padding and the tolerance. The length is -1 if the clearance of the pose is less than the
+    padding.
     """
     padding, tolerance = lengths_m
     set_rates(chains, pairs, now, speeds)
@@ -149,9 +152,10 @@ def free_around(
 def edge_contact(
     chains: ChainTables, pairs: PairTables, now: Placement, ends: Any, padding: float, tolerance: float
 ) -> tuple[float, int, int]:
-    """Return where on an edge (0 to 1) a pair comes too close, the pair, and the number of poses checked.
+    """Return the position on an edge (0 to 1) at which a pair comes too close, the pair, and the number of poses
+    checked.
 
-    ``ends`` (2, n) are the positions at both ends. The first two results are -1 if the edge is free.
+    ``ends`` (2, n) contains the joint positions at both ends. The first two values are -1 if the edge is free.
     """
     speeds, signed = np.zeros(len(chains.slides)), now.signed
     signed[:] = 0.0

@@ -1,6 +1,6 @@
-"""Convert the links and objects that can touch into arrays for compiled code.
+"""Convert the links and objects that can touch each other into arrays for compiled code.
 
-Indices: g for a geom, u for a unit (a link, or a shape of an object), p for a pair of units.
+Index letters: g for a geom, u for a unit (a link, or a shape of an object), p for a pair of units.
 """
 
 from collections.abc import Sequence
@@ -24,41 +24,41 @@ class PairTables(NamedTuple):
     """Geoms, units and pairs of units. Lengths in m."""
 
     geoms: FloatArray
-    """Geoms (g, ``shapes.COLUMNS``). Geoms of the world are already placed."""
+    """Geoms (g, ``shapes.COLUMNS``). Geoms of the world already have their final poses."""
     geom_pos: FloatArray
-    """Position of each geom in its frame (g, 3)."""
+    """Position of each geom relative to its link or the world (g, 3)."""
     geom_mat: FloatArray
-    """Rotation matrix of each geom in its frame (g, 3, 3)."""
+    """Rotation matrix of each geom relative to its link or the world (g, 3, 3)."""
     vertices: FloatArray
     """Vertices of all hulls (v, 3)."""
     frame: Any
-    """Link of each unit (u,); -1 for the world."""
+    """Link index of each unit (u,), or -1 for the world."""
     first_geom: Any
     """Index of the first geom of each unit (u + 1,)."""
     unit_pos: FloatArray
-    """Center of the sphere around each unit in its frame (u, 3)."""
+    """Center of the sphere around each unit, relative to its link or the world (u, 3)."""
     unit_radius: FloatArray
     """Radius of the sphere around each unit (u,)."""
     unit_swing: FloatArray
-    """Distance from the center of that sphere to the farthest point that a rotation moves (u,)."""
+    """Distance from the sphere's center to the farthest point that a rotation moves (u,)."""
     lever: FloatArray
-    """Largest distance of each unit from the axis of each joint of its chain (u, c); 1 for a slide."""
+    """Maximum distance of each unit from the axis of each joint in its chain (u, c), with 1 for a slide."""
     one: Any
-    """First unit of each pair (p,), which never belongs to the world."""
+    """First unit of each pair (p,), which is never part of the world."""
     other: Any
     """Second unit of each pair (p,)."""
     common: Any
-    """Number of joints that both chains of a pair have in common, from the world on (p,)."""
+    """Number of joints that the two chains of each pair share, counted from the world (p,)."""
     extra: FloatArray
-    """Work space: amount by which the padding of each pair exceeds the padding of pairs of links (p,)."""
+    """Scratch space: amount by which the padding of each pair exceeds the padding between links (p,)."""
 
 
 def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairTables, tuple[str, ...]]:
-    """Return the tables of an arm in a scene, and the name of each unit.
+    """Return the tables for an arm in a scene, and the name of each unit.
 
     A pair is omitted if no planned joint changes its distance, or if its two units may touch.
 
-    Raises PlanningError if an object has the name of a link.
+    Raises PlanningError if an object has the same name as a link.
     """
     for name in (*scene.objects, *scene.attached):
         if name in arm.links:
@@ -134,10 +134,10 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[GeomGroup], chains: Chai
 
 
 def _levers(unit: GeomGroup, chains: ChainTables, travel: FloatArray) -> FloatArray:
-    """Return the largest distance of a unit from the axis of each joint of its chain (c,), in m.
+    """Return the maximum distance of a unit from the axis of each joint in its chain (c,), in m.
 
-    For a sphere, only the center counts, because a rotation about the center does not move the sphere. The bound holds
-    in every pose, because it is a sum of the distances between the joints.
+    For a sphere, only the center is used, because a rotation about the center does not move the sphere. The bound holds
+    in every pose, because it is the sum of the distances between the joints.
     """
     levers = np.zeros(chains.chain.shape[1])
     link, at, chain = unit.frame, chains.chain_length[unit.frame] - 1, chains.chain
@@ -174,9 +174,9 @@ def _in_parent(geom: Geom, chains: ChainTables, link: int) -> Geom:
 
 
 def planned_levers(chains: ChainTables, pairs: PairTables) -> FloatArray:
-    """Return the largest distance of any unit from the axis of each planned joint (n,), in m; 1 for a slide.
+    """Return the maximum distance of any unit from the axis of each planned joint (n,), in m, with 1 for a slide.
 
-    Mimic joints count for the joint that they follow.
+    A mimic joint is attributed to the joint that it follows.
     """
     levers = np.zeros(len(chains.slides))
     for frame, row in zip(pairs.frame, pairs.lever, strict=True):

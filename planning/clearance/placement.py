@@ -1,4 +1,4 @@
-"""Forward kinematics of an arm with its geoms, in compiled code."""
+"""Forward kinematics of an arm and its geoms, in compiled code."""
 
 from math import cos, sin
 from typing import Any, NamedTuple
@@ -30,27 +30,27 @@ class Placement(NamedTuple):
     unit_pos: FloatArray
     """Center of the sphere around each unit (u, 3)."""
     rate: FloatArray
-    """Work space: largest speed of each unit caused by the last joints of its chain (u, c + 1)."""
+    """Scratch space: maximum speed of each unit caused by the last joints of its chain (u, c + 1)."""
     geom_rate: FloatArray
-    """Work space: largest speed of each geom caused by the last joints of its chain (g, c + 1); 0 for geoms of the
-    world.
+    """Scratch space: maximum speed of each geom caused by the last joints of its chain (g, c + 1), with 0 for geoms of
+    the world.
     """
     rated: Any
-    """Work space: whether ``geom_rate`` is up to date for each unit (u,)."""
+    """Scratch space: whether ``geom_rate`` is up to date for each unit (u,)."""
     bend: FloatArray
-    """Work space: growth of the speed of each unit (u,)."""
+    """Scratch space: rate of increase of each unit's speed (u,)."""
     curve: FloatArray
-    """Work space: largest acceleration of each unit (u,)."""
+    """Scratch space: maximum acceleration of each unit (u,)."""
     signed: FloatArray
-    """Work space: speed of each joint with its sign (j,)."""
+    """Scratch space: signed speed of each joint (j,)."""
     hints: Any
-    """Work space: the pairs that limited the last poses and are checked first (2,); -1 for none."""
+    """Scratch space: the pairs that limited the last poses and are therefore checked first (2,), with -1 for none."""
     normal: FloatArray
-    """Work space: unit vector in the direction of the last distance (3,)."""
+    """Scratch space: unit vector in the direction of the most recent distance (3,)."""
 
 
 def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Placement:
-    """Return a placement for these positions of all joints (j,). World objects are already placed."""
+    """Return a placement for the given positions of all joints (j,). World objects already have their final poses."""
     links, joints, units = len(chains.parent), len(chains.slides), len(pairs.frame)
     return Placement(
         joint=joint.copy(),
@@ -73,7 +73,7 @@ def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Plac
 
 @compiled
 def _turned(m: Any, link: int, v: Any, row: int) -> tuple[float, float, float]:
-    """Return row ``row`` of the vectors ``v``, rotated from the frame of a link to the world frame."""
+    """Return row ``row`` of the vectors ``v``, rotated from a link's frame to the world frame."""
     x, y, z = v[row, 0], v[row, 1], v[row, 2]
     return (
         m[link, 0, 0] * x + m[link, 0, 1] * y + m[link, 0, 2] * z,
@@ -84,7 +84,7 @@ def _turned(m: Any, link: int, v: Any, row: int) -> tuple[float, float, float]:
 
 @compiled
 def _turn(m: Any, link: int, axis: Any, joint: int, angle: float) -> None:
-    """Rotate a link about the axis of a joint."""
+    """Rotate a link about a joint axis."""
     c, s = cos(angle), sin(angle)
     x, y, z, d = axis[joint, 0], axis[joint, 1], axis[joint, 2], 1.0 - c
     for i in range(3):
@@ -161,7 +161,7 @@ def _place_geoms(pairs: PairTables, now: Placement, unit: int) -> None:
 
 @compiled
 def place(chains: ChainTables, pairs: PairTables, now: Placement, positions: Any) -> None:
-    """Move the planned joints to positions (n,)."""
+    """Move the planned joints to the positions (n,)."""
     for i in range(len(chains.planned)):
         now.joint[chains.planned[i]] = positions[i]
     for i in range(len(chains.follower)):

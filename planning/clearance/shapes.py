@@ -1,6 +1,6 @@
 """Compute support points of geom shapes and distances to points, in compiled code.
 
-Every shape is a core, which may be a point or a segment, and a margin around the core. A geom is a row of a table of
+Every shape is a core, which may be a point or a segment, and a margin around the core. A geom is a row in a table of
 floats (g, ``COLUMNS``), because passing a single array to compiled functions is fastest. Coordinates are in the geom's
 frame, in m.
 """
@@ -15,44 +15,47 @@ POINT: Final = 0
 SEGMENT: Final = 1
 """Capsule along z: ``size[2]`` is half the length without caps, and ``margin`` is the radius."""
 BOX: Final = 2
-"""Box: ``size`` has the half sides."""
+"""Box: ``size`` contains half of each side length."""
 CYLINDER: Final = 3
 """Cylinder along z: ``size[0]`` is the radius, and ``size[2]`` is half the height."""
 CONE: Final = 4
 """Cone with its tip at +z: ``size[0]`` is the radius of the base, and ``size[2]`` is half the height."""
 ELLIPSOID: Final = 5
-"""Ellipsoid: ``size`` has the half axes."""
+"""Ellipsoid: ``size`` contains the half axes."""
 HULL: Final = 6
-"""Convex hull of vertices: ``size`` has the half sides of a box around the hull, with the same center."""
+"""Convex hull of vertices: ``size`` contains half of each side length of a box around the hull, with the same
+center."""
 PLANE: Final = 7
 """Half-space below z = 0."""
 
 
 KIND: Final = 0
-"""Column of the kind."""
+"""Column that contains the kind of shape."""
 SIZE: Final = 1
-"""First of three columns of the size."""
+"""First of three columns that contain the size."""
 MARGIN: Final = 4
-"""Column of the margin."""
+"""Column that contains the margin."""
 RADIUS: Final = 5
-"""Column of the radius of the sphere around the geom."""
+"""Column that contains the radius of the sphere around the geom."""
 POSITION: Final = 6
-"""First of three columns of the position in the world."""
+"""First of three columns that contain the position in the world frame."""
 MATRIX: Final = 9
-"""First of nine columns of the rotation matrix in the world, row by row."""
+"""First of nine columns that contain the rotation matrix in the world frame, in row-major order."""
 FIRST_VERTEX: Final = 18
-"""Column of the index of a hull's first vertex."""
+"""Column that contains the index of a hull's first vertex."""
 END_VERTEX: Final = 19
-"""Column of the index after a hull's last vertex."""
+"""Column that contains the index after a hull's last vertex."""
 SWING: Final = 20
-"""Column of the distance from the center to the farthest point that a rotation moves: 0 for a sphere."""
+"""Column that contains the distance from the center to the farthest point that a rotation moves, which is 0 for a
+sphere."""
 COLUMNS: Final = 21
 """Number of columns."""
 
 
 @compiled
 def farthest(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the point of a core that is farthest in a direction. ``vertices`` (v, 3) are those of all hulls."""
+    """Return the point of a core that is farthest in a given direction. ``vertices`` (v, 3) contains the vertices of
+    all hulls."""
     kind = geoms[geom, KIND]
     if kind == POINT:
         return 0.0, 0.0, 0.0
@@ -107,7 +110,8 @@ def point_distance(geoms: Any, geom: int, x: float, y: float, z: float) -> float
 
 @compiled
 def point_direction(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the vector from the nearest point of a core to a point outside it, if ``point_distance`` is exact."""
+    """Return the vector from the nearest point of a core to a point outside the core, provided that ``point_distance``
+    is exact."""
     kind, top = geoms[geom, KIND], geoms[geom, SIZE + 2]
     if kind == PLANE:
         return 0.0, 0.0, 1.0
@@ -126,5 +130,5 @@ def point_direction(geoms: Any, geom: int, x: float, y: float, z: float) -> tupl
 
 @compiled
 def is_exact(kind: float) -> bool:
-    """Return whether ``point_distance`` is exact for a kind."""
+    """Return whether ``point_distance`` is exact for this kind of shape."""
     return kind <= CYLINDER or kind == PLANE

@@ -56,7 +56,7 @@ def on_face(corners: Any, i: int, j: int, k: int) -> tuple[float, float, float]:
 
 @compiled
 def _side(corners: Any, face: tuple[int, int, int], point: tuple[float, float, float]) -> float:
-    """Return six times the signed volume of the tetrahedron of a face and a point."""
+    """Return six times the signed volume of the tetrahedron formed by a face and a point."""
     i, j, k = face
     ax, ay, az = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1], corners[j, 2] - corners[i, 2]
     bx, by, bz = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1], corners[k, 2] - corners[i, 2]
@@ -77,7 +77,7 @@ def _norm(corners: Any, i: int, j: int, k: int, weights: tuple[float, float, flo
 def on_tetrahedron(corners: Any, weights: Any) -> bool:
     """Write the weights (4,) of the corners.
 
-    Return whether the origin is inside. In this case, the weights are not written.
+    Return whether the origin is inside. If it is inside, the weights are not written.
     """
     faces = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
     best = 1e300

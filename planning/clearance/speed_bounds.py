@@ -1,12 +1,12 @@
-"""Bounds of the speed of links along an edge, in compiled code.
+"""Bounds on the speed of links along an edge, in compiled code.
 
-An edge takes one unit of time. The largest speed of a unit has two terms. The first term is a sum over the joints of
-its chain. Each joint adds its speed times the largest distance of the unit from the joint's axis in this pose. For a
-sphere, only the center counts. The second term bounds the growth of these distances, because other joints of the chain
-move the unit away from the axis. For pairs that are close together, a second bound is computed, and the lower of the
-two is used. A plane separates the two convex geoms, so they approach each other only with their speed perpendicular to
-the plane, plus a term for the acceleration. A link that slides along an obstacle is therefore checked in few poses.
-Mimic joints that follow a curve have no such bound.
+An edge takes one unit of time. The bound on a unit's speed has two terms. The first term is a sum over the joints of
+the unit's chain. Each joint contributes its speed times the maximum distance of the unit from the joint's axis in this
+pose. For a sphere, only the center is used. The second term bounds the growth of these distances, because other joints
+of the chain move the unit away from the axis. For pairs that are close together, a second bound is computed, and the
+lower of the two bounds is used. A plane separates the two convex geoms, so they approach each other only with their
+speed perpendicular to the plane, plus a term for the acceleration. A link that slides along an obstacle is therefore
+checked in only a few poses. Mimic joints with a nonlinear coupling do not have such a bound.
 """
 
 from math import sqrt
@@ -30,7 +30,7 @@ def _reach(now: Placement, joint: int, x: float, y: float, z: float) -> float:
 
 @compiled
 def set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
-    """Write the largest speed of each unit caused by the last joints of its chain, from each joint on."""
+    """Write the maximum speed of each unit that is caused by the joints of its chain from each joint onward."""
     centers, radii, slides = now.unit_pos, pairs.unit_swing, chains.slides
     for unit in range(len(pairs.frame)):
         link = pairs.frame[unit]
@@ -50,7 +50,7 @@ def set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: An
 
 @compiled
 def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, unit: int) -> None:
-    """Write the largest speed of each geom of a unit caused by the last joints of its chain."""
+    """Write the maximum speed of each geom of a unit that is caused by the last joints of its chain."""
     geoms, link, slides, rates = now.geoms, pairs.frame[unit], chains.slides, now.geom_rate
     now.rated[unit] = True
     for geom in range(pairs.first_geom[unit], pairs.first_geom[unit + 1]):
@@ -66,7 +66,7 @@ def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speed
 
 @compiled
 def set_bends(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
-    """Write the largest growth of each unit's speed, and its largest acceleration. Both hold in every pose."""
+    """Write the maximum increase of each unit's speed, and its maximum acceleration. Both values hold in every pose."""
     straight = True
     for i in range(len(chains.follower)):
         for power in range(2, 5):
@@ -87,7 +87,7 @@ def set_bends(chains: ChainTables, pairs: PairTables, now: Placement, speeds: An
 
 @compiled
 def _speed_along(chains: ChainTables, now: Placement, link: int, common: int, geom: int) -> tuple[float, float]:
-    """Return the speed of a geom's center along ``now.normal``, and the largest speed added by its rotation."""
+    """Return the speed of a geom's center along ``now.normal``, and the maximum speed added by the geom's rotation."""
     n, signed, anchor, axes, geoms = now.normal, now.signed, now.anchor, now.axis, now.geoms
     speed = wx = wy = wz = 0.0
     if link < 0:
@@ -112,7 +112,7 @@ def _speed_along(chains: ChainTables, now: Placement, link: int, common: int, ge
 
 @compiled
 def approach(chains: ChainTables, pairs: PairTables, now: Placement, pair: int, i: int, j: int) -> float:
-    """Return the largest speed at which two geoms approach each other along ``now.normal``, in either direction."""
+    """Return the maximum speed at which two geoms approach each other along ``now.normal``, in either direction."""
     common = pairs.common[pair]
     speed, turning = _speed_along(chains, now, pairs.frame[pairs.one[pair]], common, i)
     back, also = _speed_along(chains, now, pairs.frame[pairs.other[pair]], common, j)

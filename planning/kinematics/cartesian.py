@@ -1,4 +1,4 @@
-"""Compute straight paths of the tool, like MoveIt's compute_cartesian_path."""
+"""Compute straight tool paths, like MoveIt's compute_cartesian_path."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -17,11 +17,11 @@ from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_
 TURN_PER_METER: Final = 3.5
 """Maximum rotation of the tool in one step, in rad per meter of the maximum step length. MoveIt uses the same value."""
 MOST_STEPS: Final = 20_000
-"""Maximum number of steps of a path."""
+"""Maximum number of steps in a path."""
 EFFORT: Final = DescentEffort(steps=40, enough=1)
-"""Effort limits of the search for the next point, which starts at the previous point."""
+"""Effort limits for the search for the next point, which starts at the previous point."""
 AT_LIMIT: Final = 1e-6
-"""Maximum distance from a limit at which a joint counts as being at the limit, in rad or m."""
+"""Maximum distance from a limit at which a joint is considered to be at the limit, in rad or m."""
 
 Problem = Callable[[FloatArray], str]
 """Function that describes why joint positions (n,) are not valid, such as "link3 touches box", or returns ""."""
@@ -31,21 +31,21 @@ EdgeProblem = Callable[[FloatArray, FloatArray], str]
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Step sizes of a path, and limits for jumps of joints. The path ends before a larger jump."""
+    """Step sizes of a path, and limits for joint jumps. The path ends before a jump that exceeds a limit."""
 
     longest_m: float = 0.01
     """Maximum motion of the tool between two points, in m."""
     jump_rad: float = 0.5
-    """Largest motion of a revolute joint between two points, in rad; 0 for no limit."""
+    """Maximum motion of a revolute joint between two points, in rad, or 0 for no limit."""
     jump_m: float = 0.05
-    """Largest motion of a prismatic joint between two points, in m; 0 for no limit."""
+    """Maximum motion of a prismatic joint between two points, in m, or 0 for no limit."""
     jump_factor: float = 0.0
-    """Largest motion of the joints between two points, as a multiple of the mean motion; 0 for no limit."""
+    """Maximum motion of the joints between two points, as a multiple of the mean motion, or 0 for no limit."""
     deviation_m: float = 5e-4
-    """Largest distance of a point from the line, in m."""
+    """Maximum distance of a point from the line, in m."""
     deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. At pi or more, the
-    rotation is not limited.
+    """Maximum rotation about each tool axis from the interpolated orientation, in rad. If a value is pi or more, the
+    rotation about that axis is not limited.
     """
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Checks:
-    """Checks of a path, such as for collisions. By default, every path is valid."""
+    """Checks of a path, such as collision checks. By default, every path is valid."""
 
     at: Problem = lambda _: ""
     between: EdgeProblem = lambda _, __: ""
@@ -67,30 +67,30 @@ class Checks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolPath:
-    """Path of the tool along a straight line."""
+    """Straight path of the tool."""
 
     positions: FloatArray
-    """Joint positions (m, n), in rad or m, starting with the start."""
+    """Joint positions (m, n), in rad or m, beginning with the start positions."""
     fraction: float
-    """Fraction of the path that was reached, from 0 to 1."""
+    """Fraction of the path that was completed, from 0 to 1."""
     reason: str = ""
-    """Reason why the path ends early; empty if it is complete."""
+    """Reason why the path ends early, or empty if the path is complete."""
 
 
 def tool_path(
     chain: Chain, start: FloatArray, waypoints: Sequence[ToolPose], steps: Steps, checks: Checks | None = None
 ) -> ToolPath:
-    """Move the tool straight from one pose to the next. Between two poses, the orientation turns at a constant rate.
+    """Move the tool straight from one pose to the next. Between two poses, the orientation changes at a constant rate.
 
     Args:
         chain: Kinematics of the arm.
         start: Joint positions at the start (n,), in rad or m.
-        waypoints: Poses of the tool after the start.
-        steps: Length of the steps and limits of jumps.
-        checks: Checks of each point and of the motion to it.
+        waypoints: Tool poses after the start.
+        steps: Step lengths and jump limits.
+        checks: Checks of each point and of the motion to that point.
 
     Returns:
-        The path up to the first point that cannot be reached, and the reason.
+        The path up to the first point that cannot be reached, and the reason why it ends there.
 
     Raises:
         GoalError: A waypoint is invalid, or the path has too many steps.
@@ -116,7 +116,7 @@ def tool_path(
 
 
 def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Iterator[tuple[ToolPose, float]]:
-    """Yield the points of the path, each with the fraction of the path up to this point. Raise GoalError."""
+    """Yield the points of the path, each with the fraction of the path completed so far. Raise GoalError."""
     if not waypoints:
         raise invalid("the path has no waypoints: send at least one pose")
     poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]
@@ -152,7 +152,7 @@ def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) ->
 
 
 def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
-    """Describe why the tool misses the pose at these joint positions (n,), or return an empty string."""
+    """Describe why the tool does not reach the pose at these joint positions (n,), or return an empty string."""
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:
         return ""
@@ -179,7 +179,7 @@ def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> 
 
 
 def _without_relative_jump(path: ToolPath, shares: Sequence[float], factor: float) -> ToolPath:
-    """Cut a path before the first step that is much longer than the mean step."""
+    """Truncate a path before the first step that is much longer than the mean step."""
     moved = np.abs(np.diff(path.positions, axis=0)).sum(axis=1)
     jumps = np.flatnonzero(moved > factor * moved.mean()) if factor and len(moved) else np.array([], dtype=int)
     if not len(jumps):

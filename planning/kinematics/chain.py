@@ -17,7 +17,7 @@ from planning.errors import Code, PlanningError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolPose:
-    """Pose of a frame in the frame of the base link."""
+    """Pose of a frame relative to the base link."""
 
     position_m: FloatArray
     """Position (3,), in m."""
@@ -28,9 +28,10 @@ class ToolPose:
 class Chain:
     """Joints between the base link and a tool, which is a body or a site of a MuJoCo model.
 
-    The kinematics are copied from the model, so that a chain has no state and computes many poses at once. Joints
-    between the base and the tool that are not planned do not move. With k sets of positions, transforms have shape (k,
-    4, 4) and Jacobians (k, 6, n); the first three rows of a Jacobian are linear velocities.
+    The kinematics are copied from the model, so that a chain has no state and can compute many poses at once. Joints
+    between the base and the tool that are not planned remain at fixed positions. For k sets of positions, transforms
+    have the shape (k, 4, 4), and Jacobians have the shape (k, 6, n). The first three rows of a Jacobian are linear
+    velocities.
     """
 
     def __init__(
@@ -44,12 +45,13 @@ class Chain:
         """Copy the kinematics of a model.
 
         Args:
-            model: The MuJoCo model (mujoco.MjModel). It is not changed.
+            model: The MuJoCo model (mujoco.MjModel). The model is not changed.
             limits: Limits of the planned joints, keyed by name, in the order of all positions.
             tool: Name of a body or a site of the model.
-            base: Name of the body in whose frame poses are given; by default, the body on which the arm is mounted.
-            This is the world if the first body of the arm moves.
-            others: Positions of joints that are not planned, keyed by name; by default, those of the model.
+            base: Name of the body in whose frame poses are given. By default, this is the body on which the arm is
+                mounted.
+            If the first body of the arm moves, the default is the world.
+            others: Positions of joints that are not planned, keyed by name. By default, the model's positions are used.
 
         Raises:
             PlanningError: A name is not in the model, or a joint does not move the tool relative to the base.
@@ -99,7 +101,8 @@ class Chain:
         return moved
 
     def checked(self, positions: FloatArray) -> FloatArray:
-        """Return joint positions that a client sent as an array (n,), in rad or m. They may be outside the limits.
+        """Check joint positions that a client sent, and return them as an array (n,), in rad or m. The positions may be
+        outside the limits.
 
         Raises:
             PlanningError: A number is missing or not finite.
@@ -143,7 +146,7 @@ class Chain:
         return tools, jacobians
 
     def _links(self, positions: FloatArray) -> FloatArray:
-        """Return the motions (n + 1, k, 4, 4) of the base and of each link from their reference poses."""
+        """Return the transforms (n + 1, k, 4, 4) that move the base and each link from their reference poses."""
         moved = (positions - self._reference)[:, self._order, None, None]
         about, again, along = self._generators
         steps = np.sin(moved) * about + (1.0 - np.cos(moved)) * again + moved * along + np.eye(4)
@@ -166,7 +169,7 @@ def pose_of(transform: FloatArray) -> ToolPose:
 
 
 def _generators(axes: FloatArray, anchors: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:
-    """Return the matrices (3, n, 4, 4) that are the factors of sin q, 1 - cos q and q of each joint."""
+    """Return the matrices (3, n, 4, 4) by which sin q, 1 - cos q and q of each joint are multiplied."""
     about, again, along = found = np.zeros((3, len(axes), 4, 4))
     cross = skew(axes) * turns[:, None, None]
     about[:, :3, :3], again[:, :3, :3] = cross, cross @ cross
@@ -186,7 +189,7 @@ _CODES: Final[Mapping[str, Code]] = {"body": "INVALID_LINK_NAME", "joint": "INVA
 
 
 def _index(model: Any, kind: str, name: str) -> int:
-    """Return the index of a body, joint or site; -1 if the model has none with this name."""
+    """Return the index of a body, joint or site, or -1 if the model does not contain the name."""
     return int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name))
 
 
@@ -198,7 +201,7 @@ def _find(model: Any, kind: str, name: str) -> int:
 
 
 def _listed(model: Any, *kinds: str) -> str:
-    """Return the names of all objects of these kinds."""
+    """Return the names of all objects of the given types."""
     counts = {"body": model.nbody, "joint": model.njnt, "site": model.nsite}
     return ", ".join(name for kind in kinds for i in range(counts[kind]) if (name := getattr(model, kind)(i).name))
 
@@ -224,7 +227,7 @@ def _tool_body(model: Any, tool: str) -> int:
 
 
 def _stand(model: Any, body: int) -> int:
-    """Return the fixed body that carries the arm of a body."""
+    """Return the fixed body on which the arm of a given body is mounted."""
     root = int(model.body_rootid[body])
     return 0 if model.body_jntnum[root] else root
 
@@ -242,7 +245,7 @@ def _ancestors(model: Any, body: int) -> list[int]:
 
 
 def _check_on_path(model: Any, bodies: Mapping[str, int], ends: Sequence[int], tool: str) -> None:
-    """Check that each joint's body is between base and tool. Raises PlanningError."""
+    """Check that each joint's body is between the base and the tool. Raises PlanningError."""
     base, last = ends
     path = _ancestors(model, last)
     if base not in path:

@@ -1,4 +1,4 @@
-"""Minimize with damped least squares and joint limits, from many starts at once."""
+"""Minimize with damped least squares and joint limits, from many starting points at once."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,19 +11,20 @@ from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
 
 EXACT_M2: Final = 1e-14
-"""Sum of squared excess below which a start counts as having reached the goal, in m²."""
+"""Sum of squared excess below which a starting point is considered to have reached the goal, in m²."""
 DAMPING: Final = 1e-3
 """Initial damping, in m²/rad²."""
 DAMPING_RANGE: Final = (1e-9, 1e2)
-"""Lowest and highest damping. If even the highest damping gives no improvement, the start is stuck."""
+"""Minimum and maximum damping. If even the maximum damping does not lead to an improvement, the starting point is
+considered stuck."""
 EASED: Final = 0.2
-"""Factor of the damping after a step that improves the result."""
+"""Factor applied to the damping after a step that improves the result."""
 STIFFENED: Final = 5.0
-"""Factor of the damping after a step that does not improve the result."""
+"""Factor applied to the damping after a step that does not improve the result."""
 LONGEST_STEP: Final = 1.0
-"""Largest motion of a joint in one step, in rad or m."""
+"""Maximum motion of a joint in one step, in rad or m."""
 PROGRESS: Final = 1e-2
-"""Relative decrease of the sum of squares below which a start is given up as stuck."""
+"""Relative decrease of the sum of squares below which a starting point is abandoned as stuck."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +34,13 @@ class DescentEffort:
     steps: int
     """Maximum number of steps."""
     enough: int
-    """Number of successful starts after which the search stops, once the search from the first start has ended."""
+    """Number of successful starting points after which the search stops, once the search from the first starting point
+    has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
-    """Result of a descent from k starts."""
+    """Result of a descent from k starting points."""
 
     positions: FloatArray
     """Joint positions (k, n) within the limits, in rad or m."""
@@ -56,25 +58,25 @@ class _State:
     curvature: FloatArray
 
     def of(self, starts: NDArray[np.intp]) -> "_State":
-        """Return the state of the given starts."""
+        """Return the state of the given starting points."""
         return _State(self.positions[starts], self.cost[starts], self.gradient[starts], self.curvature[starts])
 
     def update(self, starts: NDArray[np.intp], new: "_State", better: NDArray[np.bool_]) -> None:
-        """Replace the state of the ``starts`` that have improved."""
+        """Replace the state of those ``starts`` that have improved."""
         replaced = starts[better]
         self.positions[replaced], self.cost[replaced] = new.positions[better], new.cost[better]
         self.gradient[replaced], self.curvature[replaced] = new.gradient[better], new.curvature[better]
 
 
 def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: DescentEffort) -> Descent:
-    """Move from each start to a local minimum of the excess.
+    """Move from each starting point to a local minimum of the excess.
 
     Args:
         chain: Kinematics of the arm.
         goal: Region of poses.
         starts: Joint positions (k, n), in rad or m.
-        share: Fraction of the tolerances at which the excess begins.
-        limits: Limits of the number of steps and of successful starts.
+        share: Fraction of the tolerances beyond which the excess begins.
+        limits: Limits on the number of steps and of successful starting points.
     """
     state = _evaluate(chain, goal, np.clip(starts, chain.lower, chain.upper), share)
     damping = np.full(len(starts), DAMPING)
@@ -100,7 +102,7 @@ def _evaluate(chain: Chain, goal: PoseGoal, positions: FloatArray, share: float)
 
 
 def _step(chain: Chain, at: _State, damping: FloatArray) -> FloatArray:
-    """Return the next joint positions (k, n). Joints that press against a limit do not take part."""
+    """Return the next joint positions (k, n). Joints that are pushed against a limit are excluded."""
     pressed = (at.positions <= chain.lower) & (at.gradient > 0.0) | (at.positions >= chain.upper) & (at.gradient < 0.0)
     part = np.where(pressed, 0.0, 1.0)
     curvature = at.curvature * (part[:, :, None] * part[:, None, :]) + damping[:, None, None] * np.eye(part.shape[1])

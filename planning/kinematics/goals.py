@@ -1,4 +1,4 @@
-"""Goals of the tool as regions of poses, and checks of the poses and tolerances that a client sends."""
+"""Tool goals as regions of poses, and checks of the poses and tolerances that a client sends."""
 
 import math
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from planning.kinematics.chain import ToolPose
 ROTATION_M: Final = 0.1
 """Distance that is equivalent to a rotation by 1 rad when positions and orientations are compared, in m/rad."""
 NORMALIZED_WITHIN: Final = 1e-3
-"""Largest deviation of a quaternion's length from 1 that is corrected without an error."""
+"""Maximum deviation of a quaternion's length from 1 that is corrected without an error."""
 FARTHEST_M: Final = 1e3
-"""Largest coordinate of a goal, in m. A larger value probably has a wrong unit."""
+"""Maximum coordinate of a goal, in m. A larger value is probably in the wrong unit."""
 INSIDE: Final = 0.9
 """Fraction of the tolerances that the search for a pose inside the region uses."""
 
@@ -26,13 +26,13 @@ INSIDE: Final = 0.9
 Angles = Literal["rotation_vector", "xyz_euler"]
 """Angles of a rotation, as in the parameterization of moveit_msgs/OrientationConstraint.
 
-- ``rotation_vector``: components of the axis times the angle, along the axes of the goal.
-- ``xyz_euler``: angles about x, then the new y, then the new z axis.
+- ``rotation_vector``: components of the rotation axis times the angle, along the axes of the goal.
+- ``xyz_euler``: angles about the x axis, the new y axis and the new z axis, in this order.
 """
 
 
 class GoalError(PlanningError):
-    """The goal of a client is invalid or cannot be reached."""
+    """A client's goal is invalid or cannot be reached."""
 
 
 class UnreachableError(GoalError):
@@ -57,7 +57,7 @@ class CollidingError(GoalError):
 
 
 def invalid(message: str) -> GoalError:
-    """Return the error of a goal that is invalid for every arm."""
+    """Return the error for a goal that is invalid for every arm."""
     return GoalError("INVALID_GOAL_CONSTRAINTS", message)
 
 
@@ -66,7 +66,7 @@ def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequ
 
     Args:
         position_m: Position (3,), in m.
-        quaternion_xyzw: Orientation (4,). Its length must be 1, except for rounding.
+        quaternion_xyzw: Orientation (4,). The quaternion's length must be 1, except for rounding.
 
     Raises:
         GoalError: A number is not finite or too large, or the quaternion's length is not 1.
@@ -100,12 +100,12 @@ _IDENTITY: Final = np.eye(3)[None]
 
 @dataclass(frozen=True, slots=True)
 class PositionSphere:
-    """Region of positions around the position of a goal."""
+    """Region of positions around a goal position."""
 
     radius_m: float
 
     def check(self) -> None:
-        """Raise GoalError if the region has no size."""
+        """Raises GoalError if the region has no size."""
         _check_tolerance(self.radius_m, "position tolerance", " m")
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
@@ -113,7 +113,7 @@ class PositionSphere:
 
         Args:
             offsets: Offsets from the center (k, 3), in m.
-            share: Fraction of the region's size.
+            share: Fraction of the region's size that is used.
 
         Returns:
             The shortest vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
@@ -131,21 +131,21 @@ class PositionSphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionBox:
-    """Box of positions around the position of a goal."""
+    """Box of positions around a goal position."""
 
     size_m: tuple[float, float, float]
-    """Lengths of the edges, in m. The goal is in the center."""
+    """Lengths of the edges, in m. The goal is at the center of the box."""
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """Orientation of the box in the frame of the base link."""
+    """Orientation of the box in the base link frame."""
 
     def check(self) -> None:
-        """Raise GoalError if an edge has no length, or if the orientation is invalid."""
+        """Raises GoalError if an edge has no length, or if the orientation is invalid."""
         for axis, size in zip("xyz", self.size_m, strict=True):
             _check_tolerance(size, f"size of the position region along {axis}", " m")
         checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return vectors from the region to offsets, as in ``PositionSphere.excess``, along the axes of the box."""
+        """Return vectors from the region to offsets, as in ``PositionSphere.excess``, but along the axes of the box."""
         rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
         own = offsets @ rotation
         beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
@@ -155,19 +155,21 @@ class PositionBox:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGoal:
-    """Region of poses around a pose of the tool.
+    """Region of poses around a tool pose.
 
-    The orientation is inside if the angles of the rotation from the goal to the tool are within the tolerances.
+    The orientation is inside the region if the angles of the rotation from the goal to the tool are within the
+    tolerances.
     """
 
     pose: ToolPose
     region: PositionSphere | PositionBox
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
-    """Tolerances about the x, y and z axes of the goal, in rad. At pi or more, the orientation about that axis is free.
+    """Tolerances about the x, y and z axes of the goal, in rad. If a tolerance is pi or more, the orientation about
+    that axis is free.
     """
     angles: Angles = "rotation_vector"
-    """Meaning of the angles."""
+    """Interpretation of the angles."""
     _target: FloatArray = field(init=False, repr=False)
     """Orientation of the pose as a matrix (3, 3)."""
     _free: NDArray[np.bool_] = field(init=False, repr=False)
@@ -188,10 +190,10 @@ class PoseGoal:
 
         Args:
             tools: Poses of the tool (k, 4, 4).
-            share: Fraction of the tolerances. At 0, the region is the pose itself, except for free axes.
+            share: Fraction of the tolerances that is used. If 0, the region is the pose itself, except for free axes.
 
         Returns:
-            The excess (k, 6) in m. Its last three columns are rotations times ``ROTATION_M``.
+            The excess (k, 6) in m. The last three columns are rotations times ``ROTATION_M``.
         """
         beyond, _ = self._beyond(tools, share)
         return np.concatenate([beyond, self._turned(self._angles(tools, share), share) * ROTATION_M], axis=1)
@@ -209,7 +211,7 @@ class PoseGoal:
         return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
 
     def distances(self, tools: FloatArray) -> FloatArray:
-        """Return the distances (k, 2) of poses (k, 4, 4) from the goal's pose, in m and rad. Free axes do not count."""
+        """Return the distances (k, 2) of poses (k, 4, 4) from the goal's pose, in m and rad. Free axes are ignored."""
         excess = self.excess(tools, 0.0)
         return np.stack([np.linalg.norm(excess[:, :3], axis=1), np.linalg.norm(excess[:, 3:], axis=1) / ROTATION_M], 1)
 
@@ -221,7 +223,7 @@ class PoseGoal:
         return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
 
     def _are_euler(self, share: float) -> bool:
-        """Whether to use Euler angles. For the pose itself (share 0), rotation vectors are the more direct way."""
+        """Whether to use Euler angles. For the pose itself (share 0), rotation vectors are more direct."""
         return self.angles == "xyz_euler" and (share > 0.0 or bool(self._free.any()))
 
     def _angles(self, tools: FloatArray, share: float) -> FloatArray:
@@ -230,13 +232,13 @@ class PoseGoal:
         return euler_angles(rotations) if self._are_euler(share) else rotation_vectors(rotations)
 
     def _turned(self, angles: FloatArray, share: float) -> FloatArray:
-        """Return the parts of angles (k, 3) beyond the tolerances."""
+        """Return the amounts by which angles (k, 3) exceed the tolerances."""
         limit = np.where(self._free, np.inf, share * np.array(self.orientation_tolerance_rad))
         return angles - np.clip(angles, -limit, limit)
 
 
 _ROUNDING_M: Final = 1e-9
-"""Largest excess that counts as inside, in m."""
+"""Maximum excess that is considered inside, in m."""
 
 
 def _check_tolerance(value: float, what: str, unit: str) -> None:

@@ -1,4 +1,4 @@
-"""Find joint positions that bring the tool into a region of poses (inverse kinematics)."""
+"""Find joint positions that move the tool into a region of poses (inverse kinematics)."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -13,19 +13,19 @@ from planning.kinematics.descent import EXACT_M2, Descent, DescentEffort, descen
 from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
 
 SAMPLES: Final = 1024
-"""Number of random joint positions from which the starts of a search are chosen."""
+"""Number of random joint positions from which the starting points of a search are chosen."""
 BATCHES: Final = (16, 32, 64)
-"""Numbers of starts in consecutive batches. A goal is rejected after the last batch."""
+"""Numbers of starting points in consecutive batches. A goal is rejected after the last batch."""
 CENTER: Final = DescentEffort(steps=25, enough=8)
-"""Effort limits of the search for the pose itself."""
+"""Effort limits for the search for the pose itself."""
 REGION: Final = DescentEffort(steps=15, enough=8)
-"""Effort limits of the further search for the region, if the pose itself cannot be reached."""
+"""Effort limits for the additional search for the region, if the pose itself cannot be reached."""
 WIDE: Final = DescentEffort(steps=40, enough=max(BATCHES))
-"""Effort limits of the search for many places in the region."""
+"""Effort limits for the search for many poses in the region."""
 DISTINCT: Final = 0.2
-"""Minimum difference of a joint between two solutions, in rad or m."""
+"""Minimum difference in at least one joint between two solutions, in rad or m."""
 SAME: Final = 1e-3
-"""Difference of all joints below which a solution is not checked again, in rad or m."""
+"""If all joints differ by less than this value, a solution is not checked again, in rad or m."""
 COUNT: Final = 8
 """Default maximum number of solutions."""
 
@@ -36,14 +36,14 @@ Valid = Callable[[FloatArray], bool]
 
 
 class InverseKinematics:
-    """Solver for one chain. The same seed and request give the same solutions."""
+    """Solver for one chain. The same seed and request produce the same solutions."""
 
     def __init__(self, chain: Chain, seed: int = 0) -> None:
-        """Choose random joint positions as starts.
+        """Choose random joint positions as starting points.
 
         Args:
             chain: Kinematics of the arm.
-            seed: Seed of the random numbers.
+            seed: Seed for the random numbers.
         """
         self._chain = chain
         lower = np.where(np.isfinite(chain.lower), chain.lower, -np.pi)
@@ -59,14 +59,14 @@ class InverseKinematics:
         count: int = COUNT,
         remaining_s: Remaining | None = None,
     ) -> FloatArray:
-        """Find joint positions within the limits that bring the tool into a region of poses.
+        """Find joint positions within the limits that move the tool into a region of poses.
 
         Args:
-            goal: Region of poses of the tool.
-            start: Current joint positions (n,), in rad or m. These positions are tried first.
-            valid: Function that returns whether joint positions are valid; by default, all are.
+            goal: Region of tool poses.
+            start: Current joint positions (n,), in rad or m. The current positions are tried first.
+            valid: Function that returns whether joint positions are valid. By default, all positions are valid.
             count: Maximum number of solutions.
-            remaining_s: Function that returns the remaining time, in seconds; by default, the time is not limited.
+            remaining_s: Function that returns the remaining time, in seconds. By default, the time is not limited.
 
         Returns:
             Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The solution closest to ``start`` comes
@@ -94,16 +94,16 @@ class InverseKinematics:
             nearest.append(found)
         if colliding:
             raise CollidingError(
-                f"{self._chain.tool} reaches the goal only in positions that are not valid, such as in collision: move "
+                f"{self._chain.tool} reaches the goal only at invalid joint positions, for example in collision: move "
                 "the goal or the obstacle",
                 colliding[0],
             )
         raise self._unreachable(goal, nearest)
 
     def _batches(self, goal: PoseGoal, first: FloatArray) -> list[FloatArray]:
-        """Return batches of starts (k, n): the given start, then samples.
+        """Return batches of starting points (k, n): the given starting point, then samples.
 
-        Half of the samples are the nearest to the goal.
+        Half of the samples are those nearest to the goal.
         """
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
@@ -114,18 +114,18 @@ class InverseKinematics:
         return [np.concatenate([first[None], batches[0]]), *batches[1:]]
 
     def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
-        """Move the starts to the pose itself or, if no start reaches the pose, to the region around it."""
+        """Move the starting points to the pose itself or, if none of them reaches it, to the region around it."""
         found = descend(self._chain, goal, starts, 0.0, CENTER)
         if not goal.contains(self._chain.transforms(found.positions)).any():
             found = descend(self._chain, goal, found.positions, INSIDE, REGION)
         return found
 
     def _widely(self, goal: PoseGoal, starts: FloatArray) -> Descent:
-        """Move the starts to different places of the region, because the pose itself is in collision."""
+        """Move the starting points to different poses in the region, because the pose itself is in collision."""
         return descend(self._chain, goal, starts, INSIDE, WIDE)
 
     def _reached(self, goal: PoseGoal, found: Descent) -> FloatArray:
-        """Return the joint positions (k, n) inside the region, or only the exact positions if there are any."""
+        """Return the joint positions (k, n) inside the region, or only the exact solutions if there are any."""
         inside = goal.contains(self._chain.transforms(found.positions))
         exact = inside & (found.cost_m2 <= EXACT_M2)
         return found.positions[exact if exact.any() else inside]

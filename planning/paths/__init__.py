@@ -1,1 +1,1 @@
-"""Search for paths, shorten them, and compute the times along them."""
+"""Search for paths, shorten them, and compute their timing."""

@@ -1,7 +1,8 @@
 """Round the corners of a path where the scene leaves room.
 
-The path consists of straight lines and blends. A blend replaces a corner: over a length h before and after the corner,
-the direction turns from one line to the other as 3x² - 2x³. The curvature therefore begins and ends at 0.
+The path consists of straight lines and blends. A blend replaces a corner. Over a length h before and after the corner,
+the direction turns from one line to the other along the curve 3x² - 2x³. The curvature therefore is 0 at both ends of
+the blend.
 """
 
 from dataclasses import dataclass
@@ -14,17 +15,18 @@ from planning.collision import Collisions
 from planning.paths.margins import PathMargins
 
 SHARE: Final = 0.45
-"""Largest fraction of a line that a blend at one of its ends replaces."""
+"""Maximum fraction of a line that is replaced by a blend at one of its ends."""
 HALVINGS: Final = 4
-"""Number of times that a blend with contact is halved before the path keeps its corner."""
+"""Number of times that a blend with contacts is halved before the corner is kept."""
 CHORDS: Final = 16
 """Number of straight edges that represent a blend in the check."""
 TURN: Final = 1.5
-"""Largest slope of the curve 3x² - 2x³ by which the direction turns."""
+"""Maximum slope of the curve 3x² - 2x³ that describes how the direction turns."""
 SAG: Final = 0.15
-"""Largest distance of a spline from its chord, as a multiple of its curvature times the squared length of the chord."""
+"""Maximum distance of a spline from its chord, as a multiple of the spline's curvature times the squared chord
+length."""
 SAME_RAD: Final = 1e-9
-"""Distance below which two points count as the same, in rad or m."""
+"""Distance below which two points are considered identical, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +40,13 @@ class Corner:
     after: FloatArray
     """Direction of the line after the corner, as a unit vector (n,)."""
     half: float
-    """Length of the lines that the blend replaces on each side, in rad."""
+    """Length of each line that the blend replaces on its side of the corner, in rad."""
 
     def sag(self, length: float) -> FloatArray:
-        """Return the largest distance (n,) of each joint from a chord of this length on the blend, in rad or m.
+        """Return the maximum distance (n,) of each joint from a chord of the given length on the blend, in rad or m.
 
         The distance between a curve of curvature k and a chord of length s is at most k s²/8. For a cubic spline with
-        the same ends and directions, the distance is at most 0.15 k s².
+        the same ends and end directions, the distance is at most 0.15 k s².
         """
         return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
 
@@ -59,13 +61,13 @@ class Corner:
 
 
 def distinct(path: FloatArray) -> FloatArray:
-    """Return a path (m, n) without points that repeat the previous point."""
+    """Return a path (m, n) without consecutive duplicate points."""
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     return path[np.concatenate(([True], steps > SAME_RAD))]
 
 
 def blended(path: FloatArray, collisions: Collisions, margins: PathMargins) -> tuple[Corner, ...]:
-    """Return the inner corners of a path (m, n), each with the longest blend without contact."""
+    """Return the inner corners of a path (m, n), each with the longest contact-free blend."""
     lines = np.diff(path, axis=0)
     lengths = np.linalg.norm(lines, axis=1)
     directions = lines / lengths[:, None]

@@ -1,4 +1,4 @@
-"""Margins of a path, which are smaller near a start or a goal that is itself close to something."""
+"""Margins of a path, which are smaller near a start or a goal that is itself close to an obstacle."""
 
 import itertools
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from planning.collision import Collisions, Contact, Margins
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Near:
-    """Poses around an end of a path, with margins of their own."""
+    """Poses near an end of a path, with separate margins."""
 
     end: FloatArray
     """The start or the goal (n,), in rad or m."""
     radius: float
-    """Largest distance from the end, in rad."""
+    """Maximum distance from the end, in rad."""
     margins: Margins
 
 
@@ -27,17 +27,18 @@ class PathMargins:
 
     margins: Margins
     near: tuple[Near, ...] = ()
-    """Places with different margins."""
+    """Areas of the path with different margins."""
 
     def at(self, start: FloatArray, end: FloatArray) -> Margins:
-        """Return the margins of an edge. If a place contains the whole edge, these are the margins of the place."""
+        """Return the margins of an edge. If one of the areas contains the whole edge, the margins of that area are
+        returned."""
         for place in self.near:
             if max(float(np.linalg.norm(point - place.end)) for point in (start, end)) <= place.radius:
                 return place.margins
         return self.margins
 
     def for_parts(self) -> "PathMargins":
-        """Return margins that every part of an accepted path has."""
+        """Return margins that every segment of an accepted path satisfies."""
         near = tuple(replace(place, margins=place.margins.for_parts()) for place in self.near)
         return PathMargins(self.margins.for_parts(), near)
 
@@ -47,9 +48,9 @@ class PathMargins:
         ``part`` is the index of the edge plus the position on this edge.
 
         Args:
-            collisions: Checks of the arm in the scene.
+            collisions: Collision checks of the arm in the scene.
             points: Points (m, n), in rad or m.
-            sags_m: Distance that is added to the padding of each edge (m - 1,), in m.
+            sags_m: Distances (m - 1,) to add to the padding of each edge, in m.
         """
         for index, ((start, end), sag_m) in enumerate(zip(itertools.pairwise(points), sags_m, strict=True)):
             margins = self.at(start, end)

@@ -1,4 +1,4 @@
-"""Plan a short path: one or two searches, each followed by shortcuts. The shorter result is used."""
+"""Plan a short path with one or two searches, each followed by shortcutting. The shorter result is used."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -17,20 +17,20 @@ from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
 
 SEARCHES: Final = 2
-"""Maximum number of searches. A single search may pass an obstacle on the wrong side."""
+"""Maximum number of searches. A single search may find a path around the wrong side of an obstacle."""
 POSES: Final = 500
-"""Number of checked poses after which no further search begins, so that a hard problem is searched only once."""
+"""Number of checked poses after which no further search begins, so that a difficult problem is searched only once."""
 LEAST_M: Final = 2e-4
-"""Minimum padding of the path of a single joint, in m. The padding is not reduced below this value."""
+"""Minimum padding for a single-joint path, in m. The padding is not reduced below this value."""
 
 
 class Plan(NamedTuple):
     """A path without contact."""
 
     points: FloatArray
-    """Points of the path (m, n), in rad or m. Every edge between them is free."""
+    """Points of the path (m, n), in rad or m. Every edge between the points is free."""
     margins: PathMargins
-    """Margins that the path keeps. Near a start or a goal that is close to something, the margins are smaller than in
+    """Margins that the path keeps. Near a start or a goal that is close to an obstacle, the margins are smaller than in
     the request.
     """
 
@@ -45,7 +45,8 @@ def plan_path(
         collisions: Checks of the arm in the scene.
         request: Start, goals, margins, planner and seed.
         remaining_s: Function that returns the remaining time, in seconds.
-        searches: Maximum number of searches. The shortest path is used. A path without corners ends the searches.
+        searches: Maximum number of searches. The shortest path is used. If a path has no corners, no further search is
+            run.
 
     Returns:
         The path and its margins.
@@ -70,9 +71,9 @@ def plan_path(
 
 
 def _single(collisions: Collisions, request: PathRequest) -> Plan:
-    """Return the only path of a single joint, with margins as large as possible.
+    """Return the only possible path of a single joint, with margins as large as possible.
 
-    Jaws often pass a link of their own hand at a distance below the padding.
+    Gripper jaws often pass a link of their own hand at a distance below the padding.
     """
     margins = request.margins
     while True:
@@ -84,7 +85,7 @@ def _single(collisions: Collisions, request: PathRequest) -> Plan:
             one, other = contacts[0].pair
             raise PlanningError(
                 "PLANNING_FAILED",
-                f"on the only path to the goal, {one} comes too near to {other}: move them apart, or allow them to "
+                f"on the only path to the goal, {one} comes too close to {other}: move them apart, or allow them to "
                 "touch",
             )
         margins = margins.within(margins.padding_m / 2.0)
@@ -93,7 +94,7 @@ def _single(collisions: Collisions, request: PathRequest) -> Plan:
 def _released(
     arm: ArmModel, collisions: Collisions, request: PathRequest
 ) -> tuple[ReleasedEnd, list[ReleasedEnd]] | None:
-    """Return poses with the full padding near the start and near the goals, or None if there are none."""
+    """Return poses that have the full padding near the start and near the goals, or None if there are none."""
     limits = bounds(arm, request)
     start = release(request.start, collisions, request.margins, limits, request.seed)
     if start is None:
@@ -106,7 +107,7 @@ def _released(
 def _shortest(
     arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining, searches: int
 ) -> FloatArray:
-    """Return the shortest of the paths (m, n) of several searches."""
+    """Return the shortest path (m, n) from several searches."""
     begun, best = collisions.poses_checked, None
     for number in range(searches):
         again = replace(request, seed=request.seed + 7919 * number)

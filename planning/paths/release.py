@@ -1,4 +1,4 @@
-"""Leave a start, or reach a goal, that is closer to something than the padding.
+"""Leave a start, or reach a goal, whose clearance is below the padding.
 
 Only the edge between such an end and a nearby pose with the full padding has smaller margins.
 """
@@ -12,20 +12,20 @@ from planning.collision import Collisions, Margins
 from planning.paths.margins import Near
 
 RADII: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Distances at which a pose with the full padding is searched for, in rad."""
+"""Distances at which to search for a pose with the full padding, in rad."""
 TRIES: Final = 40
 """Number of random poses at each distance."""
 BEYOND: Final = 1.5
-"""Radius of the smaller margins, as a multiple of the distance of the pose with the full padding."""
+"""Radius of the area with smaller margins, as a multiple of the distance to the pose with the full padding."""
 
 
 class ReleasedEnd(NamedTuple):
-    """An end of a path, and the pose from which the path has its full margins."""
+    """An end of a path, and the pose from which the path keeps its full margins."""
 
     end: FloatArray
     """The start or the goal (n,), in rad or m."""
     free: FloatArray
-    """Pose with the full padding (n,), which is the end itself if it has the full padding."""
+    """Pose (n,) with the full padding, which is the end itself if the end has the full padding."""
     near: tuple[Near, ...] = ()
     """Margins near the end."""
 
@@ -33,14 +33,14 @@ class ReleasedEnd(NamedTuple):
 def release(
     end: FloatArray, collisions: Collisions, margins: Margins, ends: tuple[FloatArray, FloatArray], seed: int
 ) -> ReleasedEnd | None:
-    """Return a pose near an end of a path that has the full padding, or None if none was found.
+    """Return a pose near an end of a path that has the full padding, or None if no such pose was found.
 
     Args:
         end: The start or the goal (n,), in rad or m.
         collisions: Checks of the arm in the scene.
         margins: Margins of the path.
-        ends: Lowest and highest positions, each (n,).
-        seed: Seed of the random poses.
+        ends: Lower and upper position limits, each (n,).
+        seed: Seed for the random poses.
     """
     if collisions.is_clear(end, margins.padding_m):
         return ReleasedEnd(end, end)

@@ -1,4 +1,4 @@
-"""A request for a path, and the checks of its start and its goals."""
+"""A path request, and the checks of its start and its goals."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,9 +12,9 @@ from planning.collision import CONTACT_M, Collisions, Margins
 from planning.errors import Code, PlanningError
 
 Remaining = Callable[[], float]
-"""Function that returns the remaining time, in seconds. The package has no clock of its own."""
+"""Function that returns the remaining time, in seconds. The package does not have its own clock."""
 AROUND: Final = np.pi
-"""Distance beyond the start and the goals that the search covers for a continuous joint, in rad."""
+"""Distance beyond the start and the goals that is searched for a continuous joint, in rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,18 +24,18 @@ class PathRequest:
     start: FloatArray
     """Positions at the start (n,), in rad or m."""
     goals: tuple[FloatArray, ...]
-    """Goal positions, each (n,). The path reaches one of them."""
+    """Goal positions, each (n,). The path must reach one of the goals."""
     planner_id: str = ""
-    """MoveIt's planner id, such as RRTConnectkConfigDefault; RRT-Connect by default."""
+    """ID of MoveIt's planner, such as RRTConnectkConfigDefault. The default is RRT-Connect."""
     margins: Margins = field(default_factory=Margins)
     seed: int = 1
     """Seed of all random numbers, at least 1."""
 
 
 def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with only its valid goals, which are inside the limits and without contact.
+    """Return a request with only its valid goals, which are within the limits and free of contacts.
 
-    If some goals have the full padding, the others are omitted.
+    If some goals have the full padding, the other goals are omitted.
 
     Raises:
         PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.
@@ -59,7 +59,8 @@ def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> Path
 
 
 def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with margins that its start and at least one goal satisfy. Only such goals are kept."""
+    """Return a request with margins that the start and at least one goal satisfy. Only goals that satisfy the margins
+    are kept."""
     padding_m = request.margins.padding_m
     rooms_m = [collisions.room_m(goal, padding_m) for goal in request.goals]
     margins = request.margins.within(min(collisions.room_m(request.start, padding_m), max(rooms_m)))
@@ -68,7 +69,7 @@ def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
 
 
 def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper ends (n,) of the search, which are finite and include the start and the goals."""
+    """Return the lower and upper bounds (n,) of the search, which are finite and include the start and the goals."""
     points = np.array([request.start, *request.goals])
     lower = np.where(np.isfinite(arm.lower), arm.lower, points.min(axis=0) - AROUND)
     upper = np.where(np.isfinite(arm.upper), arm.upper, points.max(axis=0) + AROUND)
@@ -76,7 +77,7 @@ def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]
 
 
 def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]:
-    """Return the goals inside the limits, and a description of the error in one of the other goals."""
+    """Return the goals within the limits, and a description of the error in one of the other goals."""
     within, wrong = list[FloatArray](), ""
     for goal in request.goals:
         if outside := arm.outside(goal):
@@ -87,7 +88,8 @@ def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]
 
 
 def _nearest_turn(goal: FloatArray, start: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the goal with whole turns added to continuous joints to bring them as near to the start as possible."""
+    """Return the goal after adding full turns to continuous joints so that they are as close to the start as
+    possible."""
     turns = np.round((start - goal) / (2.0 * np.pi)) * 2.0 * np.pi
     continuous = np.array([not np.isfinite(limit.upper) and not np.isfinite(limit.lower) for limit in limits])
     return np.where(continuous, goal + turns, goal)

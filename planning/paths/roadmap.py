@@ -1,4 +1,4 @@
-"""Search in a roadmap of random poses (PRM), whose edges are checked only if a path needs them.
+"""Search in a roadmap of random poses (PRM) whose edges are checked only when a path needs them.
 
 OMPL's own PRM is not used, because it needs a second thread and its roadmap depends on the speed of the machine.
 """
@@ -14,15 +14,15 @@ from planning.collision import Collisions
 from planning.paths.request import PathRequest, Remaining
 
 BATCH: Final = 150
-"""Number of random poses that are added if the roadmap contains no path."""
+"""Number of random poses to add if the roadmap does not contain a path."""
 NEIGHBORS: Final = 10
 """Number of nearest poses to which each pose is connected."""
 MOST: Final = 1_000
-"""Maximum number of poses of a roadmap."""
+"""Maximum number of poses in a roadmap."""
 
 
 class _Roadmap:
-    """Roadmap of poses and edges. Pose 0 is the start, and the goals follow."""
+    """Roadmap of poses and edges. Pose 0 is the start, followed by the goals."""
 
     def __init__(self, collisions: Collisions, request: PathRequest) -> None:
         self.poses = np.array([request.start, *request.goals])
@@ -44,7 +44,7 @@ class _Roadmap:
                     self._edges[i][j] = self._edges[j][i] = float(lengths[j])
 
     def path(self, remaining_s: Remaining) -> FloatArray | None:
-        """Return the shortest free path of the roadmap, or None if there is none or no time is left."""
+        """Return the shortest free path in the roadmap, or None if there is none or no time is left."""
         while remaining_s() > 0.0 and (nodes := self._shortest()):
             if all(self._check(i, j) for i, j in itertools.pairwise(nodes)):
                 return self.poses[nodes]
@@ -60,7 +60,7 @@ class _Roadmap:
         return self._free[key]
 
     def _shortest(self) -> list[int]:
-        """Return the shortest path through edges that are free or not checked yet (Dijkstra), or an empty list."""
+        """Return the shortest path through edges that are free or unchecked (Dijkstra), or an empty list."""
         before, best, waiting = {0: -1}, {0: 0.0}, [(0.0, 0)]
         while waiting:
             length, node = heapq.heappop(waiting)
@@ -90,7 +90,7 @@ def roadmap_path(
     Args:
         collisions: Checks of the arm in the scene.
         request: Start, goals and margins.
-        ends: Lower and upper ends of the random poses, each (n,).
+        ends: Lower and upper bounds for the random poses, each (n,).
         seed: Seed of the random poses.
         remaining_s: Function that returns the remaining time, in seconds.
 

@@ -1,11 +1,11 @@
-"""Search for paths without contact, with OMPL.
+"""Search for contact-free paths with OMPL.
 
-OMPL's random generator is global in a process. Every attempt seeds the generator again with a seed from the request, so
-consecutive requests do not influence each other. Simultaneous requests in one process would influence each other, so a
-caller with several threads must run one search at a time. At exit, OMPL's Python module prints those of its objects
-that are still alive. The callbacks in this module keep no reference to OMPL's objects, so no object of a search stays
-alive. After gc.freeze(), OMPL's types would stay alive, because the last collection skips them. A program can prevent
-this with gc.unfreeze() at exit.
+OMPL's random number generator is global in a process. Every attempt reseeds the generator with a seed from the request,
+so that consecutive requests do not influence each other. Simultaneous requests in one process would influence each
+other, so a caller with several threads must run one search at a time. At exit, OMPL's Python module prints all of its
+objects that are still alive. The callbacks in this module do not keep references to OMPL's objects, so objects do not
+outlive their search. After gc.freeze(), OMPL's types would stay alive, because the final garbage collection skips them.
+This module therefore calls gc.unfreeze() at exit.
 """
 
 import atexit
@@ -33,22 +33,22 @@ PLANNERS: Final = {
     "bkpiece": geometric.BKPIECE1,
     "lbkpiece": geometric.LBKPIECE1,
 }
-"""Planners of OMPL, by the stem of MoveIt's planner IDs in lower case."""
+"""OMPL planners, keyed by the lowercase stem of MoveIt's planner IDs."""
 PRM: Final = "prm"
-"""Stem of the IDs of the planner in planning/paths/roadmap.py."""
+"""Planner ID stem of the planner in planning/paths/roadmap.py."""
 DEFAULT: Final = "rrtconnect"
 NARROW: Final = "lbkpiece"
-"""Planner of every second attempt with the default planner."""
+"""Planner that the default planner uses in every second attempt."""
 RANGES_RAD: Final = (1.0, 0.5, 2.0)
-"""Lengths of the longest edges that a search adds, used in turn by the attempts, in rad (m for a slide)."""
+"""Maximum edge lengths that the attempts use in turn, in rad (m for a slide)."""
 EDGES: Final = 150
-"""Maximum number of edges that the first attempt checks. Later attempts check more."""
+"""Maximum number of edges that the first attempt checks. Later attempts check more edges."""
 NARROW_FACTOR: Final = 6
-"""Factor of the number of edges for ``NARROW``. This planner checks an edge only after its tree has reached the goal.
-Its edges are therefore cheaper, but it needs more of them: a median of 650 for a goal in a cage.
+"""Factor applied to the number of edges for ``NARROW``. This planner checks an edge only after its tree has reached the
+goal. The planner's edges are therefore cheaper, but more of them are needed: a median of 650 for a goal in a cage.
 """
 IMPROVING_EDGES: Final = 5_000
-"""Number of edges that RRTstar checks, even if it has a path already."""
+"""Number of edges that RRTstar checks, even if it already has a path."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
 
@@ -64,10 +64,10 @@ class Attempt(NamedTuple):
 
 
 def planner_stem(planner_id: str) -> str | None:
-    """Return ``PRM`` or the key of ``PLANNERS`` for a planner ID of MoveIt, or None if the planner does not exist.
+    """Return ``PRM`` or the key in ``PLANNERS`` for a MoveIt planner ID, or None if the planner does not exist.
 
-    An ID may follow the name of a group, as in ``arm[PRMkConfigDefault]``. For an unknown ID, ``find_path`` uses the
-    default planner, as MoveIt does. OMPL's wheel does not contain EST.
+    A group name may precede an ID, as in ``arm[PRMkConfigDefault]``. If the ID is unknown, ``find_path`` uses the
+    default planner, as MoveIt does. The OMPL wheel does not contain EST.
     """
     own = planner_id.rpartition("[")[2].removesuffix("]")
     stem = own.rpartition("::")[2].removesuffix("kConfigDefault").lower()
@@ -78,8 +78,8 @@ def planner_stem(planner_id: str) -> str | None:
 def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
     """Search for a path from the start to one of the goals.
 
-    The same request with the same scene gives the same path if there is enough time. RRTstar improves its path until it
-    has checked ``IMPROVING_EDGES`` edges, or until no time is left.
+    The same request with the same scene always produces the same path if there is enough time. RRTstar improves its
+    path until it has checked ``IMPROVING_EDGES`` edges, or until no time is left.
 
     Args:
         arm: The arm.
@@ -108,12 +108,13 @@ def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest,
         if (path := _run(arm, collisions, request, attempt, remaining_s)) is not None:
             return path
     raise PlanningError(
-        "TIMED_OUT", f"no path within the planning time with {stem}: allow more time, or move the obstacles apart"
+        "TIMED_OUT", f"{stem} found no path within the planning time: allow more time, or move the obstacles apart"
     )
 
 
 def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
-    """Yield an endless series of attempts. Every second attempt uses a planner that is better in narrow passages."""
+    """Yield an endless series of attempts. Every second attempt uses a planner that performs better in narrow
+    passages."""
     for number in count():
         planner = stem if number % 2 == 0 else NARROW if stem == DEFAULT else DEFAULT
         edges = EDGES * GROWTH**number * (NARROW_FACTOR if planner == NARROW else 1)
@@ -122,7 +123,7 @@ def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
-    """Check of OMPL's edges. The object must not refer to OMPL's objects."""
+    """Checker for OMPL's edges. The checker must not keep references to OMPL's objects."""
 
     def __init__(self, space: Any, collisions: Collisions, joints: int, margins: Margins) -> None:
         super().__init__(space)

@@ -1,7 +1,7 @@
-"""Compute the times along a smooth path with many points, such as a straight motion of the tool.
+"""Compute the timing of a smooth path with many points, such as a straight tool motion.
 
-A cubic spline goes through the points, and ruckig moves along the spline within limits that hold at each of its points.
-The arm stops at each corner of the path.
+A cubic spline passes through the points, and ruckig moves along the spline within limits that hold at every point of
+the spline. The arm stops at each corner of the path.
 """
 
 import itertools
@@ -18,11 +18,11 @@ from planning.paths.margins import PathMargins
 from planning.paths.timing import PERIOD_S, Caps, TimedPath, ramp_of
 
 CORNER_RAD: Final = 0.3
-"""Smallest angle between two edges in joint space at which a point counts as a corner."""
+"""Minimum angle between two edges in joint space at which a point is considered a corner."""
 SHARES: Final = (0.5, 1.0 / 3.0)
-"""Fraction of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
+"""Fractions of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
 TINY: Final = 1e-9
-"""Lower bound of a derivative, so that a joint at rest does not limit the motion."""
+"""Lower bound for a derivative, so that a joint at rest does not limit the motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Spline:
         return cls(np.concatenate(([0.0], np.cumsum(steps))), points, bends)
 
     def at(self, lengths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions, first and second derivatives (k, n) at lengths (k,)."""
+        """Return the positions and their first and second derivatives (k, n) at the lengths (k,)."""
         index = np.clip(np.searchsorted(self.lengths, lengths, "right") - 1, 0, len(self.points) - 2)
         step = (self.lengths[index + 1] - self.lengths[index])[:, None]
         after = lengths[:, None] - self.lengths[index][:, None]
@@ -66,7 +66,7 @@ class Spline:
         return positions, first, (low * before + high * after) / step
 
     def largest(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the largest first, second and third derivatives of each joint (n,)."""
+        """Return the maximum first, second and third derivatives of each joint (n,)."""
         steps = np.diff(self.lengths)[:, None]
         places = np.concatenate((self.lengths, self.lengths[:-1] + steps[:, 0] / 2.0))
         slopes = np.abs(self.at(places)[1]).max(axis=0) + np.abs(np.diff(self.bends, axis=0) * steps).max(axis=0) / 8.0
@@ -77,11 +77,12 @@ class Spline:
 def timed_smoothly(
     path: FloatArray, limits: Sequence[JointLimits], collisions: Collisions, margins: Margins
 ) -> TimedPath | None:
-    """Return a trajectory along splines through the points of a path, or None if it comes too close to something.
+    """Return a trajectory along splines through the points of a path, or None if the trajectory comes too close to an
+    obstacle.
 
     Args:
-        path: Points (m, n), in rad or m. The edges between them are free.
-        limits: Limits of velocity, acceleration and jerk of the joints (n).
+        path: Points (m, n), in rad or m. The edges between the points are free.
+        limits: Velocity, acceleration and jerk limits of the joints (n).
         collisions: Checks of the arm in the scene.
         margins: Padding and tolerance of the path.
     """
@@ -97,7 +98,7 @@ def timed_smoothly(
 
 
 def _along(spline: Spline, limits: Sequence[JointLimits]) -> tuple[TimedPath, FloatArray]:
-    """Return a trajectory along a spline from rest to rest, and the sag of each chord (k - 1, n)."""
+    """Return a trajectory along a spline that starts and ends at rest, and the sag of each chord (k - 1, n)."""
     ramp = ramp_of(0.0, 0.0, float(spline.lengths[-1]), _caps(spline, limits))
     times_s = np.append(np.arange(0.0, ramp.duration - PERIOD_S / 2.0, PERIOD_S), ramp.duration)
     along, speeds, gains = np.array([[float(np.ravel(value)[0]) for value in ramp.at_time(at_s)] for at_s in times_s]).T
@@ -127,7 +128,7 @@ def _caps(spline: Spline, limits: Sequence[JointLimits]) -> Caps:
 
 
 def _corners(path: FloatArray) -> list[int]:
-    """Return the indices of the corners of a path, including its ends."""
+    """Return the indices of the corners of a path, including the two ends."""
     edges = np.diff(path, axis=0)
     directions = edges / np.linalg.norm(edges, axis=1)[:, None]
     cosines = (directions[1:] * directions[:-1]).sum(axis=1)
@@ -149,10 +150,11 @@ def _joined(parts: Sequence[TimedPath]) -> TimedPath:
 
 
 def _tridiagonal(steps: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve the equations of the second derivatives at the inner points (m - 2, n) with the Thomas algorithm."""
+    """Solve for the second derivatives at the inner points (m - 2, n) with the Thomas algorithm."""
     middle, off = 2.0 * (steps[:-1] + steps[1:]), steps[1:-1]
     middle, right = middle.copy(), right.copy()
-    middle[0] += steps[0]  # the second derivative is constant before the first inner point and after the last one
+    # The second derivative is constant before the first inner point and after the last inner point.
+    middle[0] += steps[0]
     middle[-1] += steps[-1]
     for row in range(1, len(middle)):
         factor = off[row - 1] / middle[row - 1]

@@ -1,4 +1,4 @@
-"""Shorten a path by shortcuts whose edges are checked."""
+"""Shorten a path with shortcuts whose edges are checked."""
 
 from typing import Final
 
@@ -9,11 +9,11 @@ from planning.collision import Collisions, Margins
 from planning.paths.request import Remaining
 
 TRIES: Final = 400
-"""Maximum number of shortcuts tried."""
+"""Maximum number of shortcuts to try."""
 PATIENCE: Final = 30
-"""Number of consecutive shortcuts that must fail before the path counts as short."""
+"""Number of consecutive shortcuts that must fail before the path is considered short."""
 GAIN: Final = 1e-3
-"""Minimum fraction of the length that a shortcut must save to be tried."""
+"""Minimum fraction of the path length that a shortcut must save."""
 
 
 def path_length(path: FloatArray) -> float:
@@ -32,7 +32,7 @@ def shortened(
         path: Points (m, n), in rad or m.
         collisions: Checks of the arm in the scene.
         margins: Padding and tolerance of the edges.
-        seed: Seed of the random shortcuts.
+        seed: Seed for the random shortcuts.
         remaining_s: Function that returns the remaining time, in seconds. When no time is left, the current path is
             returned.
     """
@@ -62,7 +62,8 @@ def _without_detours(path: FloatArray, collisions: Collisions, margins: Margins)
 def _shortcut(
     path: FloatArray, collisions: Collisions, margins: Margins, random: np.random.Generator
 ) -> FloatArray | None:
-    """Return the path with a straight edge between two random points on it, or None if this edge is not free."""
+    """Return the path with a straight edge between two random points on it, or None if the edge saves too little length
+    or is not free."""
     ends = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     low, high = np.sort(random.uniform(0.0, ends[-1], 2))
     first, last = int(np.searchsorted(ends, low, "right")) - 1, int(np.searchsorted(ends, high, "right")) - 1
@@ -76,5 +77,5 @@ def _shortcut(
         return None
     if collisions.edge_contact(points[0], points[1], margins) is not None:
         return None
-    # Parts of checked edges are free, and need no check.
+    # Segments of checked edges are free and do not need to be checked again.
     return np.concatenate([path[: first + 1], points, path[last + 1 :]])

@@ -6,12 +6,12 @@ from hal.types import FloatArray
 
 
 def thinned(path: FloatArray, levers_m: FloatArray, tolerance_m: float) -> FloatArray:
-    """Return a path with fewer points (k, n), by the Douglas-Peucker algorithm.
+    """Return a path with fewer points (k, n), computed with the Douglas-Peucker algorithm.
 
     Args:
         path: Points (m, n), in rad or m.
-        levers_m: Largest motion of any geometry per motion of each joint (n,), in m/rad; 1 for a slide.
-        tolerance_m: Largest motion of any geometry between a removed point and the new path, in m.
+        levers_m: Maximum motion of any geometry per motion of each joint (n,), in m/rad, with 1 for a slide.
+        tolerance_m: Maximum motion of any geometry between a removed point and the new path, in m.
     """
     kept, waiting = {0, len(path) - 1}, [(0, len(path) - 1)]
     while waiting:

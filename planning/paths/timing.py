@@ -1,8 +1,8 @@
-"""Compute the times along a path, within the limits of velocity, acceleration and jerk.
+"""Compute the timing of a path, within the velocity, acceleration and jerk limits.
 
-The joints follow the path exactly. Along a blend, the speed is constant and low enough for the limits of all joints.
-Along a line, ruckig changes the speed from that of one blend to that of the next blend. At a corner without a blend the
-arm stops.
+The joints follow the path exactly. Along a blend, the speed is constant and low enough to satisfy the limits of all
+joints. Along a line, ruckig changes the speed from the speed of one blend to that of the next. The arm stops at corners
+without a blend.
 """
 
 import itertools
@@ -22,19 +22,19 @@ from planning.paths.margins import PathMargins
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in seconds."""
 BISECTIONS: Final = 40
-"""Number of steps of the search for the highest speed at the end of a line."""
+"""Number of steps in the search for the highest speed at the end of a line."""
 TURN_CHANGE: Final = 6.0
-"""Largest change of the slope of the curve 3x² - 2x³."""
+"""Maximum rate of change of the slope of the curve 3x² - 2x³."""
 SAFE: Final = 1.0 - 1e-9
-"""Factor that keeps rounding errors within the limits."""
+"""Factor that keeps values within the limits despite rounding errors."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedPath:
-    """A trajectory that begins and ends at rest. m is the number of points."""
+    """A trajectory that starts and ends at rest. m is the number of points."""
 
     times_s: FloatArray
-    """Time of each point since the start (m,)."""
+    """Time of each point since the start (m,), in seconds."""
     positions: FloatArray
     """Positions (m, n), in rad or m."""
     velocities: FloatArray
@@ -59,7 +59,7 @@ class TimedPath:
 
 @dataclass(frozen=True, slots=True)
 class Caps:
-    """Largest speed, acceleration and jerk along a line or blend, in rad/s, rad/s² and rad/s³."""
+    """Maximum speed, acceleration and jerk along a line or blend, in rad/s, rad/s² and rad/s³."""
 
     speed: float
     acceleration: float
@@ -72,13 +72,13 @@ class _Piece(NamedTuple):
     start_s: float
     lasts_s: float
     number: int
-    """Index of the line, or of the corner."""
+    """Index of the line or of the corner."""
     ramp: Trajectory | None
-    """Motion along the line; None for a blend."""
+    """Motion along the line, or None for a blend."""
 
 
 def scaled(limits: Sequence[JointLimits], velocity: float = 1.0, acceleration: float = 1.0) -> tuple[JointLimits, ...]:
-    """Return limits with MoveIt's scaling factors. The factor of the acceleration also applies to the jerk.
+    """Return limits to which MoveIt's scaling factors are applied. The acceleration factor also applies to the jerk.
 
     Raises:
         PlanningError: A factor is not above 0 and at most 1.
@@ -107,11 +107,11 @@ def timed(
 ) -> TimedPath:
     """Return a trajectory along a path whose edges are free.
 
-    Corners are rounded if the blend is free. The trajectory is checked again, with straight edges between its points
-    and the margins that parts of the path have. On a blend, the padding of an edge grows by the largest distance of the
-    curve, or of a cubic spline through the points, from the edge. The trajectory therefore also keeps a clearance of
-    the padding minus 1.5 times the tolerance between its points. If this check fails, the arm stops at every corner
-    instead.
+    Corners are rounded where a blend is free. The trajectory is checked again, with straight edges between its points
+    and the margins that segments of the path satisfy. On a blend, the padding of an edge is increased by the maximum
+    distance of the curve, or of a cubic spline through the points, from the edge. Between its points, the trajectory
+    therefore also keeps a clearance of the padding minus 1.5 times the tolerance. If this check fails, the arm stops at
+    every corner instead.
 
     Args:
         path: Points (m, n), in rad or m.
@@ -120,7 +120,7 @@ def timed(
         margins: Padding and tolerance of the path.
 
     Raises:
-        PlanningError: The path itself is in contact with something.
+        PlanningError: The path itself is in contact.
     """
     margins = PathMargins(margins) if isinstance(margins, Margins) else margins
     path = distinct(np.asarray(path, dtype=float))
@@ -135,7 +135,7 @@ def timed(
             return trajectory
     assert contact is not None
     one, other = contact.pair
-    raise PlanningError("PLANNING_FAILED", f"the path leaves {one} too near to {other}: plan again with more padding")
+    raise PlanningError("PLANNING_FAILED", f"the path brings {one} too close to {other}: plan again with more padding")
 
 
 def _along(
@@ -150,7 +150,7 @@ def _along(
     stops_s = [piece.start_s for piece in pieces if piece.ramp is not None and speeds[piece.number] == 0.0]
     times_s = np.unique(
         np.concatenate((times_s, stops_s))
-    )  # a stop is always a point, so that no chord cuts the corner
+    )  # every stop is a trajectory point, so that no chord cuts the corner
     indices = np.searchsorted(np.array([piece.start_s for piece in pieces]), times_s, "right") - 1
     rows = []
     for at_s, index in zip(times_s, indices, strict=True):
@@ -171,7 +171,7 @@ def _along(
 def _pieces(
     corners: Sequence[Corner], speeds: Sequence[float], lengths: Sequence[float], caps: Sequence[Caps]
 ) -> list[_Piece]:
-    """Return the lines and blends with their times."""
+    """Return the lines and blends with their start times and durations."""
     now_s, pieces = 0.0, list[_Piece]()
     for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
         ramp = ramp_of(speeds[i], speeds[i + 1], length, cap)
@@ -187,7 +187,7 @@ def _pieces(
 def _sag(
     corners: Sequence[Corner], speeds: Sequence[float], pieces: Sequence[_Piece], lasts_s: float
 ) -> FloatArray | None:
-    """Return the largest distance of each joint (n,) from a chord over these pieces. None for a line."""
+    """Return the maximum distance of each joint (n,) from a chord over these segments. Returns None for a line."""
     blends = [piece.number for piece in pieces if piece.ramp is None]
     if not blends:
         return None
@@ -209,7 +209,7 @@ def _on_blend(corner: Corner, speed: float, since_s: float) -> tuple[FloatArray,
 def _lines(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
 ) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[Caps]]:
-    """Return the start, the direction, the length and the speed limits of each line between blends."""
+    """Return the start, direction, length and speed limits of each line between blends."""
     halves = [0.0, *(corner.half for corner in corners), 0.0]
     lines, lengths, caps = [], [], []
     for i, (start, end) in enumerate(itertools.pairwise(path)):
@@ -233,7 +233,7 @@ def _speeds(
 ) -> list[float]:
     """Return the speed at the start, at each corner and at the end.
 
-    Each line is long enough for the change of speed.
+    Each line is long enough for the required change of speed.
     """
     speeds = [0.0, *(_blend_speed(corner, caps[i : i + 2], limits) for i, corner in enumerate(corners)), 0.0]
     for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
@@ -255,7 +255,7 @@ def _blend_speed(corner: Corner, caps: Sequence[Caps], limits: Sequence[JointLim
 
 
 def _reachable(start: float, end: float, length: float, cap: Caps) -> float:
-    """Return the highest speed up to ``end`` that can be reached from ``start`` within a length."""
+    """Return the highest speed up to ``end`` that can be reached from ``start`` within a given length."""
     if end <= start or _change_length(start, end, cap) <= length:
         return end
     low, high = start, end
@@ -266,7 +266,8 @@ def _reachable(start: float, end: float, length: float, cap: Caps) -> float:
 
 
 def _change_length(start: float, end: float, cap: Caps) -> float:
-    """Return the length of a change of speed with limited acceleration and jerk, and no acceleration at both ends."""
+    """Return the length needed to change the speed with limited acceleration and jerk, and zero acceleration at both
+    ends."""
     change = abs(end - start)
     if change >= cap.acceleration**2 / cap.jerk:
         lasts_s = change / cap.acceleration + cap.acceleration / cap.jerk
@@ -282,8 +283,9 @@ def ramp_of(start: float, end: float, length: float, cap: Caps) -> Trajectory:
     task.current_position, task.current_velocity, task.current_acceleration = [0.0], [start], [0.0]
     task.target_position, task.target_velocity, task.target_acceleration = [length], [end], [0.0]
     task.max_velocity, task.max_acceleration, task.max_jerk = [cap.speed], [cap.acceleration], [cap.jerk]
-    task.min_velocity = [-1e-9]  # the motion never goes back along the line
+    task.min_velocity = [-1e-9]  # the motion never goes backward along the line
     trajectory = Trajectory(1)
     if Ruckig(1).calculate(task, trajectory) not in (Result.Working, Result.Finished):
-        raise PlanningError("PLANNING_FAILED", f"ruckig finds no motion along {length:.4f} rad: reduce the scaling")
+        text = f"ruckig cannot find a motion along {length:.4f} rad: reduce the scaling"
+        raise PlanningError("PLANNING_FAILED", text)
     return trajectory

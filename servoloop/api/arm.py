@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from servoloop.api.planning.pose import ArmPose
 
 STREAM_AGE_S = 0.2
-"""Default maximum time between two streamed targets, in seconds: six periods of a policy that runs at 30 Hz."""
+"""Default maximum time between two streamed targets, in seconds, which is six periods of a policy that runs at 30
+Hz."""
 BACKLASH_DEG = 1.0
 """Default backlash of virtual servos, in degrees."""
 
 
 class Arm:
-    """An arm whose control loop runs in its own thread of this program.
+    """An arm whose control loop runs in a separate thread of this program.
 
     The arm is active when the constructor returns: its torque is enabled and it holds its position. Use ``Arm`` as a
     context manager, or call ``close``. The arm then stops within its limits, and either holds its position or parks, as
@@ -48,8 +49,8 @@ class Arm:
         """Start an arm.
 
         Args:
-            name_or_folder: Name of an arm that ``servoloop arms`` lists, or the path of an arm folder.
-            port: Serial port of the servos, such as ``/dev/ttyACM0``; ``NAME=PATH`` for each of several buses. If
+            name_or_folder: Name of an arm listed by ``servoloop arms``, or the path of an arm folder.
+            port: Serial port of the servos, such as ``/dev/ttyACM0``, or ``NAME=PATH`` for each of several buses. If
                 None, virtual servos run in a separate process.
             rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
@@ -81,11 +82,11 @@ class Arm:
         """Start a virtual arm in simulated time.
 
         Time passes only while the program waits: in ``move_to``, ``ArmMotion.wait``, ``sleep`` and ``step``. The cycles
-        then run as fast as possible, in the calling thread. The same program gives the same result in every run.
+        then run as fast as possible, in the calling thread. The same program produces the same result in every run.
 
         Args:
             name_or_folder: Name or folder of the arm.
-            seed: Seed for random variations of up to 10 % in friction, motors, masses and supply voltage. If
+            seed: Random seed for variations of up to 10 % in friction, motors, masses and supply voltage. If
                 None, the nominal arm is used.
             rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
@@ -108,8 +109,8 @@ class Arm:
     def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
-        The arm keeps running after ``close``, and motions of this program stop within their limits. Only one program at
-        a time can move the arm. From its first motion until ``close``, this program has control of the arm. All
+        The arm keeps running after ``close``, but this program's motions stop within the arm's limits. Only one program
+        at a time can move the arm. From its first motion until ``close``, this program has control of the arm. All
         durations are in real time.
 
         Args:
@@ -117,7 +118,7 @@ class Arm:
             namespace: ROS namespace of the running stack, such as ``left``. If None, any namespace is accepted.
 
         Raises:
-            ArmSetupError: No such arm or several such arms are running, or the namespace is invalid.
+            ArmSetupError: No matching arm or more than one is running, or the namespace is invalid.
         """
         from servoloop.api.socket_backend import SocketBackend
 
@@ -140,12 +141,12 @@ class Arm:
 
     @property
     def folder(self) -> Path | None:
-        """Folder of the arm, with its named poses and motions; None if the files are not from an arm folder."""
+        """Folder of the arm, with its named poses and motions, or None if the files are not from an arm folder."""
         return self._arm.folder
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the n joints, in the order that all arrays and mappings use."""
+        """Names of the n joints, in the order used by all arrays and mappings."""
         return self._arm.joints
 
     @property
@@ -160,17 +161,18 @@ class Arm:
 
     @property
     def state(self) -> ArmState:
-        """Latest state: position, velocity, effort, temperature, command and faults of each joint, and its age."""
+        """Latest state: the position, velocity, effort, temperature, command and faults of each joint, and the age of
+        the state."""
         return self._backend.state()
 
     @property
     def faults(self) -> Mapping[str, str]:
-        """Sentence about each fault or alarm, keyed by joint name; empty if there is no fault or alarm."""
+        """Sentences that describe faults and alarms, keyed by joint name, or empty if there are none."""
         return self.state.faults
 
     @property
     def scene(self) -> "ArmScene":
-        """Obstacles around the arm, for ``plan``, ``follow`` and ``move_to(pose=...)``."""
+        """Obstacles around the arm, used by ``plan``, ``follow`` and ``move_to(pose=...)``."""
         return self._planner.scene
 
     def pose(self, tool: str | None = None) -> "ArmPose":
@@ -191,15 +193,15 @@ class Arm:
 
         Args:
             target: Positions keyed by joint name, an array with one position for each of ``joints``, in rad or m, or
-                the name of a saved pose. Other joints do not move. A motion to positions ignores obstacles.
-            pose: Pose of the tool to use instead of a target. The motion is planned around the obstacles of ``scene``.
-            duration: Duration of the motion, in seconds. The joint limits may make the motion longer.
+                the name of a saved pose. Other joints do not move. A motion to joint positions ignores obstacles.
+            pose: Tool pose to use instead of a target. The motion is planned around the obstacles of ``scene``.
+            duration: Duration of the motion, in seconds. The joint limits may make the motion take longer.
             speed: Fraction of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
-            wait: Whether to wait for the end of the motion.
+            wait: Whether to wait until the motion ends.
             timeout: Maximum time to wait, in seconds.
 
         Returns:
-            Handle with which the program can wait for, await or cancel the motion.
+            Handle that the program can use to wait for, await or cancel the motion.
 
         Raises:
             ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
@@ -207,7 +209,7 @@ class Arm:
             PlanFailedError: No motion to ``pose`` was found. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
             MotionFailedError: The motion stopped before it reached its target.
-            ArmTimeoutError: The motion takes longer than ``timeout`` and continues.
+            ArmTimeoutError: The motion takes longer than ``timeout``. The arm keeps moving.
             ArmEndedError: The control loop has ended.
         """
         asked_s, share = duration_of(duration, speed)
@@ -229,15 +231,15 @@ class Arm:
         """Plan a motion from the measured state around the obstacles of ``scene``, without moving the arm.
 
         Args:
-            goal: Positions of the arm's joints without the gripper, as for ``move_to``, or a pose of the tool.
+            goal: Positions of the arm's joints without the gripper, as for ``move_to``, or a tool pose.
             speed: Fraction of the velocity and acceleration limits, above 0 and at most 1.
-            time_limit_s: Maximum time of the search, in seconds.
+            time_limit_s: Maximum search time, in seconds.
 
         Returns:
             A trajectory for ``follow``.
 
         Raises:
-            ArmSetupError: The extra ``planning`` is not installed.
+            ArmSetupError: The ``planning`` extra is not installed.
             ArmInputError: A joint or a named pose does not exist, or a value is not finite.
             PlanFailedError: The start or the goal is not feasible, or no path was found in time.
         """
@@ -251,14 +253,14 @@ class Arm:
         return self._planner.plan(positions, share, time_limit_s)
 
     def attach(self, name: str, link: str | None = None, touch_links: Sequence[str] | None = None) -> None:
-        """Attach an object of ``scene``, such as a cube in the gripper, to a link, so that it moves with the link.
+        """Attach a ``scene`` object, such as a cube in the gripper, to a link, so that the object moves with the link.
 
         Args:
             name: Name of the object.
             link: Link that carries the object. If None, the object is attached to the last link of the arm, which
                 carries the gripper.
-            touch_links: Links that may touch the object. If None, the carrying link and all links after it may
-                touch the object.
+            touch_links: Links that may touch the object. If None, the link that carries the object and all links after
+                it may touch the object.
 
         Raises:
             PlanFailedError: The object or a link does not exist.
@@ -266,27 +268,28 @@ class Arm:
         self.scene.attach(name, link, touch_links)
 
     def detach(self, name: str) -> None:
-        """Detach an object and leave it where it is now. Raises PlanFailedError if the object is not attached."""
+        """Detach an object and leave it at its current position. Raises PlanFailedError if the object is not
+        attached."""
         self.scene.detach(name)
 
     def follow(
         self, trajectory: ArmTrajectory, *, approach: float = 0.25, wait: bool = True, timeout: float = math.inf
     ) -> ArmMotion:
-        """Follow a trajectory. The arm first moves to the first point of the trajectory.
+        """Follow a trajectory. The arm first moves to the trajectory's first point.
 
         Args:
-            trajectory: Trajectory of some or all joints. A trajectory from ``plan`` is refused if the arm is no longer
-                at the start of the trajectory, or if an obstacle now blocks the path.
+            trajectory: Trajectory for some or all joints. A trajectory from ``plan`` is rejected if the arm is no
+                longer at the start of the trajectory, or if an obstacle now blocks the path.
             approach: Fraction of the velocity limits on the way to the first point, above 0 and at most 1.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
 
         Returns:
-            Handle of the motion.
+            Handle for the motion.
 
         Raises:
             ArmInputError: The trajectory is invalid or exceeds the limits. The arm does not move.
-            PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
+            PlanFailedError: The trajectory was planned for a different start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
             MotionFailedError: The motion stopped before it reached its target.
             ArmTimeoutError: The motion takes longer than ``timeout`` and continues.
@@ -313,18 +316,18 @@ class Arm:
         max_age: float = STREAM_AGE_S,
         rate_hz: float | None = None,
     ) -> TargetStream | None:
-        """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
+        """Follow targets that the program computes at its own rate, for example with a policy at 30 to 50 Hz.
 
-        The arm moves toward the latest target within its velocity and acceleration limits, and holds the last target.
-        If no target arrives for ``max_age`` seconds, the stream ends. The joints then slow down within their limits and
-        hold their positions.
+        The arm moves toward the latest target within its velocity and acceleration limits, and holds its position at
+        the last target. If no target arrives for ``max_age`` seconds, the stream ends. The joints then slow down within
+        their limits and hold their positions.
 
         Args:
-            targets: Targets to send, one after the other. If None, the method returns an open stream, through which
+            targets: Targets to send, one after another. If None, the method returns an open stream, through which
                 the program sends targets.
             max_age: Maximum time between two targets, in seconds.
             rate_hz: Rate at which ``targets`` are sent, in Hz. If None, each target is sent as soon as the iterator
-                yields it. Use None if the iterator keeps its own rate.
+                yields it. Use None if the iterator controls its own rate.
 
         Returns:
             The open stream, which is a context manager, or None after all ``targets`` were sent.
@@ -349,7 +352,7 @@ class Arm:
         return None
 
     def stop(self) -> None:
-        """Stop all motions, and end the stream and the freedrive.
+        """Stop all motions, and end any stream and freedrive.
 
         The joints slow down within their limits and hold their positions.
         """
@@ -361,11 +364,11 @@ class Arm:
         Args:
             on: Whether to enable the torque. If True, each servo then holds its current position.
             park: Whether to move to the park pose of the robot file before the torque is disabled, so that the arm does
-                not drop. If False, hold the arm by hand.
+                not drop. If False, support the arm by hand.
 
         Raises:
             MotionFailedError: The park pose was not reached. The torque stays enabled.
-            ArmError: A servo does not answer, or cannot be activated safely.
+            ArmError: A servo does not respond or cannot be activated safely.
         """
         self._backend.set_torque(on, park)
 
@@ -374,13 +377,13 @@ class Arm:
         """Let a person move the joints by hand for the duration of the context.
 
         The servos carry most of the arm's weight, and each joint resists motion like a slipping brake. When the context
-        ends, each joint holds the position at which it was left. A call of ``stop`` from another thread also ends the
+        ends, each joint holds the position at which it was left. Calling ``stop`` from another thread also ends the
         freedrive.
 
         Raises:
             ArmBusyError: A motion is running, a stream is open, the torque is off, or another program moves the arm.
-            ArmError: The stiffness or the weight of the arm is unknown, or a servo does not answer. At the end of the
-                context, the message names the servos whose torque limit is still reduced.
+            ArmError: The stiffness or the weight of the arm is unknown, or a servo does not respond. When the context
+                ends, the message names the servos whose torque limits are still reduced.
         """
         self._backend.begin_freedrive()
         try:
@@ -396,10 +399,10 @@ class Arm:
         Args:
             kind: Class of the controller, with the interface of ``controller.interface.ControllerType``.
             name: Name of the controller.
-            **parameters: Parameters of the controller.
+            **parameters: Parameters for the controller.
 
         Returns:
-            Context manager that yields the controller. The previous controllers continue after the context.
+            Context manager that yields the controller. The previous controllers become active again after the context.
 
         Raises:
             ArmInputError: The parameters are invalid, or the control loop runs in another program.
@@ -423,14 +426,14 @@ class Arm:
     def on_state(self, callback: Observer) -> Callable[[], None]:
         """Call a function with the latest state after each cycle.
 
-        All calls are made by one thread of the arm or, in simulated time, by the thread that waits. If the function
-        takes longer than a cycle, it misses states.
+        All calls are made by a single thread of the arm or, in simulated time, by the waiting thread. If a call takes
+        longer than a cycle, the function misses states.
 
         Args:
             callback: Function that receives the state.
 
         Returns:
-            Function that stops the calls.
+            Function that ends the calls.
         """
         return self._backend.observe(callback)
 
@@ -452,10 +455,10 @@ class Arm:
             self._backend.wait(lambda: False, seconds)
 
     def step(self, cycles: int = 1) -> ArmState:
-        """Wait for a number of cycles. In simulated time, exactly this number of cycles runs.
+        """Wait for a number of cycles. In simulated time, exactly this number of cycles is run.
 
         Returns:
-            The state of the last cycle.
+            The state after the last cycle.
 
         Raises:
             ArmEndedError: The control loop has ended.
@@ -465,7 +468,7 @@ class Arm:
         return self.state
 
     def clip(self, target: Positions) -> dict[str, float]:
-        """Return a target with each position clipped to the limits of its joint.
+        """Return a target in which each position is clipped to the limits of its joint.
 
         Args:
             target: Positions keyed by joint name, or an array of positions, in rad or m.
@@ -474,16 +477,16 @@ class Arm:
             Positions keyed by joint name.
 
         Raises:
-            ArmInputError: A joint is unknown, or the size of the array is wrong.
+            ArmInputError: A joint is unknown, or the array has the wrong size.
         """
         positions = by_joint(target, self._arm)
         check_joints(positions, self._arm)
         return {j: min(max(at, self.limits[j].lower), self.limits[j].upper) for j, at in positions.items()}
 
     def close(self) -> None:
-        """Stop the arm. Then hold its position, or park and disable the torque, as its robot file specifies.
+        """Stop the arm. The arm then holds its position, or parks and disables the torque, as its robot file specifies.
 
-        A second call has no effect. Raises ArmError if a step of the shutdown failed.
+        A second call has no effect. Raises ArmError if a shutdown step fails.
         """
         self._close()
 

@@ -3,17 +3,17 @@
 ``ArmBackend`` defines every call that ``servoloop.Arm`` needs. Two classes implement it:
 
 - ``StackBackend`` (servoloop/api/stack_backend.py) moves the arm of a ``ControlStack`` in the same process. This class
-  has no thread. A script runs the loop with ``OwnLoop``. ``servoloop up`` runs its own loop and creates a
-  ``StackBackend`` for the clients of its socket. A server translates each message into one call of this class.
-- ``SocketBackend`` (servoloop/api/socket_backend.py) is a client of this socket. It sends each call as a message and
-  keeps the latest state that it has received.
+  does not have its own thread. A script runs the loop with ``OwnLoop``. ``servoloop up`` runs its own loop and creates
+  a ``StackBackend`` for the clients of its socket. A server translates each message into one call to this class.
+- ``SocketBackend`` (servoloop/api/socket_backend.py) is a client of this socket. The client sends each call as a
+  message and keeps the latest state that it has received.
 
-All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
-``servoloop.api.errors``. A server sends the class name, the text and the joint of an error, and its client raises the
-same error again.
+All goals and targets are plain data, so that they can be sent in messages. Every implementation raises the errors from
+``servoloop.api.errors``. A server sends an error's class name, message and joint, and its client raises the same error
+again.
 
-``StackBackend`` checks every goal, because a client of the socket may be written in another language. ``Arm`` only
-converts its arguments into goals.
+``StackBackend`` checks every goal, because a socket client may be written in another language. ``Arm`` only converts
+its arguments into goals.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,9 +27,10 @@ from hal.types import JointLimits
 
 @dataclass(frozen=True, slots=True)
 class ArmState:
-    """Measurement of all joints in one cycle. All mappings list the joints in the order of ``Arm.joints``.
+    """Measurements of all joints in one cycle. All mappings list the joints in the order of ``Arm.joints``.
 
-    If a joint's servo did not answer in this cycle, the joint keeps its last values and has an entry in ``faults``.
+    If a joint's servo did not respond in this cycle, the joint keeps its last known values and has an entry in
+    ``faults``.
     """
 
     time_s: float
@@ -37,15 +38,15 @@ class ArmState:
     age_s: float
     """Time from the measurement until this object was created, in seconds."""
     position: Mapping[str, float]
-    """Measured position of each joint, in rad or m; NaN before the first answer of its servo."""
+    """Measured position of each joint, in rad or m, or NaN before the first response from its servo."""
     velocity: Mapping[str, float]
     """Measured velocity of each joint, in rad/s or m/s."""
     effort: Mapping[str, float]
-    """Torque or force of each joint, in N m or N; NaN if unknown."""
+    """Torque or force of each joint, in N m or N, or NaN if unknown."""
     temperature: Mapping[str, float]
-    """Temperature of each joint's servo, in °C; NaN if unknown."""
+    """Temperature of each joint's servo, in °C, or NaN if unknown."""
     command: Mapping[str, float]
-    """Latest commanded position of each joint, in rad or m; NaN before the first command."""
+    """Latest commanded position of each joint, in rad or m, or NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
     """Sentence about each fault or alarm, keyed by joint name; empty if there is no fault or alarm."""
     unmeasured: tuple[str, ...] = ()
@@ -53,7 +54,7 @@ class ArmState:
 
 
 Observer = Callable[[ArmState], None]
-"""Function that receives the state of each cycle. The function must return within a fraction of a cycle."""
+"""Function that receives the state after each cycle. The function must return within a fraction of a cycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,28 +68,30 @@ class ArmDescription:
     limits: Mapping[str, JointLimits]
     """Limits of the joints, keyed by joint name."""
     hand: str
-    """Joint of the gripper; empty if the arm has no gripper."""
+    """Joint of the gripper, or empty if the arm has no gripper."""
     hand_open: float
-    """Position of the open gripper, in rad or m; NaN if the arm has no gripper."""
+    """Position of the open gripper, in rad or m, or NaN if the arm has no gripper."""
     hand_closed: float
-    """Position of the closed gripper, in rad or m; NaN if the arm has no gripper."""
+    """Position of the closed gripper, in rad or m, or NaN if the arm has no gripper."""
     period_s: float
     """Period of the control loop, in seconds."""
     folder: Path | None
-    """Folder of the arm, with its named poses; None if the files are not from an arm folder."""
+    """Folder of the arm, with its named poses, or None if the files are not from an arm folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionGoal:
-    """Path of some joints through one or more timed points. The last point is reached at rest.
+    """Path of some joints through one or more timed points. The joints come to rest at the last point.
 
-    A goal with one point is a motion from the current command to this point. Joints without a position do not move.
+    A goal with one point is a motion from the currently commanded position to this point. Joints without a position do
+    not move.
     """
 
     joints: tuple[str, ...]
     """Names of the n joints that move."""
     times_s: tuple[float, ...]
-    """Times of the k points from the start, in seconds, strictly increasing. Limits may make the motion longer."""
+    """Times of the k points since the start, in seconds, strictly increasing. The joint limits may make the motion take
+    longer."""
     positions: tuple[tuple[float, ...], ...]
     """k points with n positions each, in rad or m."""
     velocities: tuple[tuple[float, ...], ...] = ()
@@ -96,24 +99,25 @@ class MotionGoal:
 
 
 class MotionProgress(Protocol):
-    """Progress of a goal. Any thread may read the progress."""
+    """Progress of a goal. The progress may be read from any thread."""
 
     @property
     def done(self) -> bool:
-        """Whether the goal has finished, with or without success."""
+        """Whether the goal has ended, with or without success."""
         ...
 
     @property
     def failure(self) -> Exception | None:
         """Error of a goal that failed: MotionFailedError, MotionCanceledError or ArmEndedError.
 
-        None while the goal runs and after success.
+        None while the goal is running and after success.
         """
         ...
 
 
 class ArmBackend(Protocol):
-    """Interface through which ``Arm`` uses the program that runs the control loop. Any thread may call each method.
+    """Interface through which ``Arm`` uses the program that runs the control loop. Every method may be called from any
+    thread.
 
     Only ``begin_stream``, ``set_torque``, ``begin_freedrive``, ``end_freedrive``, ``wait``, ``wait_async`` and
     ``close`` wait for cycles. A call that raises an error does not move the arm.
@@ -129,11 +133,11 @@ class ArmBackend(Protocol):
         ...
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the state of each cycle, and return a function that stops the calls."""
+        """Call a function with the state after each cycle, and return a function that ends the calls."""
         ...
 
     def start(self, goal: MotionGoal) -> MotionProgress:
-        """Start a motion. The motion begins in the next cycle and replaces a running motion of the same joints.
+        """Start a motion. The motion begins in the next cycle and replaces any running motion of the same joints.
 
         Raises:
             ArmInputError: The goal is invalid.
@@ -145,12 +149,12 @@ class ArmBackend(Protocol):
     def cancel(self, progress: MotionProgress) -> None:
         """Cancel a motion. The moving joints slow down within their limits and hold their positions.
 
-        A finished motion is not affected.
+        Canceling a finished motion has no effect.
         """
         ...
 
     def stop(self) -> None:
-        """Cancel all motions, and end the stream and the freedrive. The joints slow down and hold their positions."""
+        """Cancel all motions, and end any stream and freedrive. The joints slow down and hold their positions."""
         ...
 
     def begin_stream(self, max_age_s: float) -> None:
@@ -158,7 +162,7 @@ class ArmBackend(Protocol):
 
         If no target arrives for ``max_age_s`` seconds, the stream ends. The joints then slow down within their limits
         and hold their positions, and the next ``send`` raises StreamEndedError. The time limit for the first target
-        begins with this call.
+        starts with this call.
 
         Args:
             max_age_s: Maximum time between two targets, in seconds.
@@ -169,14 +173,15 @@ class ArmBackend(Protocol):
         ...
 
     def send(self, targets: Mapping[str, float]) -> None:
-        """Send targets in rad or m, keyed by joint name. The joints move toward their targets from the next cycle on.
+        """Send targets in rad or m, keyed by joint name. The joints move toward their targets, starting in the next
+        cycle.
 
-        Other joints hold their last targets.
+        Joints without a target hold their positions at their last targets.
 
         Raises:
             ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The previous target
                 stays in effect.
-            StreamEndedError: No stream is open, or the last target arrived too long ago.
+            StreamEndedError: No stream is open, or the last target was sent too long ago.
         """
         ...
 
@@ -191,31 +196,31 @@ class ArmBackend(Protocol):
         """Enable or disable the torque of all servos, and return when the change is complete.
 
         Args:
-            on: Whether to enable the torque. Each servo's goal is first set to the measured position.
-            park: Whether to move to the park pose of the robot file, if there is one, before the torque is disabled.
+            on: Whether to enable the torque. Each servo's goal position is first set to its measured position.
+            park: Whether to move to the park pose of the robot file, if any, before the torque is disabled.
 
         Raises:
             MotionFailedError: The park pose was not reached. The torque stays enabled.
-            ArmError: A servo does not answer or cannot be activated safely.
+            ArmError: A servo does not respond or cannot be activated safely.
         """
         ...
 
     def begin_freedrive(self) -> None:
-        """Let a person move the joints by hand, and return once the joints yield.
+        """Let a person move the joints by hand, and return once the joints can be moved.
 
         Raises:
-            ArmBusyError: A motion is running, a stream is open, the torque is off, or the arm is in freedrive already.
-            ArmError: The servos cannot carry the weight of the arm, or a servo does not answer.
+            ArmBusyError: A motion is running, a stream is open, the torque is off, or the arm is already in freedrive.
+            ArmError: The servos cannot support the arm's weight, or a servo does not respond.
         """
         ...
 
     def end_freedrive(self) -> None:
-        """Make the joints hold their positions with full torque, and return once they do.
+        """Make the joints hold their positions with full torque, and return once they hold.
 
         This call has no effect if the arm is not in freedrive.
 
         Raises:
-            ArmError: A servo does not answer, so its torque limit is still reduced.
+            ArmError: A servo does not respond, so its torque limit is still reduced.
         """
         ...
 
@@ -224,21 +229,21 @@ class ArmBackend(Protocol):
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until a condition holds, for at most ``timeout_s`` seconds of the loop's clock.
+        """Wait until a condition is true, for at most ``timeout_s`` seconds on the loop's clock.
 
         In simulated time, this call runs the cycles. In real time, the calling thread sleeps and the condition is
         checked after each cycle.
 
         Returns:
-            Whether the condition holds.
+            Whether the condition is true.
 
         Raises:
-            ArmEndedError: The control loop has ended and the condition does not hold.
+            ArmEndedError: The control loop has ended and the condition is not true.
         """
         ...
 
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait as ``wait`` does, without blocking the event loop."""
+        """Wait like ``wait``, but without blocking the event loop."""
         ...
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Check goals and targets before the arm moves. All messages name the joint and the remedy."""
+"""Check goals and targets before the arm moves. All messages name the joint and explain what to do."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,10 +12,10 @@ from servoloop.api.errors import ArmInputError
 
 
 def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
-    """Check the names, sizes, times and positions of a goal, and return the goal within the limits.
+    """Check the names, sizes, times and positions of a goal, and return the goal with its positions within the limits.
 
-    A joint that sags or is pressed against its limit is measured slightly beyond the limit. A position that is only
-    slightly beyond a limit is therefore moved to the limit. Raises ArmInputError.
+    The measured position of a joint that sags or is pushed against its limit may be slightly beyond the limit. A
+    position that is only slightly beyond a limit is therefore moved to the limit. Raises ArmInputError.
     """
     check_joints(goal.joints, arm)
     rows = len(goal.times_s)
@@ -40,7 +40,8 @@ def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:
 
 
 def checked_targets(targets: Mapping[str, float], arm: ArmDescription) -> dict[str, float]:
-    """Check streamed targets like the positions of goals, and return them within the limits. Raises ArmInputError."""
+    """Check streamed targets in the same way as goal positions, and return them within the limits. Raises
+    ArmInputError."""
     check_joints(targets, arm)
     return {joint: _within(joint, position, arm.limits[joint]) for joint, position in targets.items()}
 
@@ -60,7 +61,7 @@ def check_joints(joints: Iterable[str], arm: ArmDescription) -> None:
 
 
 def checked_number(name: str, value: object) -> float:
-    """Return a value as a number. Raises ArmInputError if it is a string, a Boolean or not a number."""
+    """Convert a value to a number. Raises ArmInputError if it is a string, a Boolean or not a number."""
     found = number_of(value)
     if found is None:
         raise ArmInputError(f"{name} must be a number, not {value!r}")
@@ -76,7 +77,7 @@ def checked_timeout(value: object) -> float:
 
 
 def number_of(value: Any) -> float | None:
-    """Return a value as a number, or None if it is a string, a Boolean (including NumPy's) or not a number."""
+    """Return a value as a number, or None if the value is a string, a Boolean (including NumPy's) or not a number."""
     if isinstance(value, str | bytes) or type(value).__name__.startswith("bool"):
         return None
     try:
@@ -86,7 +87,8 @@ def number_of(value: Any) -> float | None:
 
 
 def _within(joint: str, position: float, limit: JointLimits, at: str = "") -> float:
-    """Return a position within its limits. Raises ArmInputError if it is not finite or clearly beyond a limit."""
+    """Return a position clipped to its limits. Raises ArmInputError if the position is not finite or clearly beyond a
+    limit."""
     if not math.isfinite(position):
         raise ArmInputError(f"{joint}: position {position}{at} is not finite: send a finite number", joint)
     slack = AT_LIMIT * (limit.upper - limit.lower)

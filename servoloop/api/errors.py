@@ -1,4 +1,4 @@
-"""Errors of ``servoloop.Arm``.
+"""Errors raised by ``servoloop.Arm``.
 
 ArmError
 ├── ArmSetupError      the arm cannot be started
@@ -16,14 +16,14 @@ from drivers.errors import DriverError
 
 
 class ArmError(DriverError):
-    """Base class of all errors of ``servoloop.Arm``. The message tells the user what to do."""
+    """Base class for all errors raised by ``servoloop.Arm``. The message tells the user what to do."""
 
     def __init__(self, text: str, joint: str = "") -> None:
         """Create an error.
 
         Args:
             text: Problem and remedy, in one sentence.
-            joint: Name of the affected joint; empty if the error does not concern a single joint.
+            joint: Name of the affected joint, or empty if the error does not concern a single joint.
         """
         super().__init__(text)
         self.joint = joint
@@ -34,7 +34,7 @@ class ArmSetupError(ArmError):
 
 
 class ArmInputError(ArmError, ValueError):
-    """A target, a path or an argument is invalid. Nothing has moved because of this call."""
+    """A target, a path or an argument is invalid. This call has not moved the arm."""
 
 
 class PlanFailedError(ArmInputError):
@@ -46,7 +46,7 @@ class PlanFailedError(ArmInputError):
         Args:
             text: Problem and remedy, in one sentence.
             joint: Name of the affected joint; empty if the error does not concern a single joint.
-            code: Name of MoveIt's error code.
+            code: Name of the MoveIt error code.
         """
         super().__init__(text, joint)
         self.code = code
@@ -57,11 +57,12 @@ class ArmBusyError(ArmError):
 
 
 class MotionFailedError(ArmError):
-    """A motion stopped before it reached its target, such as when a joint is blocked. The arm holds its position."""
+    """A motion stopped before it reached its target, for example because a joint is blocked. The arm holds its
+    position."""
 
 
 class MotionCanceledError(MotionFailedError):
-    """A motion was canceled, or another motion has replaced it."""
+    """A motion was canceled or replaced by another motion."""
 
 
 class StreamEndedError(ArmError):
@@ -69,7 +70,7 @@ class StreamEndedError(ArmError):
 
 
 class ArmTimeoutError(ArmError, TimeoutError):
-    """A wait took longer than its limit. The motion continues."""
+    """A wait took longer than its timeout. The motion continues."""
 
 
 class ArmEndedError(ArmError):

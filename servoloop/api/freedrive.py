@@ -1,4 +1,4 @@
-"""Freedrive of a local stack: a person moves the joints by hand, and the servos carry most of the weight."""
+"""Freedrive for a local stack: a person moves the joints by hand, and the servos carry most of the weight."""
 
 import logging
 from collections.abc import Collection, Mapping, Sequence
@@ -20,21 +20,22 @@ LOG = logging.getLogger("servoloop")
 FREEDRIVE: Final = "freedrive_controller"
 """Name of the controller that lets a person move the joints."""
 HELD_CYCLES: Final = 4
-"""Number of cycles with constant commands before the previous controllers start. Without these cycles, the
-controllers would continue the motion."""
+"""Number of cycles with constant commands before the previous controllers resume. Without these cycles, the controllers
+would continue the hand-guided motion."""
 RETRY_S: Final = 1.0
 """Time between two attempts to restore torque limits, in seconds."""
 
 
 class Freedrive:
-    """Freedrive of one stack. Any thread may call ``begin`` and ``end``; the loop calls ``update`` after each cycle.
+    """Freedrive of one stack. Any thread may call ``begin`` and ``end``. The loop calls ``update`` after each cycle.
 
-    At the end, each joint first holds its measured position. The torque limits are then restored, and the previous
-    controllers become active again. The torque limit of a servo that does not answer is restored once it answers.
+    When freedrive ends, each joint first holds its measured position. The torque limits are then restored, and the
+    previous controllers become active again. If a servo does not respond, its torque limit is restored once it
+    responds.
     """
 
     def __init__(self, stack: ControlStack, joints: Sequence[str], in_loop: InLoop) -> None:
-        """``joints`` are all joints that can be moved. ``in_loop`` runs an action between two cycles."""
+        """``joints`` contains all joints that can be moved. ``in_loop`` runs an action between two cycles."""
         self._stack, self._joints, self._in_loop = stack, tuple(joints), in_loop
         self._takeover = Takeover(stack, FREEDRIVE)
         self._controller: FreedriveController | None = None
@@ -47,11 +48,11 @@ class Freedrive:
         self._faults: Mapping[str, JointFault] = {}
         """Joints that were not measured in the last cycle."""
         self.open = False
-        """Whether the joints yield to a person's hand, or will do so soon."""
+        """Whether the joints can be moved by hand, or will be shortly."""
 
     @property
     def free(self) -> bool:
-        """Whether the joints yield to a person's hand now."""
+        """Whether the joints can be moved by hand now."""
         return self.open and self._controller is not None and self._controller.free
 
     @property
@@ -65,13 +66,14 @@ class Freedrive:
         self._in_loop(self._begin)
 
     def end(self) -> None:
-        """Let the joints hold their positions, and return immediately. ``open`` is False once this is done."""
+        """Make the joints hold their positions, and return immediately. ``open`` becomes False once the joints hold
+        their positions."""
         self._ending = self.open
         if self._controller is not None:
             self._controller.holds = self.open
 
     def update(self, faults: Mapping[str, JointFault], now_s: float) -> None:
-        """End the freedrive if its end was requested or its controller was deactivated.
+        """End the freedrive if this was requested or if its controller was deactivated.
 
         Args:
             faults: Joints that were not measured in this cycle.
@@ -90,7 +92,7 @@ class Freedrive:
                 LOG.warning("freedrive has ended because its controller was deactivated")
             self._stiffen(faults, now_s)
             self._takeover.give_back()
-            self.open = self._ending = False  # Set last, because other threads wait for this flag.
+            self.open = self._ending = False  # Set this flag last, because other threads wait for it.
 
     def _begin(self) -> None:
         if self.open:
@@ -136,7 +138,7 @@ class Freedrive:
                 continue
             try:
                 torque.restore(silent)
-            except DriverError as error:  # The next cycle detects the lost port.
+            except DriverError as error:  # The next cycle detects that the port was lost.
                 LOG.error("%s: the torque limits are still reduced: %s", component.name, error)
         self._softened = any(torque.reduced for _, torque in self._parts)
 

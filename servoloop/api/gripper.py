@@ -9,7 +9,8 @@ from servoloop.api.motion import ArmMotion
 
 
 class ArmGripper:
-    """Gripper with one joint. If the gripper closes on an object, it holds the object, and the motion is complete."""
+    """Gripper with one joint. If the gripper closes on an object, it holds the object, and the motion is reported as
+    complete."""
 
     def __init__(self, arm: ArmDescription, move: Callable[..., ArmMotion]) -> None:
         self._arm, self._move = arm, move
@@ -40,10 +41,10 @@ class ArmGripper:
         wait: bool = True,
         timeout: float = math.inf,
     ) -> ArmMotion:
-        """Close the gripper until it is closed or holds an object.
+        """Close the gripper until it is fully closed or holds an object.
 
-        The torque limit in the robot file limits the force. The options, the result and the errors are the same as for
-        ``Arm.move_to``.
+        The gripping force is limited by the torque limit in the robot file. The options, the result and the errors are
+        the same as for ``Arm.move_to``.
         """
         return self.move(self._arm.hand_closed, duration=duration, speed=speed, wait=wait, timeout=timeout)
 
@@ -60,7 +61,7 @@ class ArmGripper:
 
         Args:
             position: Target in rad or m.
-            duration: Duration of the motion, in seconds. The limits of the joint may make the motion longer.
+            duration: Duration of the motion, in seconds. The joint limits may make the motion take longer.
             speed: Fraction of the velocity limit to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
@@ -70,6 +71,6 @@ class ArmGripper:
 
         Raises:
             ArmInputError: The arm has no gripper, or the position is not finite or outside the limits.
-            ArmError: The errors of ``Arm.move_to``.
+            ArmError: The same errors as for ``Arm.move_to``.
         """
         return self._move({self.joint: position}, duration=duration, speed=speed, wait=wait, timeout=timeout)

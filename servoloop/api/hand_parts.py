@@ -1,4 +1,5 @@
-"""Parts of a motion that hand controllers execute: forward command controllers and gripper controllers."""
+"""Parts of a motion that are executed by hand controllers, which are forward command controllers and gripper
+controllers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,27 +20,27 @@ from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFaile
 from servoloop.api.motions import CANCELED, REPLACED, failed_text, failure_of
 
 CYCLES_AFTER: Final = 3
-"""Minimum number of cycles between the start of the arm and the start of the hand in the same motion."""
+"""Minimum number of cycles by which the hand starts after the arm in the same motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerAccess:
-    """Access to the control loop, for a controller that has no goals."""
+    """Access to the control loop, for a controller that does not use goals."""
 
     period_s: float
     """Period of the loop, in seconds."""
     active: Callable[[], bool]
     """Function that returns whether the controller is active."""
     brake: Callable[[], None]
-    """Function that makes the joints of the controller slow down within their limits."""
+    """Function that makes the controller's joints slow down within their limits."""
 
 
 @dataclass(slots=True)
 class PartStart:
     """Start time of a part that moves a hand.
 
-    A trajectory controller may wait until other controllers have settled before it begins (``wait_for``). The hand of
-    the same motion therefore begins just after the arm, and catches up.
+    A trajectory controller may wait until other controllers have settled before it begins (``wait_for``). In such a
+    motion, the hand therefore starts just after the arm, and catches up.
     """
 
     with_arm: bool = False
@@ -49,7 +50,7 @@ class PartStart:
     cycles: int = 0
 
     def elapsed_s(self, now_s: float) -> float:
-        """Return the time since the first cycle of the motion, in seconds. Call this in each cycle."""
+        """Return the time since the first cycle of the motion, in seconds. Call this method in each cycle."""
         self.begun_s = now_s if self.begun_s is None else self.begun_s
         self.cycles += 1
         return now_s - self.begun_s
@@ -61,11 +62,11 @@ class PartStart:
 
 @dataclass(slots=True)
 class ForwardPart:
-    """Path of a forward command controller. In each cycle, the commanded positions follow the path."""
+    """Path for a forward command controller. In each cycle, the commanded positions follow the path."""
 
     controller: ForwardCommandController
     times_s: FloatArray
-    """Times (k,) of the points from the start of the motion, beginning with 0."""
+    """Times (k,) of the points since the start of the motion, beginning with 0, in seconds."""
     positions: FloatArray
     """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the current command."""
     access: ControllerAccess
@@ -118,7 +119,7 @@ class ForwardPart:
 def start_forward(
     controller: ForwardCommandController, goal: MotionGoal, held: FloatArray, access: ControllerAccess
 ) -> ForwardPart:
-    """Start a path of a forward command controller.
+    """Start a path on a forward command controller.
 
     Args:
         controller: The controller, which drives at least one joint of the goal.
@@ -140,7 +141,8 @@ def start_forward(
 
 @dataclass(slots=True)
 class GripperPart:
-    """Path of a gripper action controller, as a sequence of goals. Holding an object counts as reaching a goal."""
+    """Path for a gripper action controller, as a sequence of goals. A goal is considered reached if the gripper holds
+    an object."""
 
     controller: GripperActionController
     goals: list[GripperGoal]
@@ -180,9 +182,9 @@ class GripperPart:
 
 
 def start_gripper(controller: GripperActionController, goal: MotionGoal, held: FloatArray) -> GripperPart:
-    """Start a path of a gripper action controller.
+    """Start a path on a gripper action controller.
 
-    The arguments and the errors are the same as for ``start_trajectory``.
+    The arguments and errors are the same as for ``start_trajectory``.
     """
     column = goal.joints.index(controller.joint)
     points = [(0.0, float(held[0])), *((t, row[column]) for t, row in zip(goal.times_s, goal.positions, strict=True))]
@@ -193,5 +195,5 @@ def start_gripper(controller: GripperActionController, goal: MotionGoal, held: F
     ]
     for one in goals:
         if reason := controller.check(one):
-            raise ArmInputError(f"the gripper does not accept the motion: {reason}", controller.joint)
+            raise ArmInputError(f"the gripper rejected the motion: {reason}", controller.joint)
     return GripperPart(controller, goals)

@@ -1,4 +1,4 @@
-"""Handles of the motions and streams that a program has started."""
+"""Handles for the motions and streams that a program has started."""
 
 import math
 from collections.abc import Callable, Generator, Mapping
@@ -21,31 +21,31 @@ class ArmMotion:
 
     @property
     def done(self) -> bool:
-        """Whether the motion has finished, with or without success."""
+        """Whether the motion has ended, with or without success."""
         return self._progress.done
 
     @property
     def failure(self) -> Exception | None:
-        """Error of a motion that failed or was canceled. None while the motion runs and after success."""
+        """Error of a motion that failed or was canceled. None while the motion is running and after success."""
         return self._progress.failure
 
     def wait(self, timeout_s: float = math.inf) -> None:
         """Wait until the motion has reached its target.
 
         Args:
-            timeout_s: Maximum time to wait, in seconds of the arm's clock.
+            timeout_s: Maximum time to wait, in seconds on the arm's clock.
 
         Raises:
             MotionFailedError: The motion stopped before it reached its target.
-            MotionCanceledError: The motion was canceled, or another motion has replaced it.
-            ArmTimeoutError: The motion takes longer than ``timeout_s`` and continues.
+            MotionCanceledError: The motion was canceled or replaced by another motion.
+            ArmTimeoutError: The motion takes longer than ``timeout_s``. The arm keeps moving.
             ArmEndedError: The control loop has ended.
         """
         limit_s = checked_timeout(timeout_s)
         self._finish(self._backend.wait(lambda: self.done, limit_s), limit_s)
 
     async def wait_async(self, timeout_s: float = math.inf) -> None:
-        """Wait as ``wait`` does, without blocking the event loop. Canceling the task cancels the motion."""
+        """Wait as ``wait`` does, without blocking the event loop. Canceling the task also cancels the motion."""
         try:
             reached = await self._backend.wait_async(lambda: self.done, timeout_s)
         except BaseException:
@@ -67,14 +67,14 @@ class ArmMotion:
     def _finish(self, ended: bool, timeout_s: float) -> None:
         if not ended:
             raise ArmTimeoutError(
-                f"the motion takes longer than {timeout_s:g} s and continues: wait for the motion or cancel it"
+                f"the motion did not end within {timeout_s:g} s and is still running: wait for its end or cancel it"
             )
         if (failure := self.failure) is not None:
             raise failure
 
 
 class TargetStream:
-    """Open stream of targets from a program that computes them at its own rate, such as a learned policy.
+    """Open stream for targets from a program that computes them at its own rate, such as a learned policy.
 
     Use the stream as a context manager, so that it is closed even after an error.
     """
@@ -84,11 +84,11 @@ class TargetStream:
         backend.begin_stream(max_age_s)
 
     def send(self, targets: Positions) -> None:
-        """Send the next targets. The joints move toward the targets within the velocity and acceleration limits.
+        """Send the next targets. The joints move toward the targets within their velocity and acceleration limits.
 
         Args:
             targets: Positions keyed by joint name, or one position for each of ``Arm.joints``, in rad or m. Joints
-                without a target hold their last target.
+                without a target hold their positions at their last targets.
 
         Raises:
             ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay in

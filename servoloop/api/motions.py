@@ -1,4 +1,4 @@
-"""Motions of a local control stack. Each goal is split into one part for each controller that moves its joints."""
+"""Motions on a local control stack. Each goal is split into one part for each controller that moves its joints."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -33,12 +33,12 @@ class MotionPart(Protocol):
 
     @property
     def done(self) -> bool:
-        """Whether the part has finished."""
+        """Whether the part has ended."""
         ...
 
     @property
     def failure(self) -> MotionFailedError | None:
-        """Error of the part if it has failed; otherwise None."""
+        """Error of the part if it has failed, otherwise None."""
         ...
 
     @property
@@ -47,17 +47,17 @@ class MotionPart(Protocol):
         ...
 
     def begin_after_arm(self) -> None:
-        """Begin the part just after the trajectory of the same motion."""
+        """Start the part just after the trajectory of the same motion."""
         ...
 
     def update(self, state: JointState, now_s: float) -> None:
-        """Continue the part after a cycle, in the thread of the loop."""
+        """Advance the part after a cycle, in the loop's thread."""
         ...
 
     def cancel(self, replaced: bool = False) -> None:
         """Cancel the part. The moving joints slow down and hold their positions.
 
-        ``replaced``: whether another motion follows immediately.
+        ``replaced``: Whether another motion follows immediately.
         """
         ...
 
@@ -71,7 +71,7 @@ class RunningMotion:
 
     @property
     def done(self) -> bool:
-        """Whether all parts have finished or the control loop has ended."""
+        """Whether all parts or the control loop have ended."""
         return all(part.done for part in self.parts) or self.ended() is not None
 
     @property
@@ -84,9 +84,9 @@ class RunningMotion:
 
 
 def joints_of_mover(controller: Controller) -> tuple[str, ...]:
-    """Return the joints that a controller can move to positions; empty for all other controllers.
+    """Return the joints that a controller can move to positions, or an empty tuple for all other controllers.
 
-    The function compares the name of the type instead of the class, because a test may wrap a controller.
+    The function compares the type's name instead of its class, because a test may wrap a controller.
     """
     positions = all(Interface.parse(name).kind == "position" for name in controller.command_interfaces)
     if not positions or not controller.kind.endswith((TRAJECTORY, *FORWARD, GRIPPER)):
@@ -95,7 +95,8 @@ def joints_of_mover(controller: Controller) -> tuple[str, ...]:
 
 
 def failure_of(status: GoalStatus, text: str, joints: Sequence[str]) -> MotionFailedError | None:
-    """Return the error of a goal with this status and result text, or None while the goal runs and after success."""
+    """Return the error for a goal with this status and result message, or None while the goal is running and after
+    success."""
     if status in (GoalStatus.EXECUTING, GoalStatus.SUCCEEDED):
         return None
     if status is GoalStatus.CANCELED:
@@ -106,7 +107,7 @@ def failure_of(status: GoalStatus, text: str, joints: Sequence[str]) -> MotionFa
 
 
 def failed_text(text: str) -> str:
-    """Return the message of a failed motion, with its reason and the remedy."""
+    """Return the message for a failed motion, with the reason and the remedy."""
     return (
         f"the motion stopped before it reached its target: {text.rstrip('.')}. The arm holds its position. Remove the "
         "cause, then move again"

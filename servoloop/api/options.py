@@ -1,4 +1,4 @@
-"""Options of an arm that a script runs, and the files that they select."""
+"""Options for an arm that a script runs, and the files selected by the options."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,12 +15,12 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
 
 SETUP_ERRORS: Final = (DriverError, HalError, ManagerError, PluginError, ControllersFileError)
-"""Errors that prevent the start of an arm. Their messages tell the user what to do."""
+"""Errors that prevent an arm from starting. The error messages explain what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmOptions:
-    """Options of an arm that a script runs."""
+    """Options for an arm that a script runs."""
 
     arm: str
     """Name or folder of the arm."""
@@ -46,7 +46,7 @@ class ArmOptions:
 
 @contextmanager
 def setup_errors() -> Iterator[None]:
-    """Convert the errors of files, ports and servos to ArmSetupError."""
+    """Convert errors about files, ports and servos to ArmSetupError."""
     try:
         yield
     except ArmError:

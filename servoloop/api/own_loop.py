@@ -22,29 +22,29 @@ from servoloop.stack.pick_place import HAND, load_pick_place
 from servoloop.stack.robot_files import Files, InitialStates, initial_states
 
 CLOSED: Final = "the arm has been shut down: create a new Arm to move it again"
-"""Error message of calls after ``close``."""
+"""Error message for calls after ``close``."""
 
 
 def ended_by(error: Exception | None) -> str:
-    """Return the error message of calls after the loop has ended because of ``error``."""
+    """Return the error message for calls after the loop has ended because of ``error``."""
     why = f": {error}" if error else ""
     return f"the control loop has ended{why}. {LEFT.capitalize()}; create a new Arm"
 
 
 class OwnLoop(ABC):
-    """Stack of one arm with its control loop, from the start of the loop until ``close``."""
+    """Stack of one arm with its control loop, from the time the loop starts until ``close``."""
 
     def __init__(self, files: Files) -> None:
         self._files = files
         self._initial: InitialStates = initial_states(files)
         self._exit = ExitStack()
         self._why_ended = ""
-        """Error message of calls after the end of the loop; empty while the loop runs."""
+        """Error message for calls after the loop has ended, or empty while the loop is running."""
         self._closed = False
         self.backend: StackBackend
 
     def ended(self) -> ArmEndedError | None:
-        """Return an error with the reason why the loop has ended, or None while the loop runs."""
+        """Return an error that states why the loop has ended, or None while the loop is running."""
         return ArmEndedError(self._why_ended) if self._why_ended else None
 
     @abstractmethod
@@ -58,7 +58,7 @@ class OwnLoop(ABC):
         return stack
 
     def _activate(self, stack: ControlStack, recording: AbstractContextManager[None]) -> None:
-        """Start the recording and enable the torque. Register ``close`` to be called when the program exits."""
+        """Start the recording and enable the torque. Also registers ``close`` to be called when the program exits."""
         self._exit.enter_context(recording)
         stack.loop.activate(self._initial.inactive)
         self._exit.callback(atexit.unregister, self.close)
@@ -81,7 +81,7 @@ def describe(stack: ControlStack) -> ArmDescription:
 def _hand(files: Files, joints: Sequence[str]) -> str:
     """Return the joint of the gripper.
 
-    The gripper is the only joint of the hand controller, or the only joint without a trajectory controller.
+    The gripper is the hand controller's only joint, or else the only joint without a trajectory controller.
     """
     by_controller = {spec.name: spec for spec in files.controllers.controllers}
     if HAND in by_controller:
@@ -92,10 +92,9 @@ def _hand(files: Files, joints: Sequence[str]) -> str:
 
 
 def _hand_positions(files: Files, hand: str) -> tuple[float, float]:
-    """Return the positions of the open and the closed gripper.
+    """Return the open and closed positions of the gripper.
 
-    The positions come from the pick-and-place parameters of the arm. Without these parameters, the positions are the
-    limits of the joint.
+    The positions come from the arm's pick-and-place parameters. Without these parameters, the joint limits are used.
     """
     if not hand:
         return math.nan, math.nan

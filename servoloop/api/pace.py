@@ -14,29 +14,30 @@ LOG = logging.getLogger("servoloop")
 POLL_S: Final = 0.005
 """Period at which an asynchronous wait checks its condition, in seconds."""
 CHECK_S: Final = 0.1
-"""Maximum time between two checks of a blocking wait, in seconds. A loop may end without waking the waiting thread."""
+"""Maximum time between two condition checks of a blocking wait, in seconds. A loop may end without waking the waiting
+thread."""
 
 Ended = Callable[[], ArmEndedError | None]
-"""Function that returns the error of a control loop that has ended, or None while the loop runs."""
+"""Function that returns the error of a control loop that has ended, or None while the loop is running."""
 
 
 class LoopPace(Protocol):
-    """Interface with which a program waits for cycles of a control loop."""
+    """Interface through which a program waits for cycles of a control loop."""
 
     def cycle_done(self) -> None:
-        """Wake waiting threads and call the observers. The thread of the loop calls this after each cycle."""
+        """Wake the waiting threads and call the observers. The loop's thread calls this method after each cycle."""
         ...
 
     def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after each cycle, and return a function that stops the calls."""
+        """Call a function after each cycle, and return a function that ends the calls."""
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a condition, as ``ArmBackend.wait`` does."""
+        """Wait for a condition, like ``ArmBackend.wait``."""
         ...
 
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a condition, as ``ArmBackend.wait_async`` does."""
+        """Wait for a condition, like ``ArmBackend.wait_async``."""
         ...
 
     def close(self) -> None:
@@ -47,7 +48,7 @@ class LoopPace(Protocol):
 class Observers:
     """Functions that are called after a cycle.
 
-    An error in a function is logged once and does not stop the other functions.
+    An error in one function is logged once and does not affect the other functions.
     """
 
     def __init__(self) -> None:
@@ -78,13 +79,14 @@ class Observers:
 
 
 class ThreadPace:
-    """Pace of a loop that runs in its own thread. Observers run in another thread, so that they do not delay cycles."""
+    """Pace of a loop that runs in its own thread. Observers run in a separate thread, so that they do not delay
+    cycles."""
 
     def __init__(self, clock: Clock, ended: Ended) -> None:
-        """``clock`` is the clock of the loop, and ``ended`` returns an error if the loop has ended."""
+        """``clock`` is the loop's clock, and ``ended`` returns an error if the loop has ended."""
         self._clock, self._ended = clock, ended
         self._changed = threading.Condition()
-        """Lock that is held only briefly, because the thread of the loop needs it in each cycle."""
+        """Lock that is held only briefly, because the loop's thread needs it in each cycle."""
         self._cycles = 0
         self._observers = Observers()
         self._due = threading.Event()
@@ -144,10 +146,10 @@ class ThreadPace:
 
 
 class SimulatedPace:
-    """Pace of a loop in simulated time. A wait runs the cycles in the calling thread, as fast as possible."""
+    """Pace of a loop in simulated time. Waiting runs the cycles in the calling thread, as fast as possible."""
 
     def __init__(self, loop: ControlLoop, ended: Ended, failed: Callable[[Exception], None]) -> None:
-        """``failed`` is called with the error that ends the loop. Afterwards, ``ended`` returns an error."""
+        """``failed`` is called with the error that ended the loop. After this call, ``ended`` returns an error."""
         self._loop, self._ended, self._failed = loop, ended, failed
         self._observers = Observers()
         self._lock = threading.RLock()
@@ -155,7 +157,7 @@ class SimulatedPace:
         self._due_s = loop.clock.now()
         """Time at which the next cycle is due, in seconds.
 
-        This time keeps the rate of the loop constant across waits of any length.
+        Tracking this time keeps the loop rate constant across waits of any length.
         """
 
     def cycle_done(self) -> None:
@@ -180,7 +182,7 @@ class SimulatedPace:
                 self._loop.clock.sleep_until(end_s)
                 return False
             self._run_cycle()
-            await asyncio.sleep(0.0)  # Other tasks run between two cycles.
+            await asyncio.sleep(0.0)  # Let other tasks run between two cycles.
         return True
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Control loop of a script in simulated time, with virtual servos in the same process."""
+"""Control loop that a script runs in simulated time, with virtual servos in the same process."""
 
 import logging
 from pathlib import Path
@@ -17,7 +17,7 @@ LOG = logging.getLogger("servoloop")
 
 
 class SimulatedLoop(OwnLoop):
-    """Loop in simulated time, with virtual servos in this process. The cycles run while the program waits."""
+    """Loop in simulated time, with virtual servos in this process. The cycles run while the program is waiting."""
 
     def __init__(self, files: Files, record: Path | None, seed: int | None, backlash_deg: float) -> None:
         """Start the loop. Raises ArmSetupError.
@@ -25,7 +25,7 @@ class SimulatedLoop(OwnLoop):
         Args:
             files: Files of the arm.
             record: Path of a new recording, if any.
-            seed: Seed for random variations of the virtual arm. If None, the nominal arm is used.
+            seed: Random seed for variations of the virtual arm. If None, the nominal arm is used.
             backlash_deg: Backlash of each servo, in degrees.
         """
         super().__init__(files)
@@ -56,7 +56,7 @@ class SimulatedLoop(OwnLoop):
         self.backend.state()  # This call runs the first cycle, so that the arm has a state.
 
     def _fail(self, error: Exception) -> None:
-        """Shut the arm down after an error in the loop, as the loop thread does."""
+        """Shut the arm down after an error in the loop, like the loop thread does."""
         LOG.error("the control loop stops: %s", error)
         self._failed = True
         self._stack.end()

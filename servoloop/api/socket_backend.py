@@ -1,4 +1,4 @@
-"""Backend that moves the arm of another process over its command socket."""
+"""Backend that controls the arm of another process over its command socket."""
 
 import math
 import threading
@@ -25,7 +25,8 @@ from servoloop.recording.stream import RunningStack, find_stack
 FIRST_S: Final = 5.0
 """Maximum time to wait for the first state, in seconds."""
 EVENTS_S: Final = 0.2
-"""Maximum duration of one wait for states, in seconds. After ``close``, the waiting thread ends within this time."""
+"""Maximum duration of a single wait for states, in seconds. After ``close``, the waiting thread ends within this
+time."""
 TORQUE_S: Final = 90.0
 """Maximum time to move to the park pose and to disable the torque, in seconds."""
 FASTEST_HZ: Final = 1000.0
@@ -40,7 +41,7 @@ class SocketMotion:
 
     @property
     def done(self) -> bool:
-        """Whether the goal has finished or the stack has ended."""
+        """Whether the goal or the stack has ended."""
         return self._backend.result_of(self.number)[0]
 
     @property
@@ -50,7 +51,7 @@ class SocketMotion:
 
 
 class SocketBackend:
-    """Backend that moves the arm of a running stack over its command socket.
+    """Backend that controls the arm of a running stack over its command socket.
 
     From its first motion until ``close``, only this program moves the arm. Timeouts are in real time, even if the stack
     runs in simulated time.
@@ -70,14 +71,14 @@ class SocketBackend:
         """Latest state and the time of its arrival, in seconds."""
         self._first = threading.Event()
         self._results: dict[int, ArmError | None] = {}
-        """Results of the motions that have finished, keyed by motion number."""
+        """Results of the motions that have ended, keyed by motion number."""
         self._pace = ThreadPace(MonotonicClock(), self._ended)
         self._thread = threading.Thread(target=self._watch, name="states of the arm", daemon=True)
         self._thread.start()
 
     @classmethod
     def find(cls, arm: str | None, namespace: str | None) -> Self:
-        """Connect to the only running stack, or to the stack of this arm or namespace. Raises ArmSetupError."""
+        """Connect to the only running stack, or to the stack with the given arm or namespace. Raises ArmSetupError."""
         try:
             return cls(find_stack(arm, None if namespace is None else parse_namespace(namespace)))
         except DriverError as error:
@@ -87,14 +88,14 @@ class SocketBackend:
         """Return the latest state."""
         self._first.wait(FIRST_S)
         if self._newest is None:
-            raise self._ended() or ArmError("the arm has sent no measurement: check its power and its cables")
+            raise self._ended() or ArmError("the arm has not sent any measurements: check its power and its cables")
         state, arrived_s = self._newest
         if (error := self._ended()) is not None:
             raise error
         return _aged(state, monotonic() - arrived_s)
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Call a function with the latest state after each cycle, and return a function that stops the calls."""
+        """Call a function with the latest state after each cycle, and return a function that ends the calls."""
         return self._pace.watch(lambda: observer(self.state()))
 
     def start(self, goal: MotionGoal) -> MotionProgress:
@@ -111,14 +112,14 @@ class SocketBackend:
         return SocketMotion(self, int(reply["motion"]))
 
     def cancel(self, progress: MotionProgress) -> None:
-        """Cancel a motion of this backend."""
+        """Cancel a motion that this backend has started."""
         if isinstance(progress, SocketMotion) and not progress.done:
             self._ask("cancel_move", motion=progress.number)
 
     def stop(self) -> None:
-        """Cancel all motions, including those of other clients, and end the stream.
+        """Cancel all motions, including those of other clients, and end any stream.
 
-        The message is sent over a separate connection, because a change of the torque may block the main connection.
+        The message is sent over a separate connection, because a torque change may block the main connection.
         """
         try:
             self._watching.request("stop")
@@ -157,13 +158,13 @@ class SocketBackend:
         self._ask("freedrive", on=True)
 
     def end_freedrive(self) -> None:
-        """Let the joints hold their positions, as ``ArmBackend.end_freedrive`` describes."""
+        """Make the joints hold their positions, as ``ArmBackend.end_freedrive`` describes."""
         if self._ended() is None:
             self._ask("freedrive", on=False)
 
     @contextmanager
     def record(self, path: Path) -> Iterator[None]:
-        """Let the stack record all cycles in a new file for the duration of the context."""
+        """Make the stack record all cycles in a new file for the duration of the context."""
         where = str(path.absolute())
         try:
             self._commands.request("record", path=where)
@@ -184,7 +185,7 @@ class SocketBackend:
         return await self._pace.wait_async(until, timeout_s)
 
     def close(self) -> None:
-        """Disconnect. Motions of this program stop within their limits, and the arm holds its position."""
+        """Disconnect. This program's motions stop within their limits, and the arm holds its position."""
         self._why_ended = self._why_ended or "the connection to the arm has been closed: connect again"
         self._commands.close()
         self._thread.join(2 * EVENTS_S)
@@ -192,7 +193,7 @@ class SocketBackend:
         self._pace.close()
 
     def result_of(self, motion: int) -> tuple[bool, ArmError | None]:
-        """Return whether a motion has finished, and its error if it has failed."""
+        """Return whether a motion has ended, and its error if it has failed."""
         if motion not in self._results and not self._why_ended:
             try:
                 self._keep(self._commands.events())
@@ -238,7 +239,7 @@ class SocketBackend:
 
 
 def _description(fields: Mapping[str, Any]) -> ArmDescription:
-    """Return the properties of an arm from a reply."""
+    """Return the arm properties contained in a reply."""
     folder, hand = fields["folder"], (fields["hand_open"], fields["hand_closed"])
     opened, closed = (math.nan if at is None else at for at in hand)
     limits = {joint: _limits(values) for joint, values in fields["limits"].items()}
@@ -255,7 +256,7 @@ def _description(fields: Mapping[str, Any]) -> ArmDescription:
 
 
 def _limits(values: Mapping[str, Any]) -> JointLimits:
-    """Return the limits of a joint from a reply. In the reply, null stands for infinity."""
+    """Return the joint limits contained in a reply. In the reply, null represents infinity."""
     lower = -math.inf if values["lower"] is None else values["lower"]
     names = ("upper", "velocity", "acceleration", "jerk", "effort")
     upper, velocity, acceleration, jerk, effort = (math.inf if values[n] is None else values[n] for n in names)
@@ -264,7 +265,7 @@ def _limits(values: Mapping[str, Any]) -> JointLimits:
 
 
 def _state(fields: Mapping[str, Any]) -> ArmState:
-    """Return a state from an event. In the event, null stands for NaN."""
+    """Return the state contained in an event. In the event, null represents NaN."""
 
     def numbers(name: str) -> dict[str, float]:
         return {joint: math.nan if at is None else float(at) for joint, at in fields[name].items()}
@@ -283,5 +284,5 @@ def _state(fields: Mapping[str, Any]) -> ArmState:
 
 
 def _aged(state: ArmState, passed_s: float) -> ArmState:
-    """Return a copy of a state with its age increased."""
+    """Return a copy of a state with an increased age."""
     return replace(state, age_s=state.age_s + passed_s)

@@ -1,4 +1,4 @@
-"""Convert the errors of an arm to the errors of the command socket, and back."""
+"""Convert arm errors to command socket errors, and back."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -25,7 +25,7 @@ _CLASSES: Final[Mapping[ErrorKind, type[ArmError]]] = {
     "ended": ArmEndedError,
     "failed": ArmError,
 }
-"""Error class of each kind of error. Each class precedes its base class."""
+"""Error class for each error type. Each class precedes its base class."""
 _OTHERS: Final[Mapping[ErrorKind, type[ArmError]]] = {
     "owned": ArmBusyError,
     "not_owner": ArmBusyError,

@@ -1,4 +1,4 @@
-"""Backend that moves the arm of a control stack in the same process, through the stack's controllers."""
+"""Backend that controls the arm of a control stack in the same process, through the stack's controllers."""
 
 import math
 import threading
@@ -37,17 +37,17 @@ from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack.control_stack import ControlStack
 
 ANSWER_S: Final = 5.0
-"""Maximum time until the loop serves a request, in seconds."""
+"""Maximum time for the loop to serve a request, in seconds."""
 FREEDRIVE_S: Final = 2.0
 """Maximum time to begin or end a freedrive, in seconds."""
 PARK_S: Final = 60.0
-"""Maximum time of a motion to the park pose, in seconds."""
+"""Maximum time for the motion to the park pose, in seconds."""
 
 
 class StackBackend:
     """Backend for a control stack whose loop runs in another thread or in simulated time.
 
-    Create the backend before the loop runs. In each cycle, the backend first calls the loop's previous ``on_cycle``
+    Create the backend before the loop starts. In each cycle, the backend first calls the loop's previous ``on_cycle``
     function.
     """
 
@@ -60,7 +60,7 @@ class StackBackend:
             stack: Control stack with its controllers.
             arm: Properties of the arm, from ``describe``.
             pace: Pace of the loop.
-            ended: Function that returns the error of a loop that has ended, or None while the loop runs.
+            ended: Function that returns the error of a loop that has ended, or None while the loop is running.
             recording: Recordings of the stack.
         """
         self._recording = recording
@@ -88,7 +88,7 @@ class StackBackend:
         if self._latest is None:
             self._pace.wait(lambda: self._latest is not None, ANSWER_S)
         if self._latest is None:
-            raise self._ended() or ArmError("the arm has sent no measurement: check its power and its cables")
+            raise self._ended() or ArmError("the arm has not sent any measurements: check its power and its cables")
         state, command = self._latest
         return self._converted(state, command)
 
@@ -119,7 +119,7 @@ class StackBackend:
                 part.cancel()
 
     def stop(self) -> None:
-        """Cancel all motions, including those of other clients, and end the stream and the freedrive."""
+        """Cancel all motions, including those of other clients, and end any stream and freedrive."""
         self.end_stream()
         self._freedrive.end()
         with self._lock:
@@ -180,7 +180,7 @@ class StackBackend:
         if not self._pace.wait(lambda: not freedrive.open, FREEDRIVE_S):
             raise ArmTimeoutError(f"freedrive did not end within {FREEDRIVE_S:g} s, so the arm is still compliant")
         if soft := freedrive.soft:
-            text = f"the torque of {', '.join(soft)} stays reduced until the servo answers: check the servo's cable"
+            text = f"the torque of {', '.join(soft)} stays reduced until the servo responds: check the servo's cable"
             raise ArmError(text, soft[0])
 
     @contextmanager
@@ -197,7 +197,7 @@ class StackBackend:
 
     @contextmanager
     def controller(self, name: str, kind: ControllerType, parameters: Mapping[str, Any]) -> Iterator[Controller]:
-        """Load a controller and let it drive its joints for the duration of the context.
+        """Load a controller that drives its joints for the duration of the context.
 
         Raises ArmInputError or ArmBusyError.
         """
@@ -216,11 +216,11 @@ class StackBackend:
         return await self._pace.wait_async(until, timeout_s)
 
     def close(self) -> None:
-        """Stop calling observers. The owner of the loop ends the loop."""
+        """Stop calling observers. The loop itself is ended by its owner."""
         self._pace.close()
 
     def _end_recording(self, path: Path) -> None:
-        """End a recording, unless it ended with the loop. Raises ArmError if the file is incomplete."""
+        """End a recording, unless it has already ended with the loop. Raises ArmError if the file is incomplete."""
         if self._ended():
             return
         try:
@@ -230,7 +230,7 @@ class StackBackend:
                 sleep(POLL_S)
             if not request.done:
                 raise ArmError(
-                    f"{path}: the disk did not answer for {CLOSE_S:.0f} s, so the recording may be incomplete"
+                    f"{path}: the disk did not respond for {CLOSE_S:.0f} s, so the recording may be incomplete"
                 )
             request.result()
         except RecordingError as error:
@@ -246,7 +246,7 @@ class StackBackend:
         self._pace.cycle_done()
 
     def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:
-        """Send the part of a goal that a controller executes."""
+        """Start the part of a goal that a controller executes."""
         loop = self.stack.loop
         held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
         if controller.kind.endswith(TRAJECTORY):
@@ -270,7 +270,7 @@ class StackBackend:
         loop.requests.ask(lambda: loop.manager.switch(request, loop.within_limits))
 
     def _movers(self, joints: tuple[str, ...]) -> list[Controller]:
-        """Return the active controllers of these joints. Raises ArmBusyError if a joint has no active controller."""
+        """Return the active controllers for these joints. Raises ArmBusyError if a joint has no active controller."""
         running = [entry.controller for entry in self.stack.loop.manager.registry.running]
         movers = [controller for controller in running if set(joints) & set(joints_of_mover(controller))]
         driven = {joint for controller in movers for joint in joints_of_mover(controller)}
@@ -282,7 +282,7 @@ class StackBackend:
         return movers
 
     def _require_free(self, joints: Sequence[str]) -> None:
-        """Raise ArmBusyError if a stream is open, or if these joints are moved by hand or their torque is off."""
+        """Raise ArmBusyError if a stream is open, or if these joints are in freedrive or their torque is off."""
         self._require_torque(joints)
         if self._stream.open:
             raise ArmBusyError("a stream is open: close it before you start a motion")
@@ -290,7 +290,7 @@ class StackBackend:
             raise ArmBusyError("the arm is in freedrive: end freedrive before you start a motion")
 
     def _require_rest(self, to: str) -> None:
-        """Raise ArmBusyError unless the torque of all joints is on and no motion, stream or person moves them."""
+        """Raise ArmBusyError unless the torque of all joints is on and there is no motion, stream or freedrive."""
         self._require_free(self.description.joints)
         if any(part.moves for part in self._parts):
             raise ArmBusyError(f"a motion is running: wait for it or call stop() before you {to}")
@@ -306,7 +306,7 @@ class StackBackend:
                 raise ArmBusyError(f"{joint} cannot be moved: {why}. Call arm.torque(True)", joint)
 
     def _park(self) -> None:
-        """Move to the park pose of the robot file. Raises MotionFailedError."""
+        """Move to the park pose specified in the robot file. Raises MotionFailedError."""
         park = self.stack.files.robot.file.park
         if park is None:
             return
@@ -320,7 +320,7 @@ class StackBackend:
             ) from progress.failure
 
     def _in_loop(self, action: Callable[[], None]) -> None:
-        """Run an action between two cycles and raise its error."""
+        """Run an action between two cycles and raise any error that it causes."""
         request = self.stack.loop.requests.ask(action)
         if not request.done and not self._pace.wait(lambda: request.done, ANSWER_S):
             raise ArmError("the control loop does not respond: check whether its hardware hangs")
@@ -355,7 +355,7 @@ class StackBackend:
 
 
 def _faults(state: JointState, joints: tuple[str, ...]) -> dict[str, str]:
-    """Return one sentence for each joint with a fault or an alarm."""
+    """Return one sentence for each joint that has a fault or an alarm."""
     found = {}
     for joint in joints:
         if joint in state.faults:

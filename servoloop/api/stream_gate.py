@@ -1,4 +1,4 @@
-"""Stream of targets on a local stack, which uses a forward command controller and ends if no targets arrive."""
+"""Stream of targets on a local stack, which uses a forward command controller and ends if targets stop arriving."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -14,11 +14,11 @@ from servoloop.stack.control_stack import ControlStack
 
 LOG = logging.getLogger("servoloop")
 InLoop = Callable[[Callable[[], None]], None]
-"""Function that runs an action in the thread of the loop between two cycles, and returns after the action."""
+"""Function that runs an action in the loop's thread between two cycles, and returns when the action is complete."""
 
 
 class Takeover:
-    """Switch of some joints to one controller and back. The thread of the loop calls all methods between two cycles."""
+    """Switches some joints to one controller and back. The loop's thread calls all methods between two cycles."""
 
     def __init__(self, stack: ControlStack, name: str) -> None:
         """``name`` is the name of the controller, which may be loaded later."""
@@ -27,12 +27,12 @@ class Takeover:
 
     @property
     def active(self) -> bool:
-        """Whether the controller is active. Any thread may read this."""
+        """Whether the controller is active. This property may be read from any thread."""
         entry = self._stack.loop.manager.registry.loaded.get(self._name)
         return entry is not None and entry.active
 
     def take(self) -> None:
-        """Activate the controller in place of the controllers that drive its joints. Raises ArmBusyError."""
+        """Activate the controller in place of the controllers that currently drive its joints. Raises ArmBusyError."""
         loop = self._stack.loop
         registry = loop.manager.registry
         claims = set(registry.loaded[self._name].commands)
@@ -45,7 +45,7 @@ class Takeover:
         self._former = tuple(former)
 
     def give_back(self) -> None:
-        """Activate the previous controllers again.
+        """Reactivate the previous controllers.
 
         The previous controllers start after the joints have slowed down within their limits.
         """
@@ -54,8 +54,8 @@ class Takeover:
         try:
             request = SwitchRequest(activate=inactive, deactivate=(self._name,) * self.active)
             loop.manager.switch(request, loop.within_limits)
-        except ManagerError as error:  # The joints hold their positions without a controller.
-            LOG.error("the controllers that ran before %s cannot be activated again: %s", self._name, error)
+        except ManagerError as error:  # Without a controller, the joints hold their positions.
+            LOG.error("the controllers that were active before %s cannot be activated again: %s", self._name, error)
 
 
 STREAM: Final = "stream_controller"
@@ -79,7 +79,7 @@ class StreamGate:
         self.open = False
 
     def begin(self, max_age_s: float) -> None:
-        """Switch to the controller of the stream. Raises ArmBusyError."""
+        """Switch to the stream controller. Raises ArmBusyError."""
         self._in_loop(lambda: self._begin(max_age_s))
 
     def send(self, targets: Mapping[str, float]) -> None:
@@ -97,7 +97,8 @@ class StreamGate:
             self._in_loop(lambda: self._end(NOT_OPEN))
 
     def update(self, now_s: float) -> None:
-        """End the stream if it timed out or its controller was deactivated. The loop calls this after each cycle."""
+        """End the stream if it has timed out or its controller was deactivated. The loop calls this method after each
+        cycle."""
         if not self.open:
             return
         if not self._takeover.active:
@@ -129,6 +130,6 @@ class StreamGate:
         self._controller = made
 
     def _end(self, why: str) -> None:
-        if self.open:  # The stream may have ended while the request waited.
+        if self.open:  # The stream may have ended while the request was waiting.
             self.open, self._why_ended = False, why
             self._takeover.give_back()

@@ -1,4 +1,4 @@
-"""Convert targets, paths and pose names of a program into goals."""
+"""Convert a program's targets, paths and pose names to goals."""
 
 import math
 from collections.abc import Mapping, Sequence, Set
@@ -20,10 +20,10 @@ Positions = Union[Mapping[str, float], Sequence[float], "FloatArray"]
 
 
 def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
-    """Return positions keyed by joint name. Raises ArmInputError if their number or type is wrong."""
+    """Return positions keyed by joint name. Raises ArmInputError if the number or type of the positions is wrong."""
     if isinstance(positions, Mapping):
         return {joint: _number(joint, value) for joint, value in positions.items()}
-    if isinstance(positions, str | Set) or not hasattr(positions, "__len__"):  # A set has no order.
+    if isinstance(positions, str | Set) or not hasattr(positions, "__len__"):  # A set is not ordered.
         raise ArmInputError(f"{positions!r} is not a target: use positions keyed by joint name, or an array")
     if getattr(positions, "ndim", 1) != 1 or len(positions) != len(arm.joints):
         shape = getattr(positions, "shape", len(positions))
@@ -35,7 +35,7 @@ def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
 
 
 def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
-    """Return the positions of a saved pose, keyed by joint name. Raises ArmInputError if there is no such pose."""
+    """Return the positions of a saved pose, keyed by joint name. Raises ArmInputError if the pose does not exist."""
     from servoloop.manual.poses import PoseError, Poses
 
     if arm.folder is None:
@@ -47,7 +47,7 @@ def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
 
 
 def duration_of(duration: float | None, speed: float | None) -> tuple[float | None, float]:
-    """Return the checked duration in seconds, and the fraction of the velocity limits to use without a duration.
+    """Return the checked duration in seconds, and the fraction of the velocity limits to use if there is no duration.
 
     Raises ArmInputError.
     """
@@ -64,7 +64,7 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
 
 
 def goal_of(trajectory: ArmTrajectory, begin_s: float) -> MotionGoal:
-    """Return the goal of a trajectory, with all its times delayed by ``begin_s``."""
+    """Return the goal for a trajectory, with all times delayed by ``begin_s``."""
     joints = tuple(trajectory.positions)
     times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
     return MotionGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
@@ -91,7 +91,7 @@ def _number(joint: str, value: Any) -> float:
 
 
 SPEED = 0.25
-"""Fraction of the velocity limits that a motion uses if neither a duration nor a speed is given."""
+"""Fraction of the velocity limits used by a motion if neither a duration nor a speed is given."""
 SHORTEST_S: Final = 1e-3
 """Duration of a motion whose joints are already at their targets, in seconds."""
 
@@ -103,8 +103,8 @@ def approach_s(
 
     Args:
         target: Target positions in rad or m, keyed by joint name.
-        start: Start positions in rad or m, keyed by joint name. Joints with an unknown start are ignored.
-        limits: Limits keyed by joint name.
+        start: Start positions in rad or m, keyed by joint name. Joints whose start position is unknown are ignored.
+        limits: Joint limits, keyed by joint name.
         speed: Fraction of the velocity limits, above 0 and at most 1.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Control loop of a script in its own thread, on real servos or on virtual servos in a child process."""
+"""Control loop that a script runs in a separate thread, with real servos or with virtual servos in a child process."""
 
 import gc
 import signal
@@ -31,14 +31,14 @@ END_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class ThreadLoop(OwnLoop):
-    """Control loop in its own thread, on real servos or on virtual servos in a child process."""
+    """Control loop in its own thread, with real servos or with virtual servos in a child process."""
 
     def __init__(self, files: Files, ports: Sequence[str], record: Path | None) -> None:
         """Start the loop. Raises ArmSetupError.
 
         Args:
             files: Files of the arm.
-            ports: Serial ports as for ``servoloop up``; empty for virtual servos.
+            ports: Serial ports as for ``servoloop up``, or empty for virtual servos.
             record: Path of a new recording, if any.
         """
         super().__init__(files)
@@ -67,7 +67,7 @@ class ThreadLoop(OwnLoop):
         self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
         offset_s = wall_offset_s(clock, time.time)
         self._activate(stack, recording.of(stack.loop, files, offset_s, lambda: run.failed, setup.scene))
-        sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
+        sys.setswitchinterval(0.0001)  # maximum time that the loop waits for the interpreter lock, in seconds
         gc.collect()
         gc.freeze()
         self._exit.callback(gc.unfreeze)
@@ -99,9 +99,9 @@ class ThreadLoop(OwnLoop):
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
     def _joined(self, thread: threading.Thread) -> bool:
-        """Wait briefly for the shutdown, and return whether it has finished or hangs.
+        """Wait briefly for the shutdown, and return whether it has finished or is stuck.
 
-        Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``.
+        Ctrl-C skips the park pose, like a second Ctrl-C in ``servoloop up``.
         """
         try:
             thread.join(0.1)
@@ -113,7 +113,7 @@ class ThreadLoop(OwnLoop):
 
 @contextmanager
 def exit_on_signals() -> Iterator[None]:
-    """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
+    """Raise SystemExit in the main thread on SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
 
     Signals that the program already handles or ignores are not affected. Outside the main thread, this context has no
     effect.

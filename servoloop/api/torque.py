@@ -1,4 +1,4 @@
-"""Disable and enable the torque of a running stack, between two motions."""
+"""Disable and enable the torque of a running stack while no motion is running."""
 
 from collections.abc import Callable
 from typing import Final
@@ -11,11 +11,11 @@ from servoloop.api.errors import ArmError, ArmTimeoutError
 from servoloop.stack.control_stack import ControlStack
 
 TORQUE_S: Final = 15.0
-"""Maximum time to enable or disable the torque, in seconds. Each servo that does not answer delays the change."""
+"""Maximum time to enable or disable the torque, in seconds. Each servo that does not respond delays the change."""
 
 
 class TorqueSwitch:
-    """Torque of all servos of one stack, and the controllers that were active before the torque was disabled."""
+    """Torque of all servos in one stack, and the controllers that were active before the torque was disabled."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class TorqueSwitch:
         return all(one.state is LifecycleState.ACTIVE for one in self._stack.loop.hardware.components)
 
     def release(self) -> None:
-        """Let the joints come to rest, then disable their torque. Raises ArmError."""
+        """Bring the joints to rest, then disable their torque. Raises ArmError."""
         loop = self._stack.loop
 
         def deactivate() -> None:
@@ -46,7 +46,7 @@ class TorqueSwitch:
         self._bring(LifecycleState.INACTIVE)
 
     def enable(self) -> None:
-        """Enable the torque at the measured positions, and activate the previous controllers. Raises ArmError."""
+        """Enable the torque at the measured positions, and reactivate the previous controllers. Raises ArmError."""
         self._bring(LifecycleState.ACTIVE)
         loop = self._stack.loop
 
@@ -64,7 +64,7 @@ class TorqueSwitch:
             for one in loop.hardware.components
         ]
         if not self._wait(lambda: all(one.done for one in asked), TORQUE_S):
-            raise ArmTimeoutError(f"the servos did not change their torque within {TORQUE_S:.0f} s: check the cables")
+            raise ArmTimeoutError(f"the servos did not switch their torque within {TORQUE_S:.0f} s: check the cables")
         for one in asked:
             try:
                 one.result()

@@ -11,7 +11,7 @@ from servoloop.api.errors import ArmInputError
 
 @dataclass(frozen=True, slots=True)
 class ArmTrajectory:
-    """Trajectory of some or all joints with k points. The arm is at rest at the last point."""
+    """Trajectory with k points for some or all joints. The arm is at rest at the last point."""
 
     times_s: Sequence[float]
     """Times (k,) of the points, in seconds, nonnegative and strictly increasing."""
@@ -24,11 +24,11 @@ class ArmTrajectory:
     def recorded(cls, states: Sequence[ArmState], limits: Mapping[str, JointLimits]) -> Self:
         """Return a smooth trajectory through recorded states, without the pauses before and after the motion.
 
-        The trajectory is smoothed to remove the shaking of a hand. If a joint would exceed its limits, all joints slow
-        down together. Positions outside the limits are clipped.
+        The trajectory is smoothed to remove hand tremor. If a joint would exceed its limits, all joints slow down
+        together. Positions outside the limits are clipped.
 
         Args:
-            states: States of a motion, in the order of their times.
+            states: States of a motion in chronological order.
             limits: Limits of the joints to use, keyed by joint name, such as ``arm.limits``.
 
         Raises:
@@ -60,7 +60,7 @@ class ArmTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTrajectory(ArmTrajectory):
-    """Trajectory around obstacles. ``Arm.follow`` refuses a trajectory if the arm is not at the start."""
+    """Trajectory around obstacles. ``Arm.follow`` rejects a trajectory if the arm is not at the start."""
 
     start: Mapping[str, float] = field(default_factory=dict)
-    """Positions of all joints at the start, in rad or m, including those that do not move."""
+    """Initial positions of all joints, in rad or m, including joints that do not move."""

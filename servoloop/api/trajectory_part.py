@@ -1,4 +1,4 @@
-"""Part of a motion that a joint trajectory controller executes."""
+"""Part of a motion that one joint trajectory controller executes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class TrajectoryPart:
         pass
 
     def cancel(self, replaced: bool = False) -> None:
-        if not replaced:  # The controller itself replaces the goal without stopping the joints.
+        if not replaced:  # The controller replaces the goal itself, without stopping the joints.
             self.canceled = True
             self.controller.cancel(self.handle)
 
@@ -56,7 +56,7 @@ def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, he
     Args:
         controller: The controller, which drives at least one joint of the goal.
         goal: A checked goal.
-        held: Positions (n,) of the controller's joints, for the joints that the goal does not name.
+        held: Positions (n,) of the controller's joints, used for joints that are not in the goal.
 
     Raises:
         ArmInputError: The controller rejects the goal.
@@ -75,5 +75,5 @@ def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, he
     )
     sent = TrajectoryGoal(joints, points)
     if reason := controller.check(sent):
-        raise ArmInputError(f"the arm does not accept the motion: {reason}", joint_in(reason, joints))
+        raise ArmInputError(f"the arm rejected the motion: {reason}", joint_in(reason, joints))
     return TrajectoryPart(controller, controller.submit(sent))

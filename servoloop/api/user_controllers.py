@@ -1,4 +1,4 @@
-"""Controllers of a script, which replace controllers of the controllers file."""
+"""Controllers that a script loads to replace controllers of the controllers file."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -52,7 +52,7 @@ def load_controller(
 
 @contextmanager
 def active_controller(stack: ControlStack, name: str, in_loop: InLoop) -> Iterator[None]:
-    """Let a loaded controller drive its joints for the duration of the context. Raises ArmBusyError."""
+    """Let a loaded controller drive its joints while the context is open. Raises ArmBusyError."""
     takeover = Takeover(stack, name)
     in_loop(takeover.take)
     try:
@@ -61,5 +61,5 @@ def active_controller(stack: ControlStack, name: str, in_loop: InLoop) -> Iterat
         try:
             in_loop(takeover.give_back)
             in_loop(lambda: stack.loop.manager.registry.unload(name))
-        except ArmEndedError:  # The end of the loop has deactivated the controller.
+        except ArmEndedError:  # The loop deactivated the controller when it ended.
             pass

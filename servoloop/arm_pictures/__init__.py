@@ -1,1 +1,1 @@
-"""Draw pictures of an arm with the names and directions of its joints."""
+"""Draw images of an arm with the names and directions of its joints."""

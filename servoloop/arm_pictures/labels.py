@@ -1,4 +1,4 @@
-"""Draw lines and text on a picture.
+"""Draw lines and text on an image.
 
 All lines and text are drawn at three times their size and scaled down, so that they are smooth.
 """
@@ -20,7 +20,7 @@ PAPER: Final = (255, 255, 255, 215)
 COLORS: Final[tuple[Rgb, ...]] = (
     (200, 30, 90), (20, 105, 190), (20, 130, 70), (150, 60, 170), (205, 85, 10), (0, 120, 130), (110, 80, 30),
 )  # fmt: skip
-"""Colors of the joints, in order. They repeat after the last color."""
+"""Colors of the joints, in order. They repeat if there are more joints than colors."""
 LARGER: Final = 3
 TEXT_PX: Final = 19
 SMALL_PX: Final = 15
@@ -35,7 +35,7 @@ GAP_PX: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """Text at the side of the picture, with a line to the labeled place (2,) in pixels."""
+    """Text at the side of the image, with a line to the labeled point (2,), in pixels."""
 
     title: str
     text: str
@@ -44,7 +44,7 @@ class Label:
 
 
 class Drawing:
-    """Picture with lines and text drawn on it."""
+    """Image with lines and text drawn on it."""
 
     def __init__(self, picture: Picture) -> None:
         self._image = Image.fromarray(picture)
@@ -67,12 +67,12 @@ class Drawing:
         self._pen.line(_flat(points), fill=color, width=round(LARGER * width_px), joint="curve")
 
     def dot(self, place: FloatArray, color: Rgb, radius_px: float = 5.0) -> None:
-        """Draw a dot at a place (2,)."""
+        """Draw a dot at a point (2,)."""
         x, y = LARGER * place
         self._pen.circle((x, y), LARGER * radius_px, fill=color, outline=(255, 255, 255), width=LARGER)
 
     def labels(self, labels: Sequence[Label]) -> None:
-        """Write labels at both sides, each as close as possible to the height of its place."""
+        """Write labels on both sides, each as close as possible to the height of its point."""
         middle = float(np.median([label.place[0] for label in labels]))
         for left in (True, False):
             column = sorted((one for one in labels if (one.place[0] <= middle) == left), key=lambda one: one.place[1])
@@ -86,13 +86,13 @@ class Drawing:
                 self._write(label, edge, top, (width, height))
 
     def caption(self, text: str) -> None:
-        """Write a line of text at the lower edge."""
+        """Write a line of text at the bottom edge."""
         label = Label(text, "", np.zeros(2), INK)
         width, height = self._size(label)
         self._write(label, 0.5 * (self._width - width), self._height - height - 2.0 * PAD_PX, (width, height))
 
     def image(self) -> Image.Image:
-        """Return the picture with all drawings."""
+        """Return the image with all drawings."""
         small = self._layer.resize(self._image.size, Image.Resampling.LANCZOS)
         return Image.alpha_composite(self._image.convert("RGBA"), small).convert("RGB")
 
@@ -114,7 +114,7 @@ class Drawing:
 
 
 def _spread(places: Sequence[float], heights: Sequence[float], room: float) -> list[float]:
-    """Return the upper edges of labels near their places, from top to bottom, such that labels do not overlap."""
+    """Return the top edge of each label, from top to bottom, so that each label is near its place and none overlap."""
     tops: list[float] = []
     for place, height in zip(places, heights, strict=True):
         tops.append(max(place - 0.5 * height, tops[-1] + heights[len(tops) - 1] + GAP_PX if tops else GAP_PX))

@@ -1,4 +1,4 @@
-"""Compute the shapes of an arm in a pose, and the positions and directions of its joints."""
+"""Compute the shapes of an arm in a pose, together with its joint positions and directions."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.still import Solid
 
 Pose = tuple[Vector, Quaternion]
-"""Position in meters and unit quaternion (x, y, z, w)."""
+"""Position in meters and orientation as a unit quaternion (x, y, z, w)."""
 TURN_RAD: Final = np.radians(250.0)
 """Angle covered by an arrow around an axis, in rad."""
 STEPS: Final = 48
@@ -34,7 +34,8 @@ class JointArrow:
 
 
 class PosedArm:
-    """Arm with its joints at ``position``, in rad or m, keyed by joint name. Other joints are at zero."""
+    """Arm with its joints at ``position``, which is in rad or m and keyed by joint name. The other joints are at
+    zero."""
 
     def __init__(self, files: ServoFiles, position: Mapping[str, float]) -> None:
         self._files = files
@@ -44,7 +45,7 @@ class PosedArm:
         self._position = np.array([position.get(name, 0.0) for name in self._driven])
 
     def solids(self) -> Iterator[Solid]:
-        """Yield the shapes of the links, with meshes if the arm has them."""
+        """Yield the shapes of the links, using meshes if the arm has them."""
         files = self._files
         drawn, _ = arm_shapes(files.description.xml, files.urdf_path.parent, files.scene.parent)
         for shape in drawn:
@@ -57,7 +58,7 @@ class PosedArm:
         return (x + a, y + b, z + c), multiply(turn, pose[1])
 
     def arrows(self) -> list[JointArrow]:
-        """Return the arrows of all joints with a servo, in the order of the robot file."""
+        """Return the arrows for all joints that have a servo, in the order of the robot file."""
         return [self._arrow(name) for name in self._driven]
 
     def _arrow(self, name: str) -> JointArrow:
@@ -73,7 +74,7 @@ class PosedArm:
 
 
 def solid(shape: DrawnShape, pose: Pose) -> Solid:
-    """Return a shape at a pose in the world."""
+    """Place a shape at a pose in the world."""
     red, green, blue = (part / 255.0 for part in shape.rgb)
     return Solid(shape.vertices, shape.faces, pose, (red, green, blue))
 

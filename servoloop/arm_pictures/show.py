@@ -15,9 +15,9 @@ from sim_backend.scene.still import take
 
 SIZE: Final = (1200, 760)
 TOWARD: Final = np.array([0.55, -1.0, 0.5])
-"""View direction, from above and from the right side of the arm. The arm points to the right of the picture."""
+"""View direction, from above and from the right side of the arm. The arm points to the right of the image."""
 FILLED: Final = (0.6, 0.8)
-"""Maximum fractions of the picture's width and height for the arm. The remaining space is for labels."""
+"""Maximum fractions of the image's width and height that the arm may fill. The remaining space is for labels."""
 
 
 def draw_arm(arm: ArmFolder) -> Image.Image:
@@ -42,7 +42,7 @@ def draw_arm(arm: ArmFolder) -> Image.Image:
 
 
 def write_picture(image: Image.Image, path: Path) -> None:
-    """Write a picture as PNG. An existing file is renamed to NAME.1. Raises DriverError."""
+    """Write an image as PNG. An existing file is renamed to NAME.1. Raises DriverError."""
     content = io.BytesIO()
     image.save(content, "PNG", optimize=True)
     write_file(path, content.getvalue())

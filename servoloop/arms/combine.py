@@ -1,4 +1,4 @@
-"""Combine the folders of several arms into the folder of one robot."""
+"""Combine the folders of several arms into one robot folder."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,11 +24,11 @@ NAME: Final = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 APART_M: Final = 0.6
 """Distance between the bases of two arms if ``--base`` is not given, in m."""
 SHOWN: Final = 3
-"""Maximum number of pairs in a message."""
+"""Maximum number of overlapping pairs listed in a message."""
 
 
 def parse_arms(words: Sequence[str]) -> dict[str, str]:
-    """Return the arm of each prefix from words such as ``left=so101``. Raises ArmFileError."""
+    """Return the arm for each prefix, parsed from arguments such as ``left=so101``. Raises ArmFileError."""
     arms: dict[str, str] = {}
     for word in words:
         name, separator, arm = word.partition("=")
@@ -47,9 +47,9 @@ def parse_arms(words: Sequence[str]) -> dict[str, str]:
 
 
 def parse_bases(words: Sequence[str], names: Sequence[str]) -> dict[str, BasePose]:
-    """Return the base pose of each arm from words such as ``left=0,0.3,0,0``. Raises ArmFileError.
+    """Return the base pose of each arm, parsed from arguments such as ``left=0,0.3,0,0``. Raises ArmFileError.
 
-    An arm without such a word is placed next to the other arms.
+    An arm without such an argument is placed next to the other arms.
     """
     middle = 0.5 * (len(names) - 1)
     bases = {name: BasePose(0.0, (middle - place) * APART_M, 0.0, 0.0) for place, name in enumerate(names)}
@@ -78,9 +78,9 @@ def _base(word: str, text: str) -> BasePose:
 
 
 def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]) -> list[Path]:
-    """Write the folder of a robot with several arms. The name of the folder is the name of the robot.
+    """Write the folder of a robot with several arms. The folder name becomes the robot name.
 
-    The scene and the planning groups are written only if the extra ``sim`` is installed and each arm has a scene.
+    The scene and the planning groups are written only if the ``sim`` extra is installed and each arm has a scene.
 
     Args:
         folder: New folder.
@@ -155,7 +155,7 @@ def _table_m(part: Part) -> float:
 
 
 def _heights_m(parts: Sequence[Part]) -> dict[str, float]:
-    """Return the base height of each arm at which all arms stand on the table of the first arm."""
+    """Return the base height of each arm at which all arms stand on the first arm's table."""
     table_m = _table_m(parts[0])
     return {part.name: part.base.z_m + round(table_m - _table_m(part), 6) for part in parts}
 

@@ -25,7 +25,7 @@ BROADCASTER: Final = "joint_state_broadcaster/JointStateBroadcaster"
 
 
 def robot_text(parts: Sequence[Part]) -> str:
-    """Return the robot file, with one bus per arm and the calibrated values.
+    """Return the robot file, with one bus per arm and all calibrated values.
 
     Raises ArmFileError if the robot files contradict each other.
     """
@@ -62,7 +62,7 @@ def _common(files: Mapping[str, RobotFile], field: str) -> Any:
 
 
 def _park(parts: Sequence[Part]) -> dict[str, Any] | None:
-    """Return the park pose of all arms, at the speed of the slowest arm."""
+    """Return the park pose of all arms, at the slowest arm's speed."""
     parks = [(part, part.files.robot.file.park) for part in parts]
     known = [(part, park) for part, park in parks if park is not None]
     if not known:
@@ -126,7 +126,8 @@ def arm_text(parts: Sequence[Part]) -> str:
 
 
 def poses_text(parts: Sequence[Part]) -> str:
-    """Return the saved poses of each arm; empty if there are none. The robot also has each pose that all arms have.
+    """Return the saved poses of each arm, or an empty string if there are none. The robot also gets every pose that all
+    arms have in common.
 
     Raises PoseError.
     """
@@ -143,7 +144,8 @@ def poses_text(parts: Sequence[Part]) -> str:
 
 
 def meshes_text(parts: Sequence[Part], folder: Path) -> str:
-    """Return the meshes of all links; empty if there are none. The mesh files remain in the folders of the arms."""
+    """Return the meshes of all links, or an empty result if there are none. The mesh files remain in the arms'
+    folders."""
     links: dict[str, Any] = {}
     for part in parts:
         path = part.arm.scene.parent / PLACES
@@ -156,7 +158,8 @@ def meshes_text(parts: Sequence[Part], folder: Path) -> str:
 
 
 def servo_models_text(parts: Sequence[Part]) -> str:
-    """Return the user-defined servo models; empty if there are none. Raises ArmFileError if two models differ."""
+    """Return the user-defined servo models, or an empty string if there are none. Raises ArmFileError if two
+    definitions of a model differ."""
     models: dict[str, Any] = {}
     for part in parts:
         path = part.arm.robot.parent / FILE_NAME
@@ -167,7 +170,7 @@ def servo_models_text(parts: Sequence[Part]) -> str:
 
 
 def licenses(parts: Sequence[Part]) -> Iterator[tuple[str, str]]:
-    """Yield the name and text of each license file of the arms."""
+    """Yield the name and text of each of the arms' license files."""
     texts = dict.fromkeys(path.read_text() for part in parts if (path := part.arm.scene.parent / "LICENSE").is_file())
     for number, text in enumerate(texts):
         yield f"LICENSE.{number}" if number else "LICENSE", text

@@ -1,4 +1,4 @@
-"""Parts of a robot with several arms: each arm with its prefix, its base pose and the names that get the prefix."""
+"""Parts of a robot with several arms: each arm with its prefix, its base pose and the names that are prefixed."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
@@ -11,7 +11,7 @@ from servoloop.stack.robot_files import Files
 BASE: Final = "base_link"
 """Link on which all arms stand. This link is the root of the combined URDF and the world frame of the scene."""
 NAMED: Final = ("link", "joint", "sensor", "gpio", "material", "transmission")
-"""Elements of a URDF whose names get the prefix."""
+"""URDF elements whose names get the prefix."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class BasePose:
     x_m: float
     y_m: float
     z_m: float
-    """Height above the table. An arm at 0 stands on the table as in its own scene."""
+    """Height above the table. An arm with base pose 0 stands on the table as in its own scene."""
     yaw_rad: float
 
 
@@ -37,7 +37,7 @@ class Part:
 
     @property
     def prefix(self) -> str:
-        """Beginning of all names of this arm, such as ``left_``."""
+        """Prefix of all names of this arm, such as ``left_``."""
         return f"{self.name}_"
 
     def names(self) -> set[str]:
@@ -47,9 +47,9 @@ class Part:
         return (elements | {spec.name for spec in self.files.controllers.controllers}) - {""}
 
     def prefixed(self, value: Any, names: Collection[str]) -> Any:
-        """Return a value of a YAML file with the prefix added to each of the names, including names in keys and lists.
+        """Return a YAML value with the prefix added to each of the names, including names in keys and lists.
 
-        Interfaces such as ``joint1/position`` also get the prefix. Other values do not change.
+        Interfaces such as ``joint1/position`` also get the prefix. Other values are unchanged.
         """
         if isinstance(value, str):
             return f"{self.prefix}{value}" if value.partition("/")[0] in names else value

@@ -1,4 +1,4 @@
-"""Generate the SRDF of a robot with several arms: groups of each arm, and the group of all arms."""
+"""Generate the SRDF of a robot with several arms: the groups of each arm, and one group of all arms."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ HEAD: Final = """\
 ALL: Final = {2: "both"}
 """Name of the group of all arms, keyed by the number of arms."""
 MANY: Final = "all"
-"""Name of the group of all arms for all other numbers of arms."""
+"""Name of the group of all arms for any other number of arms."""
 
 
 def combined_srdf(name: str, parts: Sequence[Part]) -> str:
@@ -51,7 +51,7 @@ def _add_groups(robot: Element, part: Part, groups: Groups) -> None:
 
 
 def _add_common_group(robot: Element, parts: Sequence[Part], groups: Mapping[str, Groups]) -> None:
-    """Add the group of all arms without their hands, with the states that all arms have."""
+    """Add the group of all arms without their hands, including the states that all arms have."""
     arms = [(part, groups[part.name].groups[ARM]) for part in parts if ARM in groups[part.name].groups]
     if len(arms) < len(parts):
         return

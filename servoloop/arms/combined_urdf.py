@@ -23,10 +23,10 @@ def combined_urdf(name: str, parts: Sequence[Part], heights_m: Mapping[str, floa
     """Return the URDF of a robot with several arms.
 
     Args:
-        name: Name of the robot and of its hardware component.
+        name: Name of the robot and its hardware component.
         parts: The arms.
         heights_m: Height of each arm's base in the frame of the common base, keyed by arm name.
-        folder: Folder of the new URDF. Paths of meshes become relative to this folder.
+        folder: Folder of the new URDF. Mesh paths become relative to this folder.
     """
     robot = Element("robot", {"name": name})
     ElementTree.SubElement(robot, "link", {"name": BASE})
@@ -53,7 +53,7 @@ def _roots(arm: Element) -> list[str]:
 
 
 def _prefix(arm: Element, part: Part) -> None:
-    """Put the prefix before the names of all elements, and before all references to them."""
+    """Add the prefix to the names of all elements and to all references to them."""
     names = part.names()
     for element, attribute in _attributes(arm):
         name = element.get(attribute)
@@ -73,7 +73,7 @@ def _attributes(arm: Element) -> Iterator[tuple[Element, str]]:
 
 
 def _mount(part: Part, root: str, height_m: float) -> Element:
-    """Return the fixed joint that holds an arm at its place."""
+    """Return the fixed joint that holds an arm in its place."""
     mount = Element("joint", {"name": f"{part.prefix}mount", "type": "fixed"})
     ElementTree.SubElement(mount, "parent", {"link": BASE})
     ElementTree.SubElement(mount, "child", {"link": root})

@@ -16,9 +16,9 @@ NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
-    """Write the folder of a new arm. The name of the folder is the name of the arm.
+    """Write the folder of a new arm. The folder name becomes the arm name.
 
-    The scene is written only if the extra ``sim`` is installed. A real arm does not need a scene.
+    The scene is written only if the ``sim`` extra is installed. A real arm does not need a scene.
 
     Args:
         folder: New folder.
@@ -29,7 +29,7 @@ def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
         Paths of the written files.
 
     Raises:
-        ArmFileError: The name or the folder cannot be used, or no joint can be driven.
+        ArmFileError: The name or the folder cannot be used, or none of the joints can be driven.
         DescriptionError: The URDF has errors.
     """
     name = folder.name

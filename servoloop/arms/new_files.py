@@ -35,7 +35,7 @@ LINEAR_TOLERANCES: Final = {"trajectory": 0.03, "goal": 0.005}
 
 
 def robot_text(made: NewDescription, model: ServoModel) -> str:
-    """Return the robot file, with one servo per joint and IDs from 1 in the order of the joints."""
+    """Return the robot file, with one servo per joint and IDs that start at 1 and follow the joint order."""
     joints = {joint.name: _servo(number, joint, model) for number, joint in enumerate(made.joints, 1)}
     bus = {"protocol": series_of(model).make, "baud": 1_000_000}
     defaults = {"arm_controller": {"interpolation_method": "ruckig"}}
@@ -98,6 +98,6 @@ def _arm_controller(joints: Sequence[UrdfJoint]) -> Mapping[str, Any]:
 
 
 def yaml_text(content: Mapping[str, Any]) -> str:
-    """Return content as YAML, with short lists and mappings in one line."""
+    """Return content as YAML, with each short list or mapping on one line."""
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
     return text

@@ -22,9 +22,9 @@ PLUGIN: Final = "servoloop/ServoHardware"
 ROBOT_FILE: Final = "robot.yaml"
 PROLOG: Final = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*", re.DOTALL)
 HAND: Final = re.compile(r"grip|jaw|finger|hand|claw|knuckle", re.IGNORECASE)
-"""Pattern for the names of joints that open and close a hand."""
+"""Pattern for the names of joints that belong to a hand."""
 REACH_SHARE: Final = 0.98
-"""Maximum fraction of the servo's range of counts that a joint may use."""
+"""Maximum fraction of the servo's count range that a joint may use."""
 HAND_TRAVEL_RAD: Final = 2.5
 """Angle by which a servo turns to open a hand with two sliding fingers, in rad."""
 
@@ -43,7 +43,7 @@ class NewDescription:
 
     @property
     def arm(self) -> tuple[UrdfJoint, ...]:
-        """Joints of the arm without the hand, or all joints if every joint has the name of a hand joint."""
+        """Joints of the arm without the hand, or all joints if every joint has a hand joint's name."""
         return tuple(joint for joint in self.joints if not _is_hand(joint)) or self.joints
 
 
@@ -51,17 +51,17 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
     """Return the description of a new arm without writing files.
 
     Args:
-        urdf: URDF of the user.
+        urdf: The user's URDF.
         folder: Folder of the new URDF. Paths of meshes become relative to this folder.
         name: Name of the <ros2_control> block.
-        model: Servo model of all joints. Its range of counts limits the commands.
+        model: Servo model of all joints. Its count range limits the commands.
 
     Raises:
-        ArmFileError: No joint can be driven.
+        ArmFileError: None of the joints can be driven.
         DescriptionError: The URDF has errors.
     """
     text = read_xml(urdf, DescriptionError, "the URDF")
-    # The URDF is checked before it is changed, so that messages have the user's line numbers.
+    # The URDF is checked before it is changed, so that messages refer to the user's line numbers.
     if "<ros2_control" not in text:
         _require_sound(text, urdf)
     robot = _parsed(text, urdf)
@@ -83,7 +83,8 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
 
 
 def metres_per_radian(joint: UrdfJoint) -> float | None:
-    """Return the transmission with which ``HAND_TRAVEL_RAD`` moves a prismatic joint over its range, or None."""
+    """Return the transmission with which ``HAND_TRAVEL_RAD`` moves a prismatic joint across its range; None for other
+    joints."""
     return round((joint.upper - joint.lower) / HAND_TRAVEL_RAD, 6) if joint.kind == "prismatic" else None
 
 
@@ -92,7 +93,7 @@ def _is_hand(joint: UrdfJoint) -> bool:
 
 
 def _require_sound(text: str, urdf: Path) -> None:
-    """Check a URDF that has no <ros2_control> block, as if it had such a block. Raises DescriptionError."""
+    """Check a URDF without a <ros2_control> block as if it had one. Raises DescriptionError."""
     end = text.rfind("</robot>")
     block = f'<ros2_control name="new" type="system"><hardware><plugin>{PLUGIN}</plugin></hardware></ros2_control>'
     try:
@@ -137,7 +138,7 @@ def _limit_endless(joint: Element, reach_rad: float) -> None:
 
 
 def keep_meshes(robot: Element, home: Path, folder: Path) -> None:
-    """Rewrite relative mesh paths so that they remain valid in the new folder."""
+    """Rewrite relative mesh paths so that they remain valid from the new folder."""
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
         if "://" not in name and not os.path.isabs(name) and (home / name).exists():
@@ -145,7 +146,8 @@ def keep_meshes(robot: Element, home: Path, folder: Path) -> None:
 
 
 def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
-    """Return the <ros2_control> block. The block limits the commands of joints with a wider range than the servo."""
+    """Return the <ros2_control> block. The block contains command limits for joints whose range is wider than the
+    servo's range."""
     block = Element("ros2_control", {"name": name, "type": "system"})
     hardware = ElementTree.SubElement(block, "hardware")
     ElementTree.SubElement(hardware, "plugin").text = PLUGIN
@@ -163,7 +165,7 @@ def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
 
 
 def _narrowed(joint: Element, reach_rad: float) -> Mapping[str, float]:
-    """Return the command limits of a joint with a wider range than its servo, or nothing for other joints."""
+    """Return the command limits of a joint whose range is wider than its servo's range, or nothing for other joints."""
     limit = joint.find("limit")
     if joint.get("type") != "revolute" or limit is None:
         return {}

@@ -45,8 +45,8 @@ def measure_buses(
 ) -> dict[str, BusRun]:
     """Measure each bus and return the results, keyed by bus name.
 
-    All servos are checked before the first servo is sent a goal. Raises DriverError if a servo is missing, has another
-    model or has its torque enabled.
+    All servos are checked before the first servo is sent a goal. Raises DriverError if a servo is missing, is a
+    different model or has its torque enabled.
     """
     file = files.robot.file
     on_bus = {name: [joint for joint in files.robot.joints if joint.bus == name] for name in file.lines()}
@@ -101,16 +101,16 @@ def bench_arm(
 ) -> Measured:
     """Measure an arm whose torque is off.
 
-    The arm moves slowly to its ready pose, moves one joint after another, and moves back. At the end, the arm is in its
+    The arm moves slowly to its ready pose, moves its joints one by one, and returns. At the end, the arm is back in its
     initial pose with its torque off, even after an error. If a robot has several arms, all of them move, but only the
-    first arm is measured with ROS.
+    first arm is measured through ROS.
 
     Args:
         arm: The arm.
         devices: Serial device of each bus, keyed by bus name.
         clock: Clock for the measurements.
         signals: Function that returns the number of signals received. The first signal ends the measurement; a second
-            signal skips the motion back.
+            signal skips the return motion.
         say: Function that prints a line of progress.
         virtual: Virtual buses in this process, used instead of the devices.
 

@@ -29,30 +29,30 @@ LOG = logging.getLogger("servoloop")
 BUDGET_S: Final = 0.04
 """Time limit of a cycle per servo, in seconds, including retries. Twice the time on the wire is added to this limit.
 
-The limit allows for an adapter with a latency timer of 16 ms, even if servos are read one by one. A slow adapter is
-thus measured as slow instead of silent.
+The limit allows for an adapter with a 16 ms latency timer, even if servos are read one by one. As a result, a slow
+adapter is measured as slow instead of silent.
 """
 LARGEST_ID: Final = 253
 
 
 @dataclass(frozen=True, slots=True)
 class BusSpeed:
-    """Results of one measurement. A cycle lasts from one answer by at least one servo to the next such answer."""
+    """Results of one measurement. A cycle lasts from one reply by at least one servo to the next such reply."""
 
     hz: float
     p50_us: float
     p99_us: float
     max_us: float
     cpu_us: float
-    """Mean processor time of an exchange, in microseconds, including exchanges without an answer."""
+    """Mean processor time of an exchange, in microseconds, including exchanges without a reply."""
     wire_us: float
-    """Time that the bytes of a complete cycle need on the wire, in microseconds."""
+    """Time that the bytes of a complete cycle take on the wire, in microseconds."""
     ratio: float
     """Ratio of ``p50_us`` to ``wire_us``."""
     faults: dict[str, int]
-    """Number of faults of each kind.
+    """Number of faults of each type.
 
-    ``silent`` counts each cycle without a servo's answer, even if the servo was not read.
+    ``silent`` counts each cycle without a reply from a servo, even if the servo was not read.
     """
 
 
@@ -65,11 +65,11 @@ class BusRun:
     all_s: float
     """Duration of the measurement, in seconds."""
     since_answer_s: float
-    """Time after the last answer, in seconds."""
+    """Time since the last reply, in seconds."""
     cpu_s: float
     """Mean processor time of an exchange, in seconds."""
     on_wire_s: float
-    """Time that the bytes of a complete cycle need on the wire, in seconds."""
+    """Time that the bytes of a complete cycle take on the wire, in seconds."""
     faults: dict[str, int]
     """Number of faults of each kind."""
 
@@ -87,13 +87,13 @@ class BusRun:
             cpu_us=round(self.cpu_s * 1e6, 1),
             wire_us=round(self.on_wire_s * 1e6, 1),
             ratio=round(p50_s / self.on_wire_s, 4),
-            # A very late reply can reduce the number of silences counted before the measurement.
+            # A very late reply can reduce the number of silent faults counted before the measurement.
             faults={kind: max(0, number) for kind, number in self.faults.items()},
         )
 
 
 def parse_ids(text: str) -> list[int]:
-    """Parse servo IDs such as ``1-7`` or ``1,2,5-6``. Raises DriverError if the text is invalid."""
+    """Parse servo IDs such as ``1-7`` or ``1,2,5-6``. Raises DriverError if the string is invalid."""
     found: list[int] = []
     try:
         for part in text.split(","):
@@ -127,7 +127,7 @@ def bench_bus(
         The results of the measurement.
 
     Raises:
-        DriverError: No servo answers, or the control table of every servo differs from that of ``model``.
+        DriverError: No servo responds, or the control table of every servo differs from that of ``model``.
     """
     if model not in MODELS:
         raise DriverError(f"unknown servo model {model}; the known models are {', '.join(sorted(MODELS))}")
@@ -137,7 +137,7 @@ def bench_bus(
     try:
         with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
-    except ValueError as error:  # There are too many servos for one packet; no goal was sent.
+    except ValueError as error:  # The goals of all servos do not fit in one packet; no goal was sent.
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
@@ -147,23 +147,23 @@ def bench_bus(
 def standing_still(
     bus: Bus, servo_ids: Sequence[int], model: ServoModel, *, hold: bool
 ) -> Iterator[dict[int, ServoGoal]]:
-    """Yield goals that can be sent repeatedly without a motion.
+    """Yield goals that can be sent repeatedly without causing motion.
 
-    At the end, the torque of each servo is in its initial state.
+    At the end, the torque of each servo is restored to its initial state.
     """
     found = present_goals(bus, servo_ids, model)
     limp = sorted(found.limp)
     if limp and not hold:
         LOG.warning(
             "%s: the torque of servos %s is off, and a goal would enable it. These servos are only read, so a cycle "
-            "has fewer bytes. With --hold, they hold their positions, and their torque is disabled at the end",
+            "transfers fewer bytes. With --hold, they hold their positions, and their torque is disabled at the end",
             bus.name, ", ".join(map(str, limp)),
         )  # fmt: skip
     goals = found.held | (found.limp if hold else {})
     try:
         if goals:
             bus.write_goals(goals)
-        bus.read_states(servo_ids)  # The bus detects in this read whether Dynamixel servos support fast reads.
+        bus.read_states(servo_ids)  # During this read, the bus detects whether Dynamixel servos support fast reads.
         yield goals
     finally:
         for error in bus.torque_off(limp) if hold else ():
@@ -171,25 +171,25 @@ def standing_still(
 
 
 def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:
-    """Return the time that the bytes of one cycle (goals, read request and answers) need on the wire, in seconds."""
+    """Return the time that the bytes of one cycle (goals, read request and replies) take on the wire, in seconds."""
     return bus.exchange_size(goals, servo_ids) * 10.0 / bus.baud
 
 
 def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> BusSpeed:
-    """Measure a number of cycles and return the results. Raises DriverError if no servo answers."""
+    """Measure a number of cycles and return the results. Raises DriverError if no servo responds."""
     return run_cycles(bus, clock, servo_ids, goals, cycles).figures
 
 
 def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> BusRun:
-    """Read all states and write all goals, cycle by cycle without a pause, and return the time of each cycle.
+    """Read all states and write all goals in consecutive cycles without a pause, and return the duration of each cycle.
 
-    Raises DriverError if no servo answers during or after the cycles.
+    Raises DriverError if no servo responds during or after the cycles.
     """
     now, first = clock.now, servo_ids[0]
     on_wire_s = wire_s(bus, servo_ids, goals)
     budget_s = BUDGET_S * len(servo_ids) + 2.0 * on_wire_s
     if any(bus.counters.faults().values()):
-        clock.sleep_until(now() + HELD_S)  # late replies from before the measurement must not count
+        clock.sleep_until(now() + HELD_S)  # exclude late replies from before the measurement
         bus.read_states(servo_ids)
     before = Counter(bus.counters.faults())
     took_s: list[float] = []
@@ -206,7 +206,8 @@ def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[
             took_s.append(now_s - answered_s)
             answered_s = now_s
         else:
-            # Silent servos are not read in every cycle. Without this pause, such cycles would take almost no time.
+            # Servos that do not respond are not read in every cycle. Without this pause, such cycles would take almost
+            # no time.
             clock.sleep_until(last_s + on_wire_s)
             now_s = now()
         last_s = now_s
@@ -216,7 +217,7 @@ def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[
     faults.subtract(before)
     faults["silent"] += faults.pop("skipped")
     if not took_s:
-        answering_servos(bus, servo_ids)  # raises an error that explains the silence
+        answering_servos(bus, servo_ids)  # raises an error that explains why no servo responds
     return BusRun(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
 
 
@@ -225,7 +226,7 @@ def _any_answer(readings: Mapping[int, Reading]) -> bool:
 
 
 def as_json(figures: BusSpeed) -> str:
-    """Return the results as one line of JSON."""
+    """Return the results as JSON on one line."""
     return json.dumps(asdict(figures))
 
 

@@ -40,7 +40,7 @@ class Timing:
     late: Distribution | None
     """Delay of a cycle's start."""
     took: Distribution | None
-    """Time from the start of a cycle until its goals were sent."""
+    """Time from the start of a cycle until its goals are sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +62,14 @@ class RosFigures:
     failed: int
     """Number of goals that did not succeed."""
     goal_to_answer: Distribution | None
-    """Time from sending a goal to its acceptance."""
+    """Time from sending a goal until it is accepted."""
     goal_to_motion: Distribution | None
-    """Time from sending a goal until a joint has measurably moved."""
+    """Time from sending a goal until measurable motion of a joint."""
     joint_states_hz: float
     joint_states_age: Distribution | None
-    """Time from a measurement to its arrival at the client."""
+    """Time from a measurement until it arrives at the client."""
     joint_states_jitter: Distribution | None
-    """Deviation of the time between two stamps from its median."""
+    """Deviation of the interval between two stamps from its median."""
     loop: Timing
     """Timing of the control loop during this measurement."""
 
@@ -101,7 +101,7 @@ class ArmFigures:
     motions: tuple[JointMotion, ...]
     ros: RosFigures | None
     without_ros: str
-    """Reason why ROS was not measured; empty if ROS was measured."""
+    """Reason why ROS was not measured, or an empty string if it was measured."""
 
 
 def machine_figures(devices: Iterable[str], realtime: bool) -> MachineFigures:

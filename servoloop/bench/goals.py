@@ -1,4 +1,4 @@
-"""Find goals that cause no motion, for servos whose goal register is known."""
+"""Find goals that cause no motion for servos whose goal register is known."""
 
 import logging
 from collections.abc import Sequence
@@ -37,14 +37,14 @@ def _known() -> frozenset[int]:
 
 
 class OnlyGroupReadsError(ServoError):
-    """Raised when a servo answers group reads but not single reads."""
+    """Raised when a servo responds to group reads but not to single reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class PresentGoals:
     """Goals that cause no motion, keyed by servo ID.
 
-    For most makes, a goal also enables the torque, so servos whose torque is off are listed separately.
+    With most makes, a goal also enables the torque, so servos whose torque is off are listed separately.
     """
 
     held: dict[int, ServoGoal] = field(default_factory=dict)
@@ -56,11 +56,12 @@ class PresentGoals:
 def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
     """Find the current goal of each servo without writing anything.
 
-    The goal register of one model may be a setting of another model. Therefore, a servo is not sent a goal if its
-    control table or operating mode differs, its position is outside the goal range, or it answers too late.
+    The goal register of one model may be the address of a setting on another model. Therefore, a servo is not sent a
+    goal if its control table or operating mode differs, its position is outside the goal range, or it responds too
+    late.
 
     Raises:
-        DriverError: No servo answers.
+        DriverError: No servo responds.
         ServoRefused: The control table of every servo differs from that of ``model``.
     """
     states = answering_servos(bus, servo_ids)
@@ -79,7 +80,7 @@ def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> Pres
             LOG.warning(NO_GOAL, bus.name, error)
     if len(refused) == len(states):
         raise refused[0]
-    if len(mute) == len(states):  # only a simulator answers like this, so --model is trusted
+    if len(mute) == len(states):  # only a simulator responds like this, so --model is trusted
         goals.limp.update({servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()})
     for one in mute if len(mute) < len(states) else ():
         LOG.warning(NO_GOAL, bus.name, one)
@@ -87,7 +88,7 @@ def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> Pres
 
 
 def answering_servos(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
-    """Return the states of all servos that answer. Raises DriverError if no servo answers."""
+    """Return the states of all servos that respond. Raises DriverError if no servo answers."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
         missing = [i for i in servo_ids if i not in states]
@@ -100,10 +101,11 @@ def answering_servos(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState
 
 
 def _why_no_answer(bus: Bus, servo_ids: Sequence[int]) -> str:
-    """Return a message with the likely cause. Only the first servos are searched for at other rates, to save time."""
+    """Return a message with the likely cause. Only the first few servos are searched for at other baud rates, to save
+    time."""
     found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NO_BAUD_RATE not in text]
     check = "check the power of the servos, their IDs and the baud rate"
-    return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
+    return f"no servo responds on {bus.name}: " + ("\n".join(found) or check)
 
 
 def _find_goal(
@@ -111,18 +113,18 @@ def _find_goal(
 ) -> None:
     """Add the goal of one servo to ``goals``, if the servo can be sent goals.
 
-    If ``patient`` is True, a single read is retried. After one servo has answered only group reads, other servos may do
-    the same, and retries would take too long.
+    If ``patient`` is True, a single read is retried. If one servo has responded only to group reads, other servos may
+    do the same, and retries would take too long.
 
     Raises:
         ServoRefused: The control table of the servo differs from that of ``model``.
-        OnlyGroupReadsError: The servo does not answer single reads.
+        OnlyGroupReadsError: The servo does not respond to single reads.
     """
     question = partial(bus.read, servo_id, series_of(model).model_number)
     try:
         number = retry(question) if patient else question()
     except ServoSilent as error:
-        raise OnlyGroupReadsError(servo_id, "answers group reads but not single reads") from error
+        raise OnlyGroupReadsError(servo_id, "responds to group reads but not to single reads") from error
     try:
         bus.identify(servo_id, model)
     except ServoRefused as error:
@@ -131,8 +133,8 @@ def _find_goal(
         if not _is_fit(bus, servo_id, model, number, error):
             return
     holds = bus.torque_is_on(servo_id)
-    # A servo under load rests away from its goal. If its position became the goal, the load would sink with each
-    # measurement.
+    # A servo under load comes to rest away from its goal. If its position became the goal, the load would sink further
+    # with each measurement.
     counts = bus.goal(servo_id) if holds else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
         LOG.warning("%s: servo %d is not sent a goal because its position %d is outside the goal range",
@@ -142,7 +144,7 @@ def _find_goal(
 
 
 def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
-    """Return whether a servo that ``identify`` refused can be sent goals, such as a variant or a simulated servo."""
+    """Return whether a servo that ``identify`` rejected, such as a variant or a simulated servo, can be sent goals."""
     if number == 0:  # The settings of a simulated servo may all be 0.
         return True
     try:
@@ -150,14 +152,14 @@ def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: Se
     except ServoRefused as error:
         LOG.warning(NO_GOAL, bus.name, error)
         return False
-    LOG.warning("%s: %s; it is still measured as this model", bus.name, refused)
+    LOG.warning("%s: %s; the servo is still measured as this model", bus.name, refused)
     return True
 
 
 def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
     """Return whether a servo with a different model number is likely to have the same control table.
 
-    A simulated servo may have the model number 0 or any other number. In this case --model is trusted, unless the
+    A simulated servo may report the model number 0 or any other number. In this case, --model is trusted unless the
     content of the control table contradicts it.
     """
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):

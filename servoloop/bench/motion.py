@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 Pose = Mapping[str, float]
 """Joint positions in rad or m, keyed by joint name."""
 WAY: Final = 0.3
-"""Travel of each joint, in rad or m, limited to a quarter of the joint's range."""
+"""Travel of each joint, in rad or m; at most a quarter of the joint's range."""
 
 
 def slow(files: Files, back_to: Pose | None = None) -> Files:
-    """Return the files with a quarter of the velocity limits, for the controllers and the safety gate.
+    """Return the files with the velocity limits reduced to a quarter, for the controllers and the safety gate.
 
     Args:
         files: Files of the arm.
@@ -51,10 +51,11 @@ def slow(files: Files, back_to: Pose | None = None) -> Files:
 
 
 def bench_poses(jobs: Iterable[PickPlace], limits: Mapping[str, JointLimits]) -> list[Pose]:
-    """Return the poses of the measurement: the ready pose, then each joint slightly towards its middle and back.
+    """Return the poses of the measurement: the ready pose, then for each joint a small motion towards its middle and
+    back.
 
     Args:
-        jobs: Parameters of the pick-and-place node of each arm.
+        jobs: Parameters of each arm's pick-and-place node.
         limits: Limits of each joint.
     """
     ready = {joint: at for job in jobs for joint, at in zip(job.joints, job.poses.ready, strict=True)}
@@ -70,7 +71,7 @@ def _way(position: float, limits: JointLimits) -> float:
 
 
 def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> float:
-    """Return the duration of a motion that stays well within the velocity limits, in seconds."""
+    """Return a duration for a motion that keeps it well within the velocity limits, in seconds."""
     return 0.6 + max(1.4 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())
 
 
@@ -82,7 +83,7 @@ LOG = logging.getLogger("servoloop")
 
 @dataclass(slots=True)
 class BenchTrial:
-    """Measurements of each cycle."""
+    """Measurements from each cycle."""
 
     joints: tuple[str, ...]
     rate_hz: float
@@ -117,20 +118,20 @@ def run_trial(
     signals: Callable[[], int] = lambda: 0,
     virtual: "VirtualLines | None" = None,
 ) -> BenchTrial:
-    """Move an arm through the poses and back to its initial pose, and measure it.
+    """Measure an arm while it moves through the poses and back to its initial pose.
 
-    At the start and at the end the torque is off, even after an error. Only a second signal skips the motion back.
+    At the start and at the end, the torque is off, even after an error. Only a second signal skips the return motion.
 
     Args:
         files: Files of the arm, with reduced velocity limits.
-        poses: Poses of the joints of all trajectory controllers.
+        poses: Poses of the joints that belong to the trajectory controllers.
         devices: Serial device of each bus, keyed by bus name.
         clock: Clock of the control loop.
         signals: Function that returns the number of signals received.
         virtual: Virtual buses in this process, used instead of the devices.
 
     Raises:
-        DriverError: The arm does not follow, or its torque may still be on.
+        DriverError: The arm is not following its commands, or its torque may still be on.
         Interrupted: A signal was received.
     """
     setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
@@ -152,7 +153,7 @@ def run_trial(
     if problems:
         raise DriverError("; ".join(problems))
     if signals():
-        raise Interrupted("interrupted; the torque of the arm is off")
+        raise Interrupted("interrupted; the arm's torque is off")
     return trial
 
 
@@ -173,7 +174,7 @@ def _drive(
     trial: BenchTrial,
     signals: Callable[[], int],
 ) -> None:
-    """Run the control loop until the rest after the last pose is over."""
+    """Run the control loop until the rest period after the last pose ends."""
     moves = _moves(arms, poses, trial, loop.period_s)
     figures = loop.figures
 
@@ -196,7 +197,7 @@ def _drive(
 def _moves(
     arms: Sequence[JointTrajectoryController], poses: Sequence[Pose], trial: BenchTrial, period_s: float
 ) -> Iterator[bool]:
-    """Send the goals, and yield in each cycle until the last motion and its rest are over."""
+    """Send the goals, and yield in each cycle until the last motion and its rest period have ended."""
     for before, pose in pairwise([trial.lay, *poses]):
         seconds = seconds_for(before, pose, trial.limits)
         goals = [TrajectoryGoal(a.joints, (GoalPoint(tuple(pose[j] for j in a.joints), seconds),)) for a in arms]
@@ -208,6 +209,8 @@ def _moves(
             yield True
         for handle in handles:
             if handle.status is not GoalStatus.SUCCEEDED:
-                raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. Run servoloop doctor")
+                raise DriverError(
+                    f"the arm is not following its commands: {handle.error_text}; {BACK}. Run servoloop doctor"
+                )
         for _ in range(round(REST_S / period_s)):
             yield True

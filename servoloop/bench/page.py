@@ -1,4 +1,4 @@
-"""Report page of ``servoloop bench arm``: HTML with SVG plots, which works offline and without scripts."""
+"""Report page of ``servoloop bench arm``: HTML with SVG plots that works offline and without scripts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -31,7 +31,7 @@ def page(measured: Measured) -> str:
 
 
 def _spread_text(spread: Distribution | None) -> list[str]:
-    """Return the table cells of a distribution."""
+    """Return the table cells for a distribution."""
     return ["", "", ""] if spread is None else [f"{getattr(spread, one.name):.3f}" for one in fields(Distribution)]
 
 

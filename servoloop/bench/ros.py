@@ -1,4 +1,4 @@
-"""Measure the ROS 2 interface: the stack of the arm runs in its own process, and this process is its client."""
+"""Measure the ROS 2 interface: the arm's stack runs in its own process, and this process is its client."""
 
 import os
 import tempfile
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 
 START_S: Final = 60.0
 LISTEN_S: Final = 5.0
-"""Duration of the recording of /joint_states while the arm is at rest, in seconds."""
+"""Duration for which /joint_states is recorded while the arm is at rest, in seconds."""
 GOALS: Final = 10
 """Number of goals to send."""
 REST_S: Final = 0.5
 """Time at rest before each goal, in seconds, so that settling is not measured as motion."""
 STEP: Final = 0.1
-"""Distance between two goals, in rad or m, limited to a tenth of the joint's range.
+"""Distance between two goals, in rad or m; at most a tenth of the joint's range.
 
-A twentieth of this distance, which is three counts of an STS servo, counts as motion.
+A change of a twentieth of this distance, which is three counts of an STS servo, counts as motion.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class RosRun:
-    """Results and data of the measurement with ROS, in seconds."""
+    """Results and data of the ROS measurement, in seconds."""
 
     figures: RosFigures
     ages_s: Sequence[float]
@@ -49,20 +49,20 @@ class RosRun:
 def run_ros(
     arm: ArmFolder, files: Files, ready: Pose, lay: Pose, devices: Mapping[str, str], signals: Callable[[], int]
 ) -> RosRun:
-    """Start the stack, send goals near the ready pose to the stack, and shut it down.
+    """Start the stack, send it goals near the ready pose, and shut it down.
 
-    At the end the arm is in its initial pose with its torque off.
+    At the end, the arm is in its initial pose with its torque off.
 
     Args:
         arm: The arm.
         files: Files of the arm, with reduced velocity limits.
-        ready: Ready pose of the arm, in the joint order of its controller.
-        lay: Initial pose of the robot.
+        ready: Ready pose of the arm, in its controller's joint order.
+        lay: The robot's initial pose.
         devices: Serial device of each bus, keyed by bus name.
         signals: Function that returns the number of signals received.
 
     Raises:
-        DriverError: The stack failed. The message contains its last output.
+        DriverError: The stack failed. The message contains the stack's last output.
         Interrupted: A signal was received.
     """
     from nodes.clients.timing_client import Promptness
@@ -80,7 +80,7 @@ def run_ros(
             except DriverError:
                 if signals():
                     raise Interrupted(f"interrupted; {BACK}") from None
-                stack.check()  # If the stack has exited, its output explains the error better.
+                stack.check()  # If the stack has exited, its output explains the failure better.
                 raise
             if status := stack.end()["stack"]:
                 output = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])
@@ -101,7 +101,7 @@ def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signa
         controller = TimedController(list(ready), _controller_of(ready, files), moved=0.05 * step)
         client = TimingClient(node, executor, controller, noted, stop=lambda: signals() > 0)
         client.go(list(ready.values()), seconds_for(lay, ready, files.limits))
-        noted.answers_s.clear()  # the first goal after the start is not typical
+        noted.answers_s.clear()  # the first goal after the start is not representative
         noted.motions_s.clear()
         client.recording = True
         client.spin(LISTEN_S)
@@ -113,7 +113,7 @@ def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signa
 
 
 def _controller_of(pose: Pose, files: Files) -> str:
-    """Return the name of the controller with the joints of a pose. Raises DriverError."""
+    """Return the name of the controller that drives the joints of a pose. Raises DriverError."""
     for spec in files.controllers.controllers:
         if tuple(getattr(spec.parameters, "joints", ())) == tuple(pose):
             return spec.name

@@ -16,29 +16,29 @@ WORK: Final = "work.json"
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Parameters of the stack's process."""
+    """Parameters of the stack process."""
 
     arm: str
     """Folder of the arm."""
     devices: dict[str, str]
     """Serial device of each bus, keyed by bus name."""
     lay: dict[str, float]
-    """Initial pose, to which the arm returns at the end before its torque is disabled."""
+    """Initial pose, to which the arm returns before its torque is disabled."""
     folder: str
-    """Folder for the output of the stack."""
+    """Folder for the stack's output."""
 
     @property
     def ready(self) -> Path:
-        """File that exists once the stack accepts goals."""
+        """File that is created when the stack starts to accept goals."""
         return Path(self.folder) / "ready"
 
     @property
     def recording(self) -> Path:
-        """Recording of the stack."""
+        """Recording made by the stack."""
         return Path(self.folder) / "run.mcap"
 
     def write(self) -> Path:
-        """Write the parameters to a file for the stack's process, and return its path."""
+        """Write the parameters to a file for the stack process, and return its path."""
         path = Path(self.folder) / WORK
         path.write_text(json.dumps(asdict(self)))
         return path

@@ -7,10 +7,10 @@ from servoloop.api.pace import Observers
 
 
 class BetweenCycles:
-    """Pace and clock of a server in simulated time.
+    """Pace and clock of a command server in simulated time.
 
-    Simulated time does not advance while the server works. Therefore, a wait immediately carries out the requests to
-    the loop.
+    Simulated time does not advance while the server works. Therefore, waiting immediately executes the pending requests
+    to the loop.
     """
 
     def __init__(self, loop: ControlLoop) -> None:
@@ -26,11 +26,11 @@ class BetweenCycles:
         self._observers.call()
 
     def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after each cycle, and return a function that ends the calls."""
+        """Call a function after each cycle, and return a function that stops the calls."""
         return self._observers.add(observer)
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
-        """Carry out the requests to the loop, and return whether the condition holds."""
+        """Execute the pending requests to the loop, and return whether the condition holds."""
         self._loop.requests.serve()
         return until()
 
@@ -39,4 +39,4 @@ class BetweenCycles:
         return self.wait(until, timeout_s)
 
     def close(self) -> None:
-        """Do nothing: there is no thread to end."""
+        """Do nothing, because there is no thread to end."""

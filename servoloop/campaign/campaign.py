@@ -33,7 +33,7 @@ from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.settings import WRONG_SETTING
 
 KILLED_IN_A_ROW: Final = 3
-"""Number of consecutive seeds with killed processes after which a campaign ends."""
+"""Number of consecutive seeds with killed processes after which a campaign is stopped."""
 
 
 def read_scenario(path: Path, arm: str | None = None) -> Scenario:
@@ -44,8 +44,8 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
         arm: Name or folder of an arm that replaces the arms of the scenario.
 
     Raises:
-        ScenarioError: The scenario has an error, or requires something that cannot happen in any of its runs.
-        ArmFileError: An arm is unknown.
+        ScenarioError: The scenario has an error, or requires something that is impossible in all of its runs.
+        ArmFileError: An arm does not exist.
     """
     scenario = load(path, Scenario, ScenarioError)
     if arm is not None:
@@ -60,14 +60,14 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
 
 
 def require_possible_schedule(path: Path, schedule: Schedule) -> None:
-    """Check that the arm of a schedule can do everything in the schedule.
+    """Check that the arm of a schedule can perform everything in the schedule.
 
     Args:
-        path: File of the schedule.
+        path: Path of the schedule file.
         schedule: The schedule.
 
     Raises:
-        ScheduleError: A job or an act is impossible.
+        ScheduleError: A job or a client action is impossible.
         FaultError: A fault is impossible.
     """
     files = files_of(schedule.arm)
@@ -83,7 +83,7 @@ def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
-    """Draw a random schedule from a seed. Raises FaultError if a kind of fault is unknown."""
+    """Draw a random schedule from a seed. Raises FaultError if a fault type is unknown."""
     random = Random(f"{seed}/scenario")
     arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
@@ -120,14 +120,14 @@ def run_seed(scenario: Scenario, seed: int) -> RunReport:
 def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
     """Run a schedule on its arm.
 
-    An unexpected exception and a run that does not end are reported as violations.
+    Unexpected exceptions and runs that do not end are reported as violations.
 
     Args:
         schedule: The schedule.
         prepare: Function called with the stack before the stack starts.
 
     Raises:
-        FaultError: A fault of the schedule cannot happen to the arm.
+        FaultError: A fault of the schedule is impossible on this arm.
     """
     settings = job_settings(find_arm(schedule.arm), schedule.job)
     require_cell(files_of(schedule.arm), schedule.job)
@@ -145,7 +145,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
         with ended_when_it_stands(now_s):
             return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
     except FaultError:
-        raise  # The schedule is wrong, not the stack.
+        raise  # The schedule is at fault, not the stack.
     except Hang as hang:
         return lost_run(schedule, NO_HANG, now_s(), str(hang))
     except (Exception, SystemExit) as error:  # A bug in the stack must not stop the other seeds.
@@ -166,7 +166,7 @@ def _draw_limits(seed: int, arm: str) -> dict[str, tuple[float, float]]:
 
 @cache
 def _positions_at_the_start(arm: str) -> dict[str, float]:
-    """Return the positions of an arm's joints when a run begins, in rad or m, keyed by joint name."""
+    """Return the positions of an arm's joints at the start of a run, in rad or m, keyed by joint name."""
     world = VirtualLines(files_of(arm), NOMINAL_BUILD).world
     return dict(zip(world.joints, world.position().tolist(), strict=True))
 
@@ -174,22 +174,21 @@ def _positions_at_the_start(arm: str) -> dict[str, float]:
 def campaign(
     scenario: Scenario, seeds: range, processes: int, stop: Stop = lambda: False, ray: str | None = None
 ) -> Iterator[RunReport]:
-    """Run all seeds and yield their reports in the order of the seeds.
+    """Run all seeds and yield their reports in seed order.
 
     A run that hangs or is killed is reported as a violation.
 
     Args:
         scenario: The scenario.
         seeds: The seeds.
-        processes: Number of processes. If 0, the runs take place in this process, and a run that is killed ends
-            this process.
+        processes: Number of processes. If 0, the runs take place in this process, and killing a run ends this process.
         stop: Function that returns whether to stop before the next report.
         ray: Address of a Ray cluster, or ``local`` to start one on this machine. If None, Ray is not used.
 
     Raises:
-        FaultError: The scenario is wrong. The error is raised before the first run.
+        FaultError: The scenario has an error. The error is raised before the first run.
         ExtraError: Ray is not installed.
-        RayError: The cluster does not answer.
+        RayError: The cluster does not respond.
         WorkerError: Processes are killed repeatedly, or cannot be started.
     """
     schedule_of(scenario, seeds.start)
@@ -216,6 +215,6 @@ def _until_killed_in_a_row(reports: Generator[RunReport, None, None]) -> Iterato
             in_a_row = in_a_row + 1 if killed else 0
             if in_a_row == KILLED_IN_A_ROW:
                 raise WorkerError(
-                    f"the processes of {in_a_row} seeds in a row were killed, most recently for seed {report.seed} "
-                    f"({killed[0]}). If memory ran out, use fewer processes: set --jobs"
+                    f"the processes of {in_a_row} consecutive seeds were killed, most recently the process of seed "
+                    f"{report.seed} ({killed[0]}). If memory ran out, use fewer processes: set --jobs"
                 )

@@ -1,4 +1,4 @@
-"""Find the parts of a scenario or a schedule that cannot happen."""
+"""Find the elements of a scenario or a schedule that are impossible."""
 
 from collections.abc import Iterator, Mapping
 from random import Random
@@ -26,13 +26,14 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 
 Mistake = tuple[tuple[str | int, ...], str]
-"""Keys of an error in its file, and a sentence that describes the error."""
+"""Key path of an error in its file, and a sentence that describes the error."""
 SEEDS, SEEDS_S = 20, 30.0
-"""Number of clients of each kind that are drawn to find the possible acts, and each client's duration in seconds."""
+"""Number of clients of each type that are drawn to find the possible actions, and the duration of each client in
+seconds."""
 
 
 def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mistake]:
-    """Yield the parts of a scenario that are impossible for its arms, clients and faults."""
+    """Yield the elements of a scenario that are impossible for its arms, clients and faults."""
     for n, (arm, files) in enumerate(arms.items()):
         yield from _in_jobs(scenario.job, arm, files, ("arm", n))
         there = inventory_of(files)
@@ -45,7 +46,7 @@ def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mista
 
 
 def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
-    """Yield the parts of a schedule that are impossible for its arm, except for impossible faults."""
+    """Yield the elements of a schedule that are impossible for its arm, except for impossible faults."""
     yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
     joints, hand = joints_and_hand(files, schedule.seed)
     yield from _in_limits(schedule.limits, files)
@@ -62,7 +63,7 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
 
 
 def _in_limits(limits: Mapping[str, tuple[float, float]], files: Files) -> Iterator[Mistake]:
-    """Yield the narrower limits that the robot file of the arm would not allow."""
+    """Yield the narrower limits that conflict with the arm's robot file."""
     park = files.robot.file.park.pose if files.robot.file.park else {}
     for name, (lower, upper) in limits.items():
         if name not in files.robot.limits():
@@ -78,13 +79,13 @@ def _in_limits(limits: Mapping[str, tuple[float, float]], files: Files) -> Itera
 
 
 def _named(act: Act) -> Iterator[tuple[str | int, ...]]:
-    """Yield the key path of each joint name in an act's positions and points."""
+    """Yield the key path of each joint name in the positions and points of an action."""
     yield from (("positions", name) for name in getattr(act, "positions", ()))
     yield from (("points", n, name) for n, point in enumerate(getattr(act, "points", ())) for name in point)
 
 
 def joints_and_hand(files: Files, seed: int | None) -> tuple[dict[str, JointLimits], bool]:
-    """Return the joints of the arm that the clients of a seed move, with their limits, and whether it has a hand."""
+    """Return the joints of the arm that a seed's clients move, with their limits, and whether the arm has a hand."""
     parameters = (spec.parameters for spec in files.controllers.controllers)
     arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
     joints = arms[number_of_arm(seed, len(arms))].joints if arms else ()
@@ -93,7 +94,7 @@ def joints_and_hand(files: Files, seed: int | None) -> tuple[dict[str, JointLimi
 
 
 def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:
-    """Yield an error for each job that the arm cannot do."""
+    """Yield an error for each job that the arm cannot perform."""
     if not job:
         return
     try:
@@ -108,7 +109,8 @@ def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | in
 
 
 def _never(visit: PromisedVisit, scenario: Scenario, arms: list[Files]) -> tuple[str, str] | None:
-    """Return the key and the reason if no run of the scenario can make this visit, or None if a run can make it."""
+    """Return the key and the reason if this visit is impossible in every run of the scenario, or None if it is
+    possible."""
     kinds = KINDS if scenario.kinds is None else scenario.kinds
     if scenario.faults == 0:
         return "fault", "`faults` is 0, but every visit needs a fault"
@@ -128,7 +130,7 @@ def _never(visit: PromisedVisit, scenario: Scenario, arms: list[Files]) -> tuple
 
 
 def _makes(kind: str | None, files: Files) -> set[str]:
-    """Return the makes of the servos that a kind of fault can affect; None means all kinds."""
+    """Return the makes of the servos that a fault type can affect; None means all fault types."""
     if kind is None:
         return {series_of(joint.model).make for joint in files.robot.joints} | {NO_SERVO}
     there, makes = inventory_of(files), set[str]()
@@ -141,6 +143,6 @@ def _makes(kind: str | None, files: Files) -> set[str]:
 
 
 def _acts(kind: str, files: Files) -> set[str]:
-    """Return the kinds of acts that a kind of client performs."""
+    """Return the types of actions that a type of client performs."""
     arm = joints_and_hand(files, None)
     return {JOB, *(act.kind for seed in range(SEEDS) for act in draw_client(kind, seed, *arm, SEEDS_S))}

@@ -1,4 +1,4 @@
-"""Draw how an arm differs from its files when a run begins: a joint outside its limits, or a servo with another
+"""Draw how an arm differs from its files at the start of a run: a joint outside its limits, or a servo with a different
 setting."""
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ FAR: Final = 0.2
 NARROWEST: Final = 0.3
 """Minimum remaining range, as a fraction of the joint's range."""
 OTHER_SETTING: Final = 0.1
-"""Fraction of the runs in which a servo setting differs from the robot file. An activation corrects the setting."""
+"""Fraction of the runs in which a servo setting differs from the robot file. Activation corrects the setting."""
 
 
 def draw_limits(
@@ -29,7 +29,7 @@ def draw_limits(
     Args:
         seed: Seed of the run.
         joints: Limits of the joints, keyed by joint name.
-        positions: Positions of the joints when the run begins, in rad or m, keyed by joint name.
+        positions: Positions of the joints at the start of the run, in rad or m, keyed by joint name.
         park: Park pose in rad or m, keyed by joint name. The pose stays within the limits.
     """
     random = Random(f"{seed}/limits")
@@ -47,7 +47,8 @@ def draw_limits(
 
 
 def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[float, float]]:
-    """Return the ranges that end ``outside`` (a fraction of the range) below and above a position."""
+    """Return the two ranges for which a position is above or below the range by ``outside``, a fraction of the
+    range."""
     lower, upper = limit.lower, limit.upper
     most = NARROWEST * (upper - lower)
     below = (lower, lower + (position - lower) / (1.0 + outside))
@@ -56,7 +57,7 @@ def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[f
 
 
 def draw_setting(seed: int, joints: Sequence[Joint]) -> tuple[WrongSetting, ...]:
-    """Return at most one wrong setting that the robot file specifies and that a servo has when the stack starts.
+    """Return at most one setting of the robot file for which a servo has a wrong value when the stack starts.
 
     Args:
         seed: Seed of the run.

@@ -1,4 +1,4 @@
-"""Draw the acts of a random client from the seed of a run."""
+"""Draw the actions of a random client from the seed of a run."""
 
 from collections.abc import Callable, Mapping
 from random import Random
@@ -27,33 +27,34 @@ from sim_backend.faults.tails import log_uniform
 BEYOND: Final = 0.08
 """Fraction of goals with a position beyond a limit. The controller must reject such a goal."""
 ANYWHERE: Final = 0.3
-"""Fraction of goals anywhere within the limits. Many of these goals press the arm against the table or itself."""
+"""Fraction of goals with positions anywhere within the limits. Many of these goals press the arm against the table or
+against itself."""
 AT_LIMIT: Final = 0.3
 """Fraction of positions exactly at a limit, in goals anywhere within the limits."""
 NEAR: Final = 0.3
 """Largest position in goals near zero, as a fraction of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
-"""Longest time between two acts, in seconds. Goals without a result need this time to end."""
+"""Longest time between two actions, in seconds. Goals without a result need this much time to end."""
 DIES: Final = 0.5
-"""Fraction of motions over the command socket during which the program dies."""
+"""Fraction of motions over the command socket during which the client program dies."""
 OWN_TOLERANCES: Final = 0.3
-"""Fraction of the goals that have their own tolerances."""
+"""Fraction of goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
 """Range of the goals' own tolerances, in rad or m."""
 ENDS_EARLY: Final = 0.25
-"""Fraction of the runs that end in the middle of the acts and faults, as if the user stopped the program."""
+"""Fraction of runs that end in the middle of the actions and faults, as if the user stopped the program."""
 EARLIEST_S: Final = 1.0
-"""Earliest end of such a run, in seconds."""
+"""Earliest time at which such a run ends, in seconds."""
 LARGEST: Final = 7.0
-"""Largest position for a joint without limits, in rad."""
+"""Largest position drawn for a joint without limits, in rad."""
 
 
 def draw_end(seed: int, within_s: float) -> float:
-    """Return the time at which a run ends in the middle of its acts and faults, or ``within_s``, in seconds.
+    """Return the time at which a run ends in the middle of its actions and faults, or else ``within_s``, in seconds.
 
     Args:
         seed: Seed of the run.
-        within_s: Time within which acts and faults begin, in seconds.
+        within_s: Time within which actions and faults begin, in seconds.
     """
     random = Random(f"{seed}/end")
     if random.random() >= ENDS_EARLY:
@@ -62,14 +63,15 @@ def draw_end(seed: int, within_s: float) -> float:
 
 
 def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:
-    """Return the acts of one client in chronological order. A client of kind ``job`` has no acts besides its jobs.
+    """Return the actions of one client in chronological order. A client of type ``job`` performs no actions besides its
+    jobs.
 
     Args:
-        kind: Kind of the client.
+        kind: Type of the client.
         seed: Seed of the run.
         joints: Limits of the joints of the arm's trajectory controller, keyed by joint name.
         hand: Whether the arm has a hand.
-        seconds: Time within which the acts begin, in seconds.
+        seconds: Time within which the actions begin, in seconds.
     """
     if kind == "job":
         return ()
@@ -88,7 +90,8 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
 
 
 def _positions(random: Random, joints: Mapping[str, JointLimits]) -> dict[str, float]:
-    """Draw positions of some or all joints, mostly near zero, sometimes anywhere, at a limit or beyond a limit."""
+    """Draw positions of some or all joints: mostly near zero, sometimes anywhere within the limits, at a limit or
+    beyond it."""
     chosen = [name for name in joints if random.random() < 0.6] or [random.choice(list(joints))]
     draw = random.random()
     beyond = random.choice(chosen) if draw < BEYOND else None
@@ -134,7 +137,7 @@ def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -
     mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
     anywhere = random.random() < 0.1
     delay_s = round(random.uniform(0.3, 2.0), 2) if random.random() < 0.5 else 0.0
-    # A goal that the limits slow down, or that another goal replaces, does not show whether its stamp is ignored.
+    # Only a goal that is neither slowed down by limits nor replaced shows whether its stamp is ignored.
     most, times_s = (1, (1.0, 2.0)) if delay_s else (4, (0.3, 0.8))
     points = tuple(
         {name: _position(random, limit, anywhere) for name, limit in mixed.items()}

@@ -1,4 +1,4 @@
-"""Draw an action of one of two programs on the command socket."""
+"""Draw an action for one of two programs on the command socket."""
 
 from collections.abc import Callable
 from random import Random
@@ -16,7 +16,8 @@ from servoloop.simulation.acts import (
 )
 
 FIRST: Final = 0.7
-"""Fraction of actions by the first program. The second program mostly requests control of the arm without success."""
+"""Fraction of actions performed by the first program. The second program's requests for control of the arm are mostly
+denied."""
 REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end")
 
 
@@ -24,9 +25,9 @@ def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) ->
     """Draw an action.
 
     Args:
-        random: Source of random numbers.
+        random: Random number generator.
         positions: Target of a motion or stream, in rad or m, keyed by joint name.
-        at_s: Time of the action after the arm is up, in seconds.
+        at_s: Time of the action after the arm becomes active, in seconds.
     """
     (draw,) = random.choices([draw for draw, _ in DRAWS], [weight for _, weight in DRAWS])
     fields = {"at_s": at_s, "connection": 1 if random.random() < FIRST else 2}
@@ -49,7 +50,7 @@ def _stream(fields: dict[str, Any], random: Random) -> Act:
 
 
 def _stall(fields: dict[str, Any], random: Random) -> Act:
-    """Draw a stall after which the message is either still valid or too old."""
+    """Draw a stall that ends either while the message is still valid or when it is too old."""
     return SocketStall(**fields, for_s=random.choice((_seconds(random, 0.05, 0.4), _seconds(random, 0.6, 3.0))))
 
 
@@ -66,7 +67,7 @@ def _death(fields: dict[str, Any], random: Random) -> Act:
 
 
 TARGETED: Final = (_move, _stream, _stall)
-"""Functions that draw an action with a target."""
+"""Functions that draw an action that has a target."""
 DRAWS: Final[tuple[tuple[Callable[[dict[str, Any], Random], Act], float], ...]] = (
     (_move, 0.3),
     (_stream, 0.25),

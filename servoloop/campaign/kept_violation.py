@@ -26,13 +26,13 @@ AS_DRAWN: Final = {
     NO_HANG: "The schedule is not minimized: every further run would last until its time limit.",
     NOT_KILLED: "The schedule is not minimized: every further run would end its process.",
 }
-"""Invariants whose schedules are kept as they were drawn, with the reason."""
+"""Invariants whose schedules are saved as they were drawn, with the reason."""
 UNSEEN: Final = "The schedule is not minimized: the violation did not recur in a second run."
 
 
 @dataclass(frozen=True, slots=True)
 class KeptViolation:
-    """A violation, the schedule that reproduces it, and the files of the schedule and the trace."""
+    """A violation, the schedule that reproduces it, and the files that contain the schedule and the trace."""
 
     violation: Violation
     schedule: Schedule
@@ -40,9 +40,9 @@ class KeptViolation:
     """Recording from ``BEFORE_S`` before the violation to ``CYCLES_BEHIND`` after it."""
     schedule_path: Path
     trace_path: Path | None
-    """Path of the trace; None if the schedule was not run again."""
+    """Path of the trace, or None if the schedule was not run again."""
     note: str = ""
-    """Reason why the schedule is not minimized; empty if it is minimized."""
+    """Reason why the schedule is not minimized, or an empty string if it is minimized."""
 
     @property
     def command(self) -> str:
@@ -51,7 +51,7 @@ class KeptViolation:
 
 
 def recorded(schedule: Schedule) -> tuple[RunReport, CycleRecording]:
-    """Run a schedule and record the whole run. Raises FaultError if a fault cannot happen to the arm."""
+    """Run a schedule and record the whole run. Raises FaultError if a fault is impossible on the arm."""
     recorders: list[CycleRecorder] = []
 
     def prepare(stack: FaultyStack) -> None:
@@ -63,14 +63,15 @@ def recorded(schedule: Schedule) -> tuple[RunReport, CycleRecording]:
 
 
 def violates(schedule: Schedule, invariant: str) -> bool:
-    """Run a schedule and return whether it violates the invariant. An impossible schedule violates no invariant."""
+    """Run a schedule and return whether it violates the invariant. An impossible schedule does not violate any
+    invariant."""
     return invariant in violated(schedule)
 
 
 def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> KeptViolation:
     """Minimize the schedule of a run, run it again, and write the schedule and its trace.
 
-    A run that hangs or is killed is not repeated. Its schedule is kept as it was drawn.
+    A run that hangs or is killed is not repeated. Its schedule is saved as it was drawn.
 
     Args:
         report: Report of a run that violates the invariant.
@@ -114,14 +115,14 @@ def _write(path: Path, violation: Violation, schedule: Schedule, note: str = "")
 def traced(
     violation: Violation, schedule: Schedule, recording: CycleRecording, path: Path, trace: Path
 ) -> KeptViolation:
-    """Cut the trace of a violation out of the recording of the whole run and write it.
+    """Extract the trace of a violation from the recording of the whole run and write it to a file.
 
     Args:
         violation: The violation.
         schedule: The schedule of the run.
         recording: Recording of the whole run.
         path: File of the schedule.
-        trace: File to write the trace to.
+        trace: Path to write the trace to.
     """
     part = recording.around(violation.time_s, BEFORE_S, CYCLES_BEHIND)
     write_file(trace, trace_text(part, files_of(schedule.arm).robot.joints), keep=False)
@@ -129,5 +130,5 @@ def traced(
 
 
 def stem_of(invariant: str) -> str:
-    """Return the name of an invariant in the form used in file names."""
+    """Return the name of an invariant in the form that is used in file names."""
     return invariant.replace(" ", "-").replace(",", "")

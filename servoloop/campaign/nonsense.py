@@ -1,4 +1,4 @@
-"""Messages that the command socket of every stack must refuse."""
+"""Messages that the command socket of every stack must reject."""
 
 import json
 import math
@@ -14,7 +14,7 @@ BEYOND: Final = 0.1
 LONG_AGO_S: Final = 1.0
 """Age of a command that is too old, in seconds."""
 AHEAD_S: Final = 10.0
-"""Time by which a command seems to be sent in the future, in seconds."""
+"""Time by which the timestamp of a command is in the future, in seconds."""
 NO_GOAL: Final = 999_999
 """Number of a goal that does not exist."""
 WITHOUT_ID: Final[Mapping[str, bytes]] = {
@@ -26,15 +26,15 @@ WITHOUT_ID: Final[Mapping[str, bytes]] = {
 
 
 def line_of(number: int | str, op: str, **fields: Any) -> bytes:
-    """Return a message as a client writes it. Unlike ``encode``, the function writes NaN and infinity."""
+    """Return a message in the form that a client sends. Unlike ``encode``, this function can write NaN and infinity."""
     return json.dumps({"v": VERSION, "id": number, "op": op, **fields}).encode() + b"\n"
 
 
 def nonsense(fault: str, number: str, joints: Mapping[str, JointLimits], now_s: float) -> bytes:
-    """Return the bytes of a message with a fault.
+    """Return the bytes of an invalid message.
 
     Args:
-        fault: Fault of the message, as in ``SocketNonsense``.
+        fault: Error in the message, as in ``SocketNonsense``.
         number: ID of the message, if it has one.
         joints: Limits of the arm's joints, keyed by joint name.
         now_s: Time of the stack, in seconds.
@@ -68,4 +68,4 @@ def nonsense(fault: str, number: str, joints: Mapping[str, JointLimits], now_s: 
 
 
 FAULTS: Final = SocketNonsense.model_fields["fault"].annotation.__args__  # type: ignore[union-attr]
-"""Faults of messages, in the order of ``SocketNonsense``."""
+"""Errors in messages, in the order of ``SocketNonsense``."""

@@ -1,4 +1,5 @@
-"""Promises of a campaign: conditions that must occur. A pass proves nothing about conditions that never occur."""
+"""Promises of a campaign: conditions that must occur. If a condition never occurs, a passed campaign proves nothing
+about it."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -15,13 +16,13 @@ from sim_backend.faults.events import KINDS
 
 NAMES = tuple(kind.name for kind in ALL)
 MAKES = (*sorted({series.make for series in SERIES}), NO_SERVO)
-"""Makes of servos that a promise can name."""
+"""Makes of servos that a promise may specify."""
 CLIENTS = (JOB, *(act.model_fields["kind"].default for act in get_args(get_args(Act)[0])))
-"""Kinds of client acts that a promise can name."""
+"""Types of client actions that a promise may specify."""
 
 
 class PromisedVisit(BaseModel):
-    """Visit that must occur. An omitted key matches every value."""
+    """A visit that must occur. An omitted key matches every value."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -55,7 +56,7 @@ class PromisedVisit(BaseModel):
     @classmethod
     def _known_client(cls, client: str | None) -> str | None:
         if client not in (None, *CLIENTS):
-            raise ValueError(f"unknown client act {client!r}: choose one of {', '.join(CLIENTS)}")
+            raise ValueError(f"unknown client action {client!r}: choose one of {', '.join(CLIENTS)}")
         return client
 
     def covers(self, visit: Visit) -> bool:
@@ -70,12 +71,13 @@ class PromisedVisit(BaseModel):
 
 
 class Promises(BaseModel):
-    """Invariants that must examine something, and visits that must occur."""
+    """Invariants whose conditions must be checked, and visits that must occur."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     examined: tuple[str, ...] = tuple(kind.name for kind in ALL if kind.promised)
-    """Names of invariants. The default is all invariants except those on kinds of clients that few scenarios have."""
+    """Names of invariants. The default is all invariants except those that apply to client types found in few
+    scenarios."""
     visits: tuple[PromisedVisit, ...] = ()
 
     @field_validator("examined")
@@ -89,8 +91,8 @@ class Promises(BaseModel):
         """Yield a sentence for each promise that a campaign did not keep.
 
         Args:
-            runs: Number of runs of the campaign.
-            examined: Number of times that each invariant examined its condition, keyed by invariant name.
+            runs: Number of runs in the campaign.
+            examined: Number of times that the condition of each invariant was checked, keyed by invariant name.
             visits: Visits of all runs.
         """
         for name in self.examined:

@@ -14,33 +14,34 @@ from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_
 from servoloop.extras import require_extras
 
 LOCAL: Final = "local"
-"""Address that selects a new Ray instance on this machine."""
+"""Address that requests a new Ray instance on this machine."""
 STORE_BYTES: Final = 100_000_000
-"""Size of the object store, close to the minimum that Ray accepts: a report has a few kilobytes."""
+"""Size of the object store in bytes, close to the minimum that Ray accepts, because a report has only a few
+kilobytes."""
 REACH_S: Final = 5.0
 """Timeout for connecting to a cluster, in seconds."""
 RETRIES: Final = 3
-"""Maximum number of times a task is repeated after its worker was killed."""
+"""Maximum number of times a task is repeated after its worker is killed."""
 
 
 class RayError(DriverError):
-    """Ray is not installed, or a cluster does not answer."""
+    """Ray is not installed or the cluster does not respond."""
 
 
 def on_ray(
     run: Run[T], lost: Lost[T], seeds: range, address: str, processes: int, stop: Stop
 ) -> Generator[T, None, None]:
-    """Run the seeds on Ray and yield their results in the order of the seeds.
+    """Run the seeds on Ray and yield their results in seed order.
 
-    Each Ray worker supervises a process for its runs. If a run hangs or is killed, only that process ends. If a Ray
-    worker is killed, its task is repeated.
+    Each Ray worker supervises one process that executes its runs. If a run hangs or is killed, only that process ends.
+    If a Ray worker is killed, its task is repeated.
 
     Args:
         run: Function that runs a seed.
         lost: Function that returns the result of a seed whose run was lost.
         seeds: The seeds.
         address: Address of a Ray cluster, or ``local``.
-        processes: Number of processes of a local Ray. A cluster determines its own number.
+        processes: Number of processes of a local Ray instance. A cluster determines this number itself.
         stop: Function that returns whether to stop.
 
     Raises:
@@ -83,11 +84,11 @@ def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
 
 
 def _reach(address: str) -> None:
-    """Check that a program answers at this address, because Ray itself retries for minutes.
+    """Check that a program responds at this address, because Ray itself retries for minutes.
 
     Raises:
-        OSError: No program answers.
-        ValueError: The address has a wrong format.
+        OSError: Nothing responds at the address.
+        ValueError: The address has an invalid format.
     """
     host, colon, port = address.rpartition(":")
     if not (host and colon and port.isdecimal()):
@@ -96,7 +97,7 @@ def _reach(address: str) -> None:
 
 
 def _start(ray: Any, processes: int) -> None:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # By default Ray reports its use to its developers.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # By default, Ray sends usage data to its developers.
     ray.init(
         address=LOCAL,
         num_cpus=processes,
@@ -104,7 +105,7 @@ def _start(ray: Any, processes: int) -> None:
         log_to_driver=False,
         logging_level="ERROR",
         object_store_memory=STORE_BYTES,
-        # In containers /dev/shm is often smaller than the store.
+        # In containers, /dev/shm is often smaller than the store.
         _plasma_directory=tempfile.gettempdir(),
     )
 

@@ -1,4 +1,4 @@
-"""Write the report of a campaign: one HTML page with plots and no scripts. Identical runs give identical pages."""
+"""Write the report of a campaign: one HTML page with plots and no scripts. Identical runs produce identical pages."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,16 +23,16 @@ if TYPE_CHECKING:  # servoloop.plots needs matplotlib, which may be missing
     from servoloop.plots import Panel, Stretch
 
 MOST_ROWS: Final = 200
-"""Maximum number of violations in the table of the page. ``--json`` prints all violations."""
+"""Maximum number of violations in the table on the page. ``--json`` prints all violations."""
 COLORS: Final = ("#b00020", "#7a7a7a", "#e69f00", "#0072b2")
-"""Colors of the outcomes, in the order of ``RunOutcome``."""
+"""Colors of the run outcomes, in the order of ``RunOutcome``."""
 MOST_BARS: Final = 40
 """Maximum number of bars in the histogram of fault times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One cycle of a trace, as shown in the tables of the page."""
+    """One cycle of a trace, as shown in the tables on the page."""
 
     time_s: float
     injected: str
@@ -48,15 +48,15 @@ class Moment:
 
 
 def write(path: Path, tally: Tally | None, kept: Sequence[KeptViolation]) -> None:
-    """Write the report into the file ``path``. Raises DriverError if the file cannot be written."""
+    """Write the report to the file ``path``. Raises DriverError if the file cannot be written."""
     write_file(path, page(tally, kept), keep=False)
 
 
 def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
-    """Return the report in HTML. Without a tally, the report contains only the kept violations.
+    """Return the report as HTML. Without a tally, the report contains only the saved violations.
 
     Raises:
-        ImportError: A library of the extra ``report`` is not installed.
+        ImportError: A library of the ``report`` extra is not installed.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -77,7 +77,7 @@ def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
 
 
 def _plots(tally: Tally) -> list[tuple[str, str]]:
-    """Return the heading and the SVG of each plot of a campaign."""
+    """Return the heading and the SVG of each plot for a campaign."""
     from servoloop.plots import points
 
     following = _by_outcome(tally, lambda row: row.largest_following_rad)
@@ -131,7 +131,7 @@ def _by_outcome(tally: Tally, value: Callable[[RunRow], float | None]) -> dict[s
 
 
 def _section(kept: KeptViolation) -> dict[str, Any]:
-    """Return the values that the template shows for one kept violation."""
+    """Return the values that the template displays for one saved violation."""
     joints = files_of(kept.schedule.arm).robot.joints
     return {
         "violation": kept.violation,
@@ -165,7 +165,7 @@ def _moments(kept: KeptViolation, packets: Sequence[list[str]]) -> list[Moment]:
 
 
 def _trace(kept: KeptViolation, joints: Sequence[Joint]) -> str:
-    """Plot positions, commands, following errors and velocities of a kept violation."""
+    """Plot the positions, commands, following errors and velocities of a saved violation."""
     from servoloop.plots import time_series
 
     recording = kept.recording

@@ -1,4 +1,4 @@
-"""Run one schedule of a campaign from start to end while the invariants watch."""
+"""Run one schedule of a campaign from start to end while checking the invariants."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -32,9 +32,9 @@ NO_CRASH: Final = "no crash"
 NO_HANG: Final = "no hang"
 """Invariant that is violated by a run that does not end."""
 NOT_KILLED: Final = "not killed"
-"""Invariant that is violated by a run that ends its process."""
+"""Invariant that is violated by a run that terminates its process."""
 WHOLE_RUN: Final = (NO_CRASH, NO_HANG, NOT_KILLED)
-"""Invariants on a run as a whole. They have no condition to examine, so they have no count of examinations."""
+"""Invariants that apply to a run as a whole. They have no condition to check, so their checks are not counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +44,12 @@ class RunReport:
     schedule: Schedule
     violations: tuple[Violation, ...]
     succeeded: int
-    """Number of jobs that put their cube into its bin."""
+    """Number of jobs that placed their cube in its bin."""
     ended: str
-    """Reason why the program ended early; empty if it ended normally."""
+    """Reason why the program ended early, or an empty string if it ended normally."""
     simulated_s: float
     largest_following_rad: float | None
-    """Largest following error of any joint of all arms; None if the arm was never commanded to move."""
+    """Largest following error of any joint of all arms, or None if the arm was never commanded to move."""
     examined: Mapping[str, int] = field(default_factory=dict)
     """Number of times that each invariant examined its condition, keyed by invariant name."""
     visits: Counter[Visit] = field(default_factory=Counter)
@@ -62,13 +62,13 @@ class RunReport:
 
     @property
     def jobs(self) -> int:
-        """Number of jobs of all arms."""
+        """Number of jobs for all arms."""
         return len(self.schedule.job) * arms_at_work(self.schedule.arm) if self.schedule.job else 0
 
 
 @cache
 def arms_at_work(arm: str) -> int:
-    """Return the number of arms of a robot that run jobs. Raises ArmFileError."""
+    """Return the number of a robot's arms that run jobs. Raises ArmFileError."""
     return len(arm_jobs(find_arm(arm).pick_place))
 
 
@@ -83,13 +83,13 @@ def run_schedule(
 
     Args:
         files: Files of the arm.
-        settings: Settings of the pick-and-place node of each arm, keyed by arm name.
+        settings: Settings of each arm's pick-and-place node, keyed by arm name.
         schedule: Faults, jobs and clients of the run.
-        kinds: Invariants that watch the run.
-        prepare: Function called with the stack before the stack starts. Tests use it to plant a bug.
+        kinds: Invariants to check during the run.
+        prepare: Function called with the stack before the stack starts. Tests use it to inject a bug.
 
     Raises:
-        FaultError: A fault of the schedule cannot happen to this arm.
+        FaultError: A fault of the schedule is impossible on this arm.
     """
     files = with_narrow_limits(with_exit_policy(files, schedule.on_exit), schedule.limits)
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
@@ -106,7 +106,7 @@ def run_schedule(
         stack.clients = SimulatedClients(stack, stack.arm, schedule.clients, freedrive, programs)
         run_jobs(stack, settings, schedule.job, jobs.append)
         stack.run(schedule.seconds)
-    except (DriverError, HalError) as error:  # These errors end the program as usual.
+    except (DriverError, HalError) as error:  # These errors are a normal way for the program to end.
         ended = str(error)
     stack.clients = None
     end_program(stack)
@@ -121,13 +121,13 @@ def run_schedule(
 
 
 def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:
-    """Return the report of a run that did not reach its end. The report has only this violation and its time."""
+    """Return the report of a run that did not finish. The report contains only this violation and its time."""
     time_s = round(time_s, 4)
     return RunReport(schedule, (Violation(name, time_s, text),), 0, "", time_s, None)
 
 
 def with_exit_policy(files: Files, on_exit: ExitPolicy | None) -> Files:
-    """Return the files with this ``on_exit`` for virtual servos; None keeps the policy of the robot file."""
+    """Return the files with this ``on_exit`` policy for virtual servos; None keeps the policy of the robot file."""
     if on_exit is None:
         return files
     policies = files.robot.file.on_exit.model_copy(update={"virtual": on_exit})
@@ -136,7 +136,7 @@ def with_exit_policy(files: Files, on_exit: ExitPolicy | None) -> Files:
 
 
 def with_narrow_limits(files: Files, limits: Mapping[str, tuple[float, float]]) -> Files:
-    """Return the files with narrower limits (lower, upper) of some joints, in rad or m."""
+    """Return the files with narrower limits (lower, upper) for some joints, in rad or m."""
     if not limits:
         return files
     narrowed = files.limits | {
@@ -152,7 +152,7 @@ def with_narrow_limits(files: Files, limits: Mapping[str, tuple[float, float]]) 
 
 
 def end_program(stack: FaultyStack) -> None:
-    """End the stack as ``servoloop up`` does with virtual servos: hold the arm, or park and release it."""
+    """End the stack as ``servoloop up`` does with virtual servos: either hold the arm, or park and release it."""
     stack.player.reach("end", stack.world.time_s)
     stack.ending = True
     stack.control_stack.end()

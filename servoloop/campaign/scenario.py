@@ -41,23 +41,24 @@ class Scenario(BaseModel):
     arm: OneOrMore[str] = (OWN,)
     """Names or folders of arms. Each run draws one of them."""
     clients: OneOrMore[ClientKind] = ("job",)
-    """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the others move the arm directly."""
+    """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the other types move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
-    """Policies for the end of a run. Each run draws one of them. If None, the policy of the robot file applies."""
+    """Policies for what happens to the arm at the end of a run. Each run draws one of them. If None, the policy of the
+    robot file applies."""
     job: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
     """Grades of the cubes. Each grade is one pick-and-place job."""
     seconds: Time = 0.0
-    """Time the arm stays up after its jobs, in seconds."""
+    """Time the stack keeps running after its jobs, in seconds."""
     backlash_deg: Backlash = 1.0
     """Backlash of each servo, in degrees."""
     faults: FaultCount = 3
     """Number of faults in each run."""
     within_s: Duration = 10.0
-    """Latest start of a fault after the arm is up, in seconds. Without jobs it must not exceed ``seconds``."""
+    """Latest start of a fault, in seconds after the stack is up. Without jobs, it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Kinds of faults. If None, all kinds that are possible on the arm."""
+    """Kinds of faults. If None, all types that are possible on the arm."""
     promises: Promises = Promises()
-    """Conditions that the campaign must examine and visit in order to pass."""
+    """Conditions that the campaign must check and visits that must occur for the campaign to pass."""
 
     @field_validator("job")
     @classmethod

@@ -1,4 +1,4 @@
-"""Minimize a schedule that violates an invariant: keep only the faults, acts and jobs that the violation needs."""
+"""Minimize a schedule that violates an invariant: keep only the faults, actions and jobs that the violation needs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,11 +19,11 @@ Breaks = Callable[[Schedule], bool]
 Violated = Callable[[Schedule], set[str]]
 """Function that runs a schedule and returns the invariants that it violates."""
 ROUND_S = (1.0, 0.1, 0.01)
-"""Steps to which the times of faults are rounded, coarsest first, in seconds."""
+"""Steps to which the times of faults are rounded, in seconds, coarsest first."""
 SECONDS = (1.0, 3.0, 5.0)
-"""Candidates for a shorter time that the arm stays up, in seconds."""
+"""Candidates for a shorter time that the stack keeps running, in seconds."""
 LAST: Final = {NO_HANG, NOT_KILLED}
-"""Violations that end the search, because further runs would probably hang or be killed too."""
+"""Violations that end the search, because further runs would probably also hang or be killed."""
 
 
 def smallest(schedule: Schedule, invariant: str, violated: Violated, stop: Stop) -> Schedule:
@@ -51,7 +51,7 @@ def violated(schedule: Schedule) -> set[str]:
 
 @contextmanager
 def violated_apart() -> Iterator[Violated]:
-    """Yield a ``violated`` that runs in a separate process, so that a run that is killed ends only that process."""
+    """Yield a ``violated`` that uses a separate process, so that killing a run ends only that process."""
     supervisor = Supervisor()
 
     def names(schedule: Schedule) -> set[str]:
@@ -67,7 +67,7 @@ def violated_apart() -> Iterator[Violated]:
 
 
 def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda: False) -> Schedule:
-    """Minimize a schedule by a greedy, deterministic search.
+    """Minimize a schedule with a greedy, deterministic search.
 
     Args:
         schedule: A schedule for which ``breaks`` returns True.
@@ -87,7 +87,7 @@ def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda
 
 
 def _smaller(schedule: Schedule) -> Iterator[Schedule]:
-    """Yield schedules that are one step smaller, the largest steps first."""
+    """Yield schedules that are one step smaller, starting with the largest steps."""
     faults = schedule.faults
     half = len(faults) // 2
     if half > 1:
@@ -122,7 +122,8 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
 
 
 def _simpler(event: Event) -> Iterator[Event]:
-    """Yield simpler versions of an event: one while the arm is up, one of half length, and one at a rounder time."""
+    """Yield simpler versions of an event: one that occurs while the stack is up, one of half the duration, and one at a
+    rounder time."""
     if event.since != "up":
         yield event.model_copy(update={"since": "up"})
     if event.for_s is not None and event.for_s > 0.1:

@@ -30,12 +30,12 @@ from servoloop.simulation.faulty_stack import FaultyStack
 SET_POINT_S: Final = 0.3
 """Time until the arm is at rest at a set point, in seconds."""
 INVALID: Final = "invalid"
-"""Prefix of the ID of a message that the stack must refuse."""
+"""Prefix of the ID of a message that the stack must reject."""
 
 
 @dataclass(slots=True)
 class ServedPrograms:
-    """Stack that serves programs, and the results of all programs."""
+    """Stack that programs are connected to, and the results of all programs."""
 
     stack: FaultyStack
     requests: StackRequests
@@ -46,7 +46,7 @@ class ServedPrograms:
 
 
 class SocketProgram:
-    """Program at one end of a connection. The session of the server is at the other end."""
+    """Program at one end of a connection. The server's session is at the other end."""
 
     def __init__(self, number: int, served: ServedPrograms) -> None:
         """Connect to a stack. ``number`` is the number of the connection."""
@@ -73,21 +73,21 @@ class SocketProgram:
         }
 
     def send(self, data: bytes | bytearray) -> int:
-        """Receive bytes from the stack, as the transport of the session."""
+        """Receive bytes from the stack; the session uses this method as its transport."""
         self._unread += data
         return len(data)
 
     def shut(self) -> None:
-        """End the connection, as the transport of the session."""
+        """Close the connection; the session uses this method as its transport."""
         self.open = False
 
     def carry_out(self, act: SocketAct) -> None:
-        """Carry out an action, unless the program stalls."""
+        """Perform an action unless the program is stalled."""
         if self._rest is None:
             self._actions[type(act)](act)
 
     def cycle(self) -> None:
-        """Continue the program after a cycle, and read the replies."""
+        """Resume the program after a cycle, and read the replies."""
         if self._rest is not None and self._now() >= self._rest[0]:
             rest, self._rest = self._rest[1], None
             self._write(rest)
@@ -100,7 +100,7 @@ class SocketProgram:
             self.hang_up()
 
     def hang_up(self) -> None:
-        """End the connection. The server ends the motions of the program."""
+        """End the connection. The server ends the program's motions."""
         self.open = False
         self._expect_end(self._goals)
         self._session.end()
@@ -109,7 +109,7 @@ class SocketProgram:
         self._write(self._motion(self._number(), act))
 
     def _motion(self, number: int | str, act: SocketMove) -> bytes:
-        """Request control of the arm, and return the message of a motion."""
+        """Request control of the arm, and return the message for a motion."""
         self._ask("take")
         names, values = list(act.positions), list(act.positions.values())
         sent_s, arm = self._now(), self._stack.arm
@@ -184,7 +184,7 @@ class SocketProgram:
         self._write(line_of(number, op, **fields))
 
     def _write(self, data: bytes) -> None:
-        """Send bytes to the stack, which immediately carries out complete messages."""
+        """Send bytes to the stack, which immediately processes complete messages."""
         before = len(self._stack.goals.goals)
         self._session.receive(data)
         self._session.serve()
@@ -195,7 +195,7 @@ class SocketProgram:
         return [one.handle for one in self._stack.goals.open]
 
     def _expect_end(self, goals: Iterable[GoalHandle]) -> None:
-        """Log that goals must end now, as if their client had canceled them."""
+        """Log that goals must end now, as if their clients had canceled them."""
         for handle in goals:
             self._stack.goals.canceled(handle)
 
@@ -221,7 +221,7 @@ class SocketProgram:
             self._running = {"op": "cancel", "goal": reply["goal"]}
 
     def _whole(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Return positions of all joints of the arm. A joint without a position keeps its command."""
+        """Return the positions of all joints of the arm. A joint without a given position keeps its command."""
         loop = self._stack.loop
         held = dict(zip(joints_of(loop.hardware.command_interfaces), loop.within_limits.tolist(), strict=True))
         return {joint: positions.get(joint, held[joint]) for joint in self._stack.arm.joints}

@@ -1,4 +1,4 @@
-"""Programs on the command socket of a simulated stack, which carry out the socket actions of a schedule."""
+"""Programs on the command socket of a simulated stack, which perform the socket actions of a schedule."""
 
 from servoloop.api.own_loop import describe
 from servoloop.api.stack_backend import StackBackend
@@ -14,7 +14,7 @@ class ConnectedPrograms:
     """Programs that are connected to the command server of one stack, keyed by connection number."""
 
     def __init__(self, stack: FaultyStack) -> None:
-        """Serve an active stack, whose loop must not be running yet."""
+        """Serve an active stack whose loop is not running yet."""
         time, control, recording = BetweenCycles(stack.loop), stack.control_stack, StackRecording(None)
         arm = StackBackend(control, describe(control), time, lambda: None, recording)
         self.served = ServedPrograms(stack, StackRequests(control, arm, recording, time))
@@ -23,25 +23,25 @@ class ConnectedPrograms:
 
     @property
     def last_target_s(self) -> float:
-        """Time of the latest stream target, in seconds; minus infinity before the first stream."""
+        """Time of the latest stream target, in seconds, or minus infinity before the first stream."""
         return self.served.last_target_s
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that has control of the arm although it has died; empty if there is none."""
+        """Name of a program that still has control of the arm although it has died, or an empty string."""
         owner = self.served.requests.ownership.owner
         open_names = {program.name for program in self._programs.values() if program.open}
         return "" if owner in open_names else owner
 
     def carry_out(self, act: SocketAct) -> None:
-        """Let the program of a connection carry out an action. A program that has died is started again."""
+        """Let the program of a connection perform an action. A program that has died is restarted."""
         program = self._programs.get(act.connection)
         if program is None or not program.open:
             self._programs[act.connection] = program = SocketProgram(act.connection, self.served)
         program.carry_out(act)
 
     def cycle(self) -> None:
-        """Continue all programs after a cycle."""
+        """Resume all programs after a cycle."""
         for program in self._programs.values():
             if program.open:
                 program.cycle()
@@ -55,4 +55,6 @@ class ConnectedPrograms:
     def require_no_defect(self) -> None:
         """Raise RuntimeError if the stack has replied to a message with an internal error."""
         if self.served.defects:
-            raise RuntimeError(f"the command server had an internal error in the messages {self.served.defects}")
+            raise RuntimeError(
+                f"the command server had an internal error while handling the messages {self.served.defects}"
+            )

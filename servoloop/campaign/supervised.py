@@ -25,28 +25,29 @@ T = TypeVar("T")
 Item = TypeVar("Item")
 
 MARGIN_S: Final = 120.0
-"""Simulated time for activation, recovery and shutdown, in addition to twice the time of the schedule, in seconds."""
+"""Simulated time for activation, recovery and shutdown, in addition to twice the scheduled duration, in seconds."""
 STANDS_S: Final = 120.0
-"""Maximum real time without progress of a run's simulated time, in seconds."""
+"""Maximum real time that a run's simulated time may stand still, in seconds."""
 BEGINS_S: Final = 600.0
-"""Maximum real time without progress of the simulated time before the first cycle, in seconds.
+"""Maximum real time that the simulated time may stand still before the first cycle, in seconds.
 
-Code may have to be compiled in this time.
+Code may have to be compiled during this time.
 """
 POLL_S: Final = 5.0
 """Interval at which the simulated time is polled, in seconds.
 
-The limits above are counted in polls, so that a pause of the process or the machine does not count as a hang.
+The limits above are counted in polls, so that pausing the process or the machine does not count as a hang.
 """
 GRACE_S: Final = 30.0
-"""Time that a supervised process has to end a run whose simulated time does not advance, before it is killed."""
+"""Time that a supervised process has to end a run whose simulated time is not advancing, in seconds, before it is
+killed."""
 ENDS_S: Final = 5.0
 """Maximum time an idle process may take to end, in seconds."""
 RUNS_OF_A_PROCESS: Final = 100
-"""Number of runs after which a process is replaced. A hundred runs leave about 200 MB of memory behind."""
+"""Number of runs after which a process is replaced. A hundred runs leak about 200 MB of memory."""
 SIGNAL: Final = signal.SIGUSR1
 ON_TIME: Final[ContextVar[Callable[[float], None] | None]] = ContextVar("ON_TIME", default=None)
-"""Function that is called with the simulated time of the runs of this process, so that a supervisor can watch them."""
+"""Function that is called with the simulated time of runs in this process, so that a supervisor can monitor them."""
 CONTEXT: Final = get_context("spawn")
 CHILDREN: Final = threading.Lock()
 """Lock for starting and joining processes, because multiprocessing also joins processes that another thread started."""
@@ -69,21 +70,21 @@ def limit(clock: SimulatedClock, schedule: Schedule) -> None:
 
 
 class ClockStandstill:
-    """Detector of a simulated time that does not advance for too many polls."""
+    """Detector for a simulated time that has not advanced for too many polls."""
 
     def __init__(self, more_s: float = 0.0) -> None:
         """Add ``more_s`` seconds to the limits."""
         self._more_s, self._count, self._time_s = more_s, 0, -1.0
 
     def poll(self, time_s: float) -> bool:
-        """Return whether the simulated time has stayed the same for too many consecutive polls."""
+        """Return whether the simulated time has been unchanged for too many consecutive polls."""
         self._count = self._count + 1 if time_s == self._time_s else 0
         self._time_s = time_s
         return self._count >= (_limit_s(time_s) + self._more_s) / POLL_S
 
 
 def stands(time_s: float) -> str:
-    """Describe a run whose simulated time does not advance."""
+    """Describe a run whose simulated time is not advancing."""
     return f"its simulated time did not advance for {_limit_s(time_s):g} s of real time"
 
 
@@ -93,7 +94,7 @@ def _limit_s(time_s: float) -> float:
 
 @contextmanager
 def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
-    """Raise Hang within the context when the simulated time does not advance.
+    """Raise Hang within the context if the simulated time stops advancing.
 
     The context works only in the main thread, which receives the signals. An endless loop in C can be ended only by
     another process.
@@ -119,7 +120,8 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
 
 def _watch(now: Callable[[], float], over: threading.Event) -> None:
-    """Send the signal at every poll while the time does not advance, because the context may catch the exception."""
+    """Send the signal at every poll while the time is not advancing, because code within the context may catch the
+    exception."""
     standstill = ClockStandstill()
     while not over.wait(POLL_S):
         if standstill.poll(now()):
@@ -128,7 +130,7 @@ def _watch(now: Callable[[], float], over: threading.Event) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A run without a result: its process ended, or was killed because the run hung."""
+    """A run without a result, because its process ended or was killed after the run hung."""
 
     hung: bool
     time_s: float
@@ -150,7 +152,7 @@ class Supervisor:
         self._done = 0
 
     def run(self, run: Callable[[Item], T], item: Item) -> T | Loss:
-        """Execute one run. Raises the run's own exception, and WorkerError if a process cannot be started."""
+        """Execute one run. Raises any exception of the run, and WorkerError if a process cannot be started."""
         if self._process is None or self._done >= RUNS_OF_A_PROCESS:
             self._renew()
         self._done += 1
@@ -176,7 +178,7 @@ class Supervisor:
         self._collect(self._process)
 
     def _hangs(self) -> bool:
-        """Wait for the result, and return whether the run hangs."""
+        """Wait for the result, and return whether the run is hanging."""
         assert self._connection is not None
         standstill = ClockStandstill(GRACE_S)
         while not self._connection.poll(POLL_S):
@@ -200,7 +202,7 @@ class Supervisor:
     def _lose(self, hang: str = "") -> Loss:
         """Return the description of a lost run, whose process has ended.
 
-        If ``hang`` is given, kill the process first.
+        If ``hang`` is given, the process is killed first.
         """
         assert self._process is not None
         if hang:
@@ -209,7 +211,7 @@ class Supervisor:
         return Loss(bool(hang), self._time.value, hang or f"its process {_ending(status)}")
 
     def _collect(self, process: SpawnProcess) -> int | None:
-        """Wait for a process to end, kill it after ``ENDS_S``, and return its exit status."""
+        """Wait up to ``ENDS_S`` for a process to end, kill it if necessary, and return its exit status."""
         wait([process.sentinel], ENDS_S)
         with CHILDREN:
             process.kill()
@@ -227,7 +229,7 @@ def _ending(status: int | None) -> str:
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start within the context."""
+    """Block Ctrl-C and the terminal hangup signal for threads and processes that start within the context."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
@@ -236,7 +238,7 @@ def blocked_signals() -> Iterator[None]:
 
 
 def _work(connection: Connection, shared_time: Any) -> None:
-    """Execute runs until the supervisor closes the connection. The process also ends when its parent ends."""
+    """Execute runs until the supervisor closes the connection. The process also ends when its parent process ends."""
     end_with_parent()
     logging.disable(logging.CRITICAL)
 

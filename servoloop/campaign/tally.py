@@ -12,7 +12,7 @@ from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import PHASES, Visit
 
 EXAMINED = tuple(kind.name for kind in ALL)
-"""Names of the invariants that count how often they examine their condition."""
+"""Names of the invariants that count how often their condition is checked."""
 INVARIANTS = (*EXAMINED, *WHOLE_RUN)
 """Names of all invariants that a run can violate."""
 
@@ -38,11 +38,11 @@ class RunRow:
 
 @dataclass(slots=True)
 class Tally:
-    """Results of the runs of a campaign. The results of 20,000 runs take a few megabytes."""
+    """Results of a campaign's runs. The results of 20,000 runs take up a few megabytes."""
 
     scenario: Scenario
     planned: int
-    """Planned number of runs of the campaign."""
+    """Planned number of runs in the campaign."""
     rows: list[RunRow] = field(default_factory=list)
     violations: list[tuple[int, Violation]] = field(default_factory=list)
     """Violations, each with the seed of its run."""
@@ -55,9 +55,9 @@ class Tally:
     ended: int = 0
     """Number of runs whose program ended early."""
     drawn: Counter[tuple[str, RunOutcome]] = field(default_factory=Counter)
-    """Number of faults, by kind and outcome of their run."""
+    """Number of faults, by fault type and outcome of the run."""
     begun: Counter[tuple[int, RunOutcome]] = field(default_factory=Counter)
-    """Number of faults, by start time (whole seconds since the arm was up) and outcome of their run."""
+    """Number of faults, by start time (whole seconds since the stack was up) and outcome of the run."""
     examined: Counter[str] = field(default_factory=Counter)
     """Number of times that each invariant examined its condition, keyed by invariant name."""
     visits: Counter[Visit] = field(default_factory=Counter)
@@ -82,7 +82,7 @@ class Tally:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the campaign ended before all runs were done."""
+        """Whether the campaign ended before all runs were completed."""
         return len(self.rows) < self.planned
 
     @property
@@ -92,25 +92,26 @@ class Tally:
 
     @property
     def broken_promises(self) -> list[str]:
-        """The promises that the campaign did not keep, as sentences. An interrupted campaign breaks no promise."""
+        """The promises that the campaign did not keep, as sentences. An interrupted campaign does not break any
+        promises."""
         if self.interrupted:
             return []
         return list(self.scenario.promises.broken(len(self.rows), self.examined, self.visits))
 
     @property
     def marks(self) -> list[tuple[str, int, int]]:
-        """Name of each invariant, how often it examined its condition, and the number of runs that violate it."""
+        """Name of each invariant, number of times its condition was checked, and number of runs that violate it."""
         runs = Counter(one.invariant for _, one in self.violations)
         return [(name, self.examined[name], runs[name]) for name in EXAMINED]
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """The phases of a run, in the order of the table of visits."""
+        """The phases of a run, in the order used in the table of visits."""
         return PHASES
 
     @property
     def visits_by_phase(self) -> list[tuple[str, list[int]]]:
-        """Each fault that occurred, with the number of cycles in each phase."""
+        """Each fault that occurred, with the number of cycles it was active in each phase."""
         cycles = Counter[tuple[str, str]]()
         for visit, count in self.visits.items():
             cycles[visit.fault, visit.phase] += count

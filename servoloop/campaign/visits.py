@@ -1,4 +1,4 @@
-"""Count the visits of a run: the cycles in which each fault was active, by phase, make of servo and client."""
+"""Count the visits of a run: the cycles in which each fault was active, by phase, servo make and client."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ from sim_backend.faults.event import Event
 Phase = Literal["starting", "idle", "goal", "canceling", "after a goal", "inactive", "ending"]
 PHASES: Final[tuple[Phase, ...]] = ("starting", "idle", "goal", "canceling", "after a goal", "inactive", "ending")
 NO_SERVO: Final = "none"
-"""Make of a fault that affects the machine or a program instead of a servo."""
+"""Servo make given for a fault that affects the machine or a program instead of a servo."""
 
 JOB: Final = "job"
-"""Client of a visit before the first act of any other client."""
+"""Client of a visit before the first action of any other client."""
 
 
 class Visit(NamedTuple):
@@ -37,7 +37,7 @@ def makes_of(event: Event, joints: Sequence[Joint]) -> set[str]:
 
 
 class Visits:
-    """Counter of the cycles of one run in which each cell was visited. The watch calls ``update`` and ``end``."""
+    """Counter of the cycles of one run that fall into each cell. The watch calls ``update`` and ``end``."""
 
     def __init__(self, stack: FaultyStack) -> None:
         self.cycles = Counter[Visit]()
@@ -51,7 +51,7 @@ class Visits:
         self._begun = True
 
     def end(self) -> None:
-        """Count the faults that were active after the last cycle, while the program ended."""
+        """Count the faults that were active after the last cycle, while the program was ending."""
         self._count("ending")
 
     def _count(self, phase: Phase) -> None:

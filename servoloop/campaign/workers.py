@@ -1,4 +1,4 @@
-"""Execute the runs of a campaign in one or several processes, and return the results in the order of the seeds."""
+"""Execute the runs of a campaign in one or more processes, and return the results in seed order."""
 
 import logging
 from collections import deque
@@ -25,9 +25,10 @@ Submit = Callable[[range], Future[list[T]]]
 CHUNK: Final = 5
 """Number of seeds in one task."""
 TASKS_AHEAD: Final = 4
-"""Number of tasks per worker that may be submitted before the oldest task is done, to bound the waiting results."""
+"""Number of tasks per worker that may be submitted before the oldest task is done, to limit the number of waiting
+results."""
 POLL_S: Final = 0.1
-"""Interval at which ``stop`` is polled while a task is under way, in seconds."""
+"""Interval at which ``stop`` is polled while a task is running, in seconds."""
 
 
 @contextmanager
@@ -49,8 +50,8 @@ def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[
 def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
     """Run a seed.
 
-    If the process of the seed ends, run the seed once more, because another program may have killed the process. A run
-    that hangs is not repeated.
+    If a seed's process ends, run the seed once more, because another program may have killed the process. A run that
+    hangs is not repeated.
     """
     result = supervisor.run(run, seed)
     if isinstance(result, Loss) and not result.hung:
@@ -59,7 +60,7 @@ def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T
 
 
 def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Generator[T, None, None]:
-    """Yield the results of all seeds in the order of the seeds, until ``stop`` returns True."""
+    """Yield the results of all seeds in seed order, until ``stop`` returns True."""
     chunks = iter([seeds[at : at + CHUNK] for at in range(0, len(seeds), CHUNK)])
     waiting: deque[Future[list[T]]] = deque()
     while not stop():
@@ -72,7 +73,7 @@ def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Gener
 
 
 def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None, None]:
-    """Run the seeds in this process and yield their results. A run that is killed ends this process."""
+    """Run the seeds in this process and yield their results. Killing a run ends this process."""
     with quiet():
         for seed in seeds:
             if stop():
@@ -81,10 +82,10 @@ def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None,
 
 
 def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop: Stop) -> Generator[T, None, None]:
-    """Run the seeds in several processes of this machine and yield their results in the order of the seeds."""
+    """Run the seeds in several processes on this machine and yield their results in seed order."""
     idle: SimpleQueue[Supervisor] = SimpleQueue()
     over = Event()
-    """Event that is set at the end, so that tasks start no further run."""
+    """Event that is set at the end, so that tasks do not start any more runs."""
     for _ in range(processes):
         idle.put(Supervisor())
 

@@ -1,4 +1,4 @@
-"""Carry out the messages that move the arm as a whole, as ``servoloop.Arm`` does in the process of the loop."""
+"""Handle the messages that move the arm as a whole, as ``servoloop.Arm`` does in the loop's process."""
 
 import logging
 import threading
@@ -31,7 +31,7 @@ class ArmRequests:
         self._motions: dict[Owner, dict[int, MotionProgress]] = {}
         self._streaming: Owner | None = None
         self._guiding: Owner | None = None
-        """Client that has begun the freedrive of the arm."""
+        """Client that started the freedrive of the arm."""
         self._numbers = count(1)
         self.handlers: Mapping[type[messages.Message], Callable[[Owner, Any], Reply]] = {
             messages.DescribeArm: self._describe,
@@ -42,7 +42,7 @@ class ArmRequests:
         }
 
     def state(self) -> Reply:
-        """Return the latest state of the arm. Raises ArmError if there is no state."""
+        """Return the latest state of the arm. Raises ArmError if there is no state yet."""
         return asdict(self._arm.state())
 
     def stop(self) -> None:
@@ -82,7 +82,7 @@ class ArmRequests:
                 self._end_stream()
 
     def ended(self, client: Owner) -> Iterator[Reply]:
-        """Yield the result of each of a client's motions that has finished since the last call, as an event."""
+        """Yield, as an event, the result of each of a client's motions that has finished since the last call."""
         if client not in self._motions:
             return
         with self._lock:

@@ -15,7 +15,7 @@ LOG = logging.getLogger("servoloop")
 
 RECEIVED_BYTES: Final = 65_536
 LAST_WORDS_S: Final = 0.2
-"""Maximum time to send the last bytes to a client that is disconnected, in seconds."""
+"""Maximum time to send the last bytes to a client that is being disconnected, in seconds."""
 
 
 def peer_user(connection: socket.socket) -> tuple[int, int]:
@@ -36,11 +36,11 @@ class SocketConnection:
         self._thread = threading.Thread(target=self._run, name="commands of a client", daemon=True)
 
     def start(self) -> None:
-        """Begin to read messages."""
+        """Start reading messages."""
         self._thread.start()
 
     def send(self, data: bytes | bytearray) -> int:
-        """Send the bytes that the socket accepts now, and return their number."""
+        """Send as many bytes as the socket accepts now, and return their number."""
         try:
             return self._connection.send(data, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -49,7 +49,7 @@ class SocketConnection:
             return len(data)  # the client has disconnected, so its thread ends as well
 
     def shut(self) -> None:
-        """End the connection in both directions, which also ends the thread of the client."""
+        """Close the connection in both directions, which also ends the client's thread."""
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
 
@@ -66,8 +66,8 @@ class SocketConnection:
             self._serve()
         except OSError:
             pass  # the client has disconnected
-        except Exception:  # an error here must not keep the client's motions running
-            LOG.exception("command socket: internal error while %s was served", self.session.name)
+        except Exception:  # an error here must not let the client's motions continue
+            LOG.exception("command socket: internal error while serving %s", self.session.name)
         finally:
             self.session.end()
             self.close()

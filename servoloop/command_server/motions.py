@@ -37,7 +37,7 @@ FORWARD: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class _RunningGoal:
-    """Goal of a client that has not finished yet."""
+    """Unfinished goal of a client."""
 
     controller: Any
     handle: GoalHandle | GripperHandle
@@ -50,7 +50,7 @@ class _ClientMotions:
     goals: dict[int, _RunningGoal] = field(default_factory=dict)
     """Goals, keyed by goal number."""
     set_points: dict[str, _RunningGoal | None] = field(default_factory=dict)
-    """Latest set point of each controller, keyed by controller name; None for a forward controller."""
+    """Latest set point of each controller, keyed by controller name; the value is None for a forward controller."""
 
 
 class Motions:
@@ -63,11 +63,11 @@ class Motions:
         self._numbers = count(1)
 
     def goal(self, client: object, name: str, joints: Sequence[str], points: Sequence[GoalPoint]) -> int:
-        """Send a goal to a trajectory controller, and return the number of the goal.
+        """Send a goal to a trajectory controller, and return the goal number.
 
         Args:
             client: Client that sends the goal.
-            name: Name of the controller; empty for the active controller of these joints.
+            name: Name of the controller, or an empty string for the active controller of these joints.
             joints: Joints of the goal.
             points: Waypoints, in the order of ``joints``.
 
@@ -81,7 +81,7 @@ class Motions:
             return self._add(client, started)
 
     def grip(self, client: object, name: str, goal: GripperGoal) -> int:
-        """Send a goal to a gripper controller, and return its number. Raises the same errors as ``goal``."""
+        """Send a goal to a gripper controller, and return the goal number. Raises the same errors as ``goal``."""
         with self._lock:
             controller: GripperActionController = cast(Any, self._entry(name, GRIPPER).controller)
             if reason := controller.check(goal):
@@ -98,7 +98,7 @@ class Motions:
             time_s: Time until a trajectory controller comes to rest at the set point, in seconds.
 
         Raises:
-            CommandError: The controller is unknown or inactive, or rejects the set point.
+            CommandError: The controller is unknown or inactive, or it rejects the set point.
         """
         with self._lock:
             entry = self._entry(name, (*TRAJECTORY, *FORWARD))
@@ -120,7 +120,7 @@ class Motions:
             goals = self._clients.get(client, _ClientMotions()).goals
             if number not in goals:
                 running = ", ".join(map(str, goals)) or "none"
-                raise CommandError("unknown", f"this client has no running goal {number}; its goals are: {running}")
+                raise CommandError("unknown", f"this client has no running goal {number}; running goals: {running}")
             goals[number].controller.cancel(goals[number].handle)
 
     def halt(self, client: object) -> None:
@@ -145,7 +145,7 @@ class Motions:
                 self._hold(entry)
 
     def ended(self, client: object) -> Iterator[dict[str, Any]]:
-        """Yield the result of each of a client's goals that has finished since the last call, as an event."""
+        """Yield, as an event, the result of each of a client's goals that has finished since the last call."""
         if client not in self._clients:
             return
         with self._lock:
@@ -159,7 +159,7 @@ class Motions:
             self._clients.pop(client, None)
 
     def busy(self, client: object, entry: Loaded) -> bool:
-        """Return whether a controller executes a goal of another client or of a ROS client."""
+        """Return whether a controller is executing a goal of another client or of a ROS client."""
         newest = getattr(entry.controller, "newest_goal", None)
         if newest is None or newest.done:
             return False
@@ -186,7 +186,7 @@ class Motions:
         return _RunningGoal(controller, controller.submit(goal))
 
     def _timed(self, controller: JointTrajectoryController, goal: TrajectoryGoal) -> TrajectoryGoal:
-        """Return the goal with the time of the next cycle, estimated from the latest cycle."""
+        """Return the goal with the time of the next cycle, as estimated from the latest cycle."""
         tracking, now_s = controller.tracking, self._loop.clock.now()
         if tracking is None:
             return goal
@@ -199,7 +199,8 @@ class Motions:
         return number
 
     def _entry(self, name: str, kinds: Sequence[str]) -> Loaded:
-        """Return a configured controller of some types by name, or the only active controller if the name is empty."""
+        """Return the named controller if it is configured and has one of these types, or the only active one if the
+        name is empty."""
         loaded = {n: e for n, e in self._loop.manager.registry.loaded.items() if e.spec.kind in kinds and e.controller}
         found = [entry for entry in loaded.values() if (entry.name == name if name else entry.active)]
         if len(found) == 1:
@@ -209,7 +210,7 @@ class Motions:
         raise CommandError("unknown", f"{text}; the controllers for this message are: {known}")
 
     def _moving(self, joints: Sequence[str]) -> Loaded:
-        """Return the active trajectory controller that has all of these joints."""
+        """Return the active trajectory controller that drives all of these joints."""
         active = [
             entry
             for entry in self._loop.manager.registry.loaded.values()

@@ -12,7 +12,7 @@ class Owner(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the client for messages."""
+        """Name of the client in messages."""
         ...
 
     def post(self, message: dict[str, Any]) -> None:
@@ -21,7 +21,7 @@ class Owner(Protocol):
 
 
 class Ownership:
-    """Control over the motion of an arm. At most one client has control. Any thread may call each method.
+    """Control of the arm's motion. At most one client has control. Any thread may call each method.
 
     ``halt`` stops the motions of a client within their limits.
     """
@@ -33,7 +33,7 @@ class Ownership:
 
     @property
     def owner(self) -> str:
-        """Name of the owner; empty if no client has control of the arm."""
+        """Name of the owner, or an empty string if no client has control of the arm."""
         owner = self._owner
         return owner.name if owner is not None else ""
 
@@ -75,7 +75,8 @@ class Ownership:
         self.moving(client, dict)
 
     def moving(self, client: Owner, move: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Call ``move`` while a client has control of the arm. Raises CommandError if the client has no control."""
+        """Call ``move`` while a client has control of the arm. Raises CommandError if the client does not have
+        control."""
         with self._lock:
             if self._owner is not client:
                 owner = f"{self.owner} has control" if self._owner is not None else "send take first"

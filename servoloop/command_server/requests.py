@@ -1,6 +1,6 @@
-"""Carry out the messages of the command socket.
+"""Handle the messages of the command socket.
 
-The handler of each message returns the fields of its reply or raises an error.
+The handler of each message returns the fields of the reply or raises an error.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -32,9 +32,9 @@ Result = TypeVar("Result")
 STALE_S: Final = 0.5
 """Maximum age of a command that moves joints, in seconds."""
 FUTURE_S: Final = 0.1
-"""Maximum time by which the time stamp of a command may lie in the future, in seconds."""
+"""Maximum time by which the timestamp of a command may be in the future, in seconds."""
 LOOP_S: Final = 15.0
-"""Maximum time to wait until the loop has carried out a request, in seconds. A component needs at most 10 s."""
+"""Maximum time to wait until the loop has executed a request, in seconds. A component needs at most 10 s."""
 
 
 class Recordings(Protocol):
@@ -45,12 +45,12 @@ class Recordings(Protocol):
         ...
 
     def end(self, path: Path) -> Request[None]:
-        """Request the end of a recording. Raises RecordingError."""
+        """Request that a recording ends. Raises RecordingError."""
         ...
 
 
 class Client(Owner, Protocol):
-    """Connected client, as the message handlers see it."""
+    """Connected client, as seen by the message handlers."""
 
     name: str
 
@@ -60,7 +60,7 @@ class Client(Owner, Protocol):
 
 
 class StackRequests:
-    """Handlers of the messages to one stack. Any thread may call ``answer``."""
+    """Handlers of the messages sent to one stack. Any thread may call ``answer``."""
 
     def __init__(
         self, stack: ControlStack, arm: ArmBackend, recordings: Recordings, time: ServerTime | None = None
@@ -71,7 +71,7 @@ class StackRequests:
             stack: The stack.
             arm: Handlers of the messages that move the arm as a whole.
             recordings: Recordings of the stack.
-            time: Time of the server. If None, real time.
+            time: Time of the server. If None, real time is used.
         """
         self.time = time or RealTime()
         self.ownership = Ownership(self._halt)
@@ -101,7 +101,7 @@ class StackRequests:
         }
 
     def answer(self, client: Client, message: messages.Message) -> Reply:
-        """Carry out a message and return the fields of its reply. Raises CommandError."""
+        """Handle a message and return the fields of its reply. Raises CommandError."""
         handler = self._handlers[type(message)]
         try:
             if isinstance(message, messages.MotionMessage):
@@ -196,17 +196,19 @@ class StackRequests:
 
     def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
         self.ownership.require(client)
-        self._arm.open_stream(client, message)  # This call waits for a cycle, so it does not lock the control.
+        # This call waits for a cycle, so it does not hold the lock of the arm's control.
+        self._arm.open_stream(client, message)
         return self._still_owned(client)
 
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
         self.ownership.require(client)
-        self._arm.set_torque(message)  # This call waits without a lock, so that other clients can stop the arm.
+        # This call waits without holding the lock, so that other clients can stop the arm.
+        self._arm.set_torque(message)
         return self._still_owned(client)
 
     def _freedrive(self, client: Client, message: messages.SetFreedrive) -> Reply:
         self.ownership.require(client)
-        self._arm.set_freedrive(client, message.on)  # This call waits without a lock, as above.
+        self._arm.set_freedrive(client, message.on)  # This call also waits without holding the lock.
         return self._still_owned(client)
 
     def _still_owned(self, client: Client) -> Reply:
@@ -230,14 +232,14 @@ class StackRequests:
         return {}
 
     def _wait(self, request: Request[Result]) -> Result:
-        """Wait until the loop has carried out a request. Raises CommandError."""
+        """Wait until the loop has executed a request. Raises CommandError."""
         if not self.time.wait(lambda: request.done, LOOP_S):
             raise CommandError("timeout", f"the control loop did not carry out the request within {LOOP_S:g} s")
         return _attempt(request.result)
 
 
 def _attempt(work: Callable[[], Result]) -> Result:
-    """Return the result of a function. Errors that the client can correct become errors of the kind ``failed``."""
+    """Return the result of a function. Errors that the client can correct become errors of the type ``failed``."""
     try:
         return work()
     except CommandError:
@@ -248,7 +250,8 @@ def _attempt(work: Callable[[], Result]) -> Result:
 
 def _require_fresh(age_s: float) -> None:
     if age_s > STALE_S:
-        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s, and is ignored")
+        text = f"the command is ignored because it is {age_s:.2f} s old; the limit is {STALE_S:g} s"
+        raise CommandError("stale", text)
     if age_s < -FUTURE_S:
         text = f"sent_s is {-age_s:.2f} s in the future: use CLOCK_MONOTONIC of this machine, in seconds"
         raise CommandError("malformed", text)

@@ -1,4 +1,4 @@
-"""Listen on the command socket of a stack, for the duration of its control loop."""
+"""Listen on the command socket of a stack while its control loop runs."""
 
 import errno
 import logging
@@ -29,7 +29,7 @@ LOG = logging.getLogger("servoloop")
 MAX_CLIENTS: Final = 16
 """Maximum number of simultaneously connected clients."""
 NEWS_S: Final = 0.1
-"""Maximum time between two checks for results if no cycle runs, in seconds."""
+"""Maximum time between two checks for results while no cycles run, in seconds."""
 END_S: Final = 2.0
 """Maximum time to wait for a thread when the server closes, in seconds."""
 
@@ -38,7 +38,7 @@ class CommandServer:
     """Command socket of one stack. ``post`` is called in the loop thread; all other work has its own threads."""
 
     def __init__(self, path: Path, requests: StackRequests) -> None:
-        """Create the socket, which only this user can open.
+        """Create the socket, which only the current user can open.
 
         Args:
             path: Path of the socket.
@@ -51,7 +51,8 @@ class CommandServer:
         self._connections: list[SocketConnection] = []
         self._ended, self._news = threading.Event(), threading.Event()
         self._server = socket.socket(socket.AF_UNIX)
-        # The socket is renamed once it listens and only this user can open it.
+        # The socket is renamed after it starts to listen and its permissions are set, so that only this user can open
+        # it.
         new = path.with_suffix(f"{COMMANDS}.new")
         try:
             new.unlink(missing_ok=True)
@@ -70,7 +71,7 @@ class CommandServer:
             thread.start()
 
     def post(self, state: JointState) -> None:
-        """Pass on the measurement of a completed cycle, without blocking."""
+        """Pass on the measurement from a completed cycle without blocking."""
         if self._connections:
             self._news.set()
 
@@ -94,12 +95,12 @@ class CommandServer:
                 connection, _ = self._server.accept()
             except OSError as error:
                 if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
-                    self._ended.wait(NEWS_S)  # the client waits until the process has free file descriptors again
+                    self._ended.wait(NEWS_S)  # clients wait until the process has free file descriptors again
                     continue
                 return
             try:
                 self._admit(connection)
-            except Exception:  # an error of one client must not end the service for the others
+            except Exception:  # one client's error must not interrupt the service for the others
                 LOG.exception("command socket: a client could not be connected")
                 connection.close()
 
@@ -136,7 +137,7 @@ def _turn_away(connection: socket.socket, error: CommandError) -> None:
 
 @contextmanager
 def command_socket(stack: ControlStack, recording: StackRecording, ended: Callable[[], bool]) -> Iterator[None]:
-    """Serve the command socket of a stack for the duration of the context.
+    """Serve the command socket of a stack while the context is open.
 
     The loop's previous ``on_cycle`` is called first. If the socket cannot be created, the stack runs without a socket.
 

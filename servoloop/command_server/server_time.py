@@ -9,10 +9,10 @@ POLL_S: Final = 0.005
 
 
 class ServerTime(Protocol):
-    """Clock of a command server, and a way to wait for the control loop."""
+    """Clock of a command server, with a way to wait for the control loop."""
 
     def now(self) -> float:
-        """Return the time to which ``sent_s`` of each message refers, in seconds."""
+        """Return the current time in seconds, on the clock used for ``sent_s`` in each message."""
         ...
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
@@ -21,7 +21,7 @@ class ServerTime(Protocol):
 
 
 class RealTime:
-    """CLOCK_MONOTONIC of the machine, which its clients share."""
+    """The machine's CLOCK_MONOTONIC, which all its clients share."""
 
     now = staticmethod(time.monotonic)
 

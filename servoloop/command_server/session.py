@@ -1,8 +1,8 @@
-"""Session of one client of the command socket, which receives bytes, carries out messages and sends replies.
+"""Session of one client of the command socket, which receives bytes, handles messages and sends replies.
 
-A session has neither a thread nor a socket, and it reads the time only from the clock of its server. A program with
-sockets passes bytes to the session from a thread (servoloop/command_server/connection.py). A simulation passes bytes
-between two cycles.
+A session has neither a thread nor a socket, and it reads the time only from its server's clock. A program with sockets
+passes bytes to the session from a thread (servoloop/command_server/connection.py). A simulation passes bytes to the
+session between two cycles.
 """
 
 import logging
@@ -19,9 +19,9 @@ from servoloop.command_socket.messages import MAX_LINE_BYTES, encode, identity, 
 LOG = logging.getLogger("servoloop")
 
 MAX_UNREAD_BYTES: Final = 1_000_000
-"""Maximum number of bytes that wait for a client. A client that reads more slowly is disconnected."""
+"""Maximum number of bytes waiting to be sent to a client. A client that reads too slowly is disconnected."""
 MESSAGES_PER_S: Final = 2_000.0
-"""Maximum rate of messages that are carried out for one client. Further messages wait."""
+"""Maximum rate at which messages of one client are handled. Further messages wait."""
 BURST: Final = 200
 """Number of messages that a client may send in one burst."""
 COSTS: Final[Mapping[type, float]] = {
@@ -40,11 +40,11 @@ class Transport(Protocol):
     """Byte stream to one client."""
 
     def send(self, data: bytes | bytearray) -> int:
-        """Send the bytes that the client accepts now, without waiting, and return their number."""
+        """Send as many bytes as the client accepts now, without waiting, and return their number."""
         ...
 
     def shut(self) -> None:
-        """End the stream in both directions."""
+        """Close the stream in both directions."""
         ...
 
 
@@ -55,30 +55,30 @@ class _Received:
     line: bytes
     message: messages.Message | CommandError
     due_s: float
-    """Earliest time at which the message may be carried out, in seconds."""
+    """Earliest time at which the message may be handled, in seconds."""
 
 
 class Session:
-    """State of one client. One thread calls ``receive``, ``serve`` and ``end``; ``post`` and ``notify`` never wait."""
+    """State of one client. One thread calls ``receive``, ``serve`` and ``end``; ``post`` and ``notify`` never block."""
 
     def __init__(self, name: str, transport: Transport, requests: StackRequests) -> None:
         """Begin a session.
 
         Args:
-            name: Name of the client for messages, until the client sends its own.
+            name: Name of the client in messages, until the client sends its own.
             transport: Byte stream to the client.
             requests: Handlers of the messages.
         """
         self.name = name
         self.refused = False
-        """Whether the client has sent a message that is too large, so that its connection must end."""
+        """Whether the client has sent a message that is too large, so that its connection must be closed."""
         self._transport, self._requests = transport, requests
         self._lock = threading.Lock()
         self._received, self._unsent = bytearray(), bytearray()
         self._next: _Received | None = None
         self._rate = _Rate(requests.time.now)
         self._watch_s: float | None = None
-        """Minimum time between two states, in seconds; None if the client receives no states."""
+        """Minimum time between two states, in seconds, or None if the client does not receive states."""
         self._shown_s = -float("inf")
 
     @property
@@ -89,15 +89,15 @@ class Session:
     def receive(self, data: bytes) -> None:
         """Add bytes from the client. The bytes may end in the middle of a message.
 
-        ``serve`` carries out the complete messages.
+        ``serve`` handles the complete messages.
         """
         self._received += data
 
     def serve(self) -> float:
-        """Carry out the received messages, as far as the rate limit allows.
+        """Handle the received messages as far as the rate limit allows.
 
         Returns:
-            Time until the next received message may be carried out, in seconds; 0 if no message waits.
+            Time until the next received message may be handled, in seconds, or 0 if no message is waiting.
         """
         while not self.refused and (waiting := self._take()) is not None:
             left_s = waiting.due_s - self._requests.time.now()
@@ -108,7 +108,8 @@ class Session:
         return 0.0
 
     def watch(self, rate_hz: float) -> None:
-        """Send states after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the states."""
+        """Send states after each cycle, at most ``rate_hz`` times a second. If the rate is 0, states are no longer
+        sent."""
         self._watch_s = 1.0 / rate_hz if rate_hz > 0.0 else None
 
     def post(self, message: dict[str, Any]) -> None:
@@ -121,14 +122,14 @@ class Session:
                 self._transport.shut()
 
     def flush(self) -> None:
-        """Send the bytes that wait for the client, as far as the client accepts them."""
+        """Send as many of the bytes waiting for the client as it accepts."""
         with self._lock:
             self._send()
 
     def notify(self, state: Callable[[], dict[str, Any]]) -> None:
         """Send results and the state after a cycle.
 
-        A client that has not read the last state does not receive the new state.
+        A client that has not read the previous state does not receive the new one.
         """
         for result in self._requests.ended(self):
             self.post(result)
@@ -144,7 +145,7 @@ class Session:
         try:
             self._requests.disconnect(self)
         except Exception:
-            LOG.exception("command socket: internal error at the end of %s", self.name)
+            LOG.exception("command socket: internal error while disconnecting %s", self.name)
 
     def _take(self) -> _Received | None:
         """Return the next complete message, or None. A message that must wait is returned again by the next call."""
@@ -183,20 +184,20 @@ class Session:
         self.post({"id": number, "ok": False, "error": error.as_dict()})
 
     def _send(self) -> None:
-        """Send the bytes that the client accepts now. The caller holds the lock."""
+        """Send as many bytes as the client accepts now. The caller holds the lock."""
         while self._unsent and (count := self._transport.send(self._unsent)):
             del self._unsent[:count]
 
 
 class _Rate:
-    """Rate limit for the messages of one client. Messages above the rate wait and are not refused."""
+    """Rate limit for the messages of one client. Messages that exceed the rate are delayed instead of rejected."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._tokens, self._last_s = float(BURST), now()
 
     def due_s(self, cost: float) -> float:
-        """Return the time at which a message that counts as ``cost`` messages may be carried out, in seconds."""
+        """Return the time at which a message that counts as ``cost`` messages may be handled, in seconds."""
         now_s = self._now()
         self._tokens = min(self._tokens + (now_s - self._last_s) * MESSAGES_PER_S, float(BURST)) - cost
         self._last_s = now_s

@@ -18,7 +18,7 @@ TIMEOUT_S: Final = 5.0
 CONNECT_S: Final = 2.0
 """Maximum time to wait for a connection, in seconds."""
 KEPT_EVENTS: Final = 1000
-"""Maximum number of events that wait until the program takes them. Older events are dropped."""
+"""Maximum number of events that wait until the program reads them. Older events are dropped."""
 COMMANDS: Final = ("goal", "grip", "set_point", "move", "targets")
 """Messages that carry the time at which they were sent."""
 
@@ -26,8 +26,8 @@ COMMANDS: Final = ("goal", "grip", "set_point", "move", "targets")
 class CommandClient:
     """Connection to the command socket of a stack. Any thread may call each method.
 
-    Every method raises CommandError. The kind of the error is the one that the stack has sent, ``timeout`` if the stack
-    does not reply in time, or ``ended`` if the connection is lost.
+    Every method raises CommandError. The error type is the one that the stack has sent, ``timeout`` if the stack does
+    not reply in time, or ``ended`` if the connection is lost.
     """
 
     def __init__(self, stack: RunningStack, name: str = "") -> None:
@@ -51,18 +51,18 @@ class CommandClient:
             raise CommandError("ended", text) from error
         try:
             self.arm = self.request("hello", client=f"{name or 'a program'} (process {os.getpid()})")
-            """Description of the arm, as ``hello`` returns it."""
+            """Description of the arm, as returned by ``hello``."""
         except CommandError:
             self.close()
             raise
 
     @classmethod
     def find(cls, arm: str | None = None, name: str = "", namespace: str | None = None) -> Self:
-        """Connect to the only running stack, or to the stack of an arm (name, folder or process ID) or a namespace.
+        """Connect to the only running stack, or to the stack of a given arm (name, folder or process ID) or namespace.
 
         Raises:
             LiveError: No stack of this arm is running, or several are running.
-            CommandError: The stack does not accept the connection.
+            CommandError: The stack rejects the connection.
         """
         return cls(find_stack(arm, namespace), name)
 
@@ -104,18 +104,20 @@ class CommandClient:
 
     def _send(self, line: bytes, timeout_s: float) -> None:
         try:
-            self._socket.settimeout(timeout_s)  # This also fails on a closed socket.
+            self._socket.settimeout(timeout_s)  # This also fails if the socket is closed.
             self._socket.sendall(line)
         except TimeoutError:
-            self.close()  # part of the message may have been sent already
-            raise CommandError("timeout", f"the stack has read nothing for {timeout_s:g} s: check its log") from None
+            self.close()  # part of the message may already have been sent
+            raise CommandError(
+                "timeout", f"the stack has not read any data for {timeout_s:g} s: check its log"
+            ) from None
         except OSError as error:
             if (message := self._refusal()) is not None:
                 raise CommandError.of(message.get("error") or {}) from error
             raise self._ended() from error
 
     def _refusal(self) -> dict[str, Any] | None:
-        """Return the error that the stack sent before it closed the connection, or None if it sent none."""
+        """Return the error that the stack sent before it closed the connection, or None if it did not send one."""
         try:
             message = self._next(0.0)
         except CommandError:
@@ -136,7 +138,7 @@ class CommandClient:
             self._events.append(message)
 
     def _next(self, wait_s: float) -> dict[str, Any] | None:
-        """Return the next message of the stack, or None if no message is complete within ``wait_s`` seconds."""
+        """Return the next message from the stack, or None if no message is complete within ``wait_s`` seconds."""
         deadline_s = monotonic() + wait_s
         while b"\n" not in self._received:
             try:
@@ -159,5 +161,5 @@ class CommandClient:
 
 
 def _is_refusal(message: dict[str, Any]) -> bool:
-    """Return whether a message refuses a request. The result of a goal that failed is an event with ``ok: false``."""
+    """Return whether a message rejects a request. The result of a failed goal is an event with ``ok: false``."""
     return message.get("ok") is False and "event" not in message

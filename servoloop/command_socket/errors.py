@@ -47,17 +47,17 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
     "ended": "The stack has ended, or the connection is closed.",
     "internal": "The stack has a defect. Its log contains the details.",
 }
-"""Meaning of each kind of error."""
+"""Meaning of each error type."""
 
 
 class CommandError(DriverError):
-    """Error of a message that a stack has refused.
+    """Error for a message that a stack has rejected.
 
-    ``kind`` is the type of the error; the text gives the cause and the remedy.
+    ``kind`` is the type of the error; the text states the cause and the remedy.
     """
 
     def __init__(self, kind: ErrorKind, text: str, joint: str = "") -> None:
-        """``joint`` is the affected joint; empty if the error does not concern a single joint."""
+        """``joint`` is the affected joint, or an empty string if the error does not concern a single joint."""
         super().__init__(text)
         self.kind: ErrorKind = kind
         self.joint = joint

@@ -1,4 +1,4 @@
-"""Define and check the messages of the command socket: one JSON object per line, with the version of the protocol."""
+"""Define and check the messages of the command socket: one JSON object per line, with the protocol version."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from hal.yaml_file import error_text
 from servoloop.command_socket.errors import CommandError
 
 VERSION: Final = 1
-"""Version of the protocol. It changes whenever an older client would misunderstand a message."""
+"""Protocol version. The version changes whenever an older client would misunderstand a message."""
 MAX_LINE_BYTES: Final = 500_000
 """Maximum size of a message, in bytes. This size allows a goal with 5000 points of six joints."""
 LONGEST_TEXT: Final = 500
@@ -31,7 +31,7 @@ class Message(BaseModel):
 
     v: Annotated[int, NoTruth, Field(ge=VERSION, le=VERSION)]
     id: Number | Text
-    """Identifier of the message, a number or a text, which the reply repeats."""
+    """Identifier of the message, a number or a string, which is repeated in the reply."""
 
 
 class Hello(Message):
@@ -39,7 +39,7 @@ class Hello(Message):
 
     op: Literal["hello"]
     client: Text = ""
-    """Name of the client, for messages to other clients."""
+    """Name of the client, used in messages to other clients."""
 
 
 class GetState(Message):
@@ -49,7 +49,8 @@ class GetState(Message):
 
 
 class WatchStates(Message):
-    """Request for a state event after each cycle, at most ``rate_hz`` times a second. A rate of 0 stops the events."""
+    """Request for a state event after each cycle, at most ``rate_hz`` times a second. If the rate is 0, the events
+    stop."""
 
     op: Literal["watch"]
     rate_hz: Rate
@@ -62,7 +63,7 @@ class ListControllers(Message):
 
 
 class Take(Message):
-    """Request for control of the arm. ``force`` takes control from another client, whose motions then stop."""
+    """Request for control of the arm. ``force`` takes control away from another client, whose motions then stop."""
 
     op: Literal["take"]
     force: bool = False
@@ -75,14 +76,15 @@ class Release(Message):
 
 
 class MotionMessage(Message):
-    """Message that moves joints. The stack refuses the message if it is too old."""
+    """Message that moves joints. The stack rejects the message if it is too old."""
 
     sent_s: ClockTime
-    """Time at which the message was sent: CLOCK_MONOTONIC of this machine, in seconds."""
+    """Time at which the message was sent, on CLOCK_MONOTONIC of this machine, in seconds."""
 
 
 class Point(BaseModel):
-    """Point of a trajectory, in the joint order of its goal: rad or m, rad/s or m/s, and seconds from the start."""
+    """Point of a trajectory, in the goal's joint order: positions in rad or m, velocities in rad/s or m/s, and seconds
+    from the start."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -119,9 +121,10 @@ class SendSetPoint(MotionMessage):
     op: Literal["set_point"]
     controller: Text
     values: Annotated[list[AnyVelocity], Field(min_length=1)]
-    """One value for each joint of the controller, in the order of its joints."""
+    """One value for each joint of the controller, in the controller's joint order."""
     time_s: Duration = 0.3
-    """Time until a trajectory controller comes to rest at the set point, in seconds. Forward controllers ignore it."""
+    """Time until a trajectory controller comes to rest at the set point, in seconds. Forward controllers ignore this
+    value."""
 
 
 class CancelGoal(Message):
@@ -155,7 +158,7 @@ class DescribeArm(Message):
 
 
 class MoveJoints(MotionMessage):
-    """Motion of some joints of the arm, regardless of the controllers that move them.
+    """Motion of some joints of the arm, regardless of which controllers move them.
 
     The result arrives as an event.
     """
@@ -210,14 +213,14 @@ class SetFreedrive(Message):
 
 
 class Record(Message):
-    """Request to begin a recording. ``path`` is absolute."""
+    """Request to start a recording. ``path`` is absolute."""
 
     op: Literal["record"]
     path: str
 
 
 class EndRecord(Message):
-    """Request to end a recording that a client has begun."""
+    """Request to end a recording that was started by a client."""
 
     op: Literal["record_end"]
     path: str
@@ -246,7 +249,7 @@ def identity(line: bytes) -> int | str | None:
 
 
 def parse(line: bytes) -> Message:
-    """Parse and check a message. Raises CommandError of the kind ``malformed`` or ``version``."""
+    """Parse and check a message. Raises CommandError of type ``malformed`` or ``version``."""
     try:
         found = from_json(line, allow_inf_nan=False)
     except ValueError as error:
@@ -264,18 +267,18 @@ def parse(line: bytes) -> Message:
         return message
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        # pydantic also names the validator of a field with several types, such as id.
+        # For a field with several types, such as id, pydantic also names the validator.
         place = ".".join(str(part) for part in first["loc"] if "[" not in str(part))
         raise CommandError("malformed", f"{op}: {place}: {error_text(first)}") from None
 
 
 def encode(fields: Mapping[str, Any]) -> bytes:
-    """Return a message as one line, with the version of the protocol. Values that are not finite become null."""
+    """Return a message as one line, including the protocol version. Values that are not finite are written as null."""
     return json.dumps({"v": VERSION, **finite(fields)}, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 def finite(value: Any) -> Any:
-    """Return a value of a message with None in place of NaN and infinity."""
+    """Return a message value with None in place of NaN and infinity."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

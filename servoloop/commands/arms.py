@@ -74,7 +74,7 @@ def new(
 def combine(
     arms: Annotated[
         list[str],
-        typer.Argument(metavar="PREFIX=ARM", help="Prefix, and the name (see `servoloop arms`) or folder of an arm."),
+        typer.Argument(metavar="PREFIX=ARM", help="Prefix of an arm, and its name (see `servoloop arms`) or folder."),
     ],
     out: Annotated[Path, typer.Option(help="New arm folder.")],
     base: Annotated[
@@ -85,9 +85,9 @@ def combine(
         ),
     ] = None,
 ) -> None:
-    """Combine several arms on one table into one robot, and create an arm folder for this robot.
+    """Combine several arms on one table into a single robot, and create an arm folder for this robot.
 
-    The names of all joints, links and controllers of an arm begin with its prefix. Each arm has its own port.
+    The names of all joints, links and controllers of an arm start with the arm's prefix. Each arm has its own port.
     Example: `servoloop arms combine left=so101 right=so101 --out two_arms`
     """
     from servoloop.arms.combine import combine as write
@@ -138,7 +138,7 @@ def show(
     """Draw an arm with the name, servo and positive direction of each joint.
 
     All joints are at zero. Each arrow points in the direction of increasing positions. The text next to an arrow
-    describes the direction in the same words as `servoloop calibrate`. Example: `servoloop arms show so101`
+    describes the direction in the same words as `servoloop calibrate` does. Example: `servoloop arms show so101`
     """
     require_extras("the picture of an arm", "sim", "view")
     from servoloop.arm_pictures.show import draw_arm, write_picture
@@ -159,7 +159,7 @@ def moveit(
 ) -> None:
     """Write a MoveIt configuration for an arm.
 
-    The configuration consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning
+    The configuration consists of the SRDF and files for limits, kinematics, controllers, planners and the planning
     scene.
     Example: `servoloop arms moveit so101 so101_moveit`
     """
@@ -170,7 +170,7 @@ def moveit(
 
 
 def _content(arm: ArmFolder) -> dict[str, str]:
-    """Return the arm's JSON content, with absolute paths."""
+    """Return the arm's data for JSON output, with absolute paths."""
     files = {name: str(getattr(arm, name)) for name in PATHS}
     about = {"description": arm.file.description, "source": arm.file.source, "license": arm.file.license}
     return {"name": arm.name, **about, "folder": str(arm.folder), **files}

@@ -44,18 +44,16 @@ class MeasuredServos:
 def bus(
     servos: MeasuredServos,
     cycles: Annotated[int, typer.Option(min=1, help="Number of cycles to measure.")] = 1000,
-    hold: Annotated[
-        bool, typer.Option("--hold", help="Enable the torque of all servos during the measurement.")
-    ] = False,
+    hold: Annotated[bool, typer.Option("--hold", help="Enable torque on all servos during the measurement.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one line of JSON instead of a table.")] = False,
 ) -> None:
     """Measure the speed and error rate of a servo bus.
 
     The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
-    it already holds. Servos whose torque is off are only read, because a goal would enable their torque. With --hold,
-    these servos hold their positions during the measurement, and their torque is disabled at the end. The goal speed
-    and the goal acceleration of servos that are sent goals are set to 0 (no limit). Communication errors are counted
-    and do not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo
+    it already has. Servos whose torque is off are only read, because a goal would enable their torque. With --hold,
+    these servos hold their positions during the measurement, and their torque is disabled at the end. For servos that
+    are sent goals, the goal speed and the goal acceleration are set to 0 (no limit). Communication errors are counted
+    and do not stop the measurement. The exit status is 1 if no servo responds, if the control table of every servo
     differs from that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
@@ -82,9 +80,9 @@ def arm(
 ) -> None:
     """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    The command writes a report page. It asks for confirmation, because the arm moves slowly to its ready pose, moves
-    one joint after another, and returns. At the end, the torque of the arm is disabled, even after Ctrl-C or an error.
-    A second Ctrl-C skips the return, and the torque may stay enabled. Without ROS, the ROS results are omitted.
+    The command writes a report page. The command asks for confirmation, because the arm moves slowly to its ready pose,
+    moves its joints one by one, and returns. At the end, the arm torque is disabled, even after Ctrl-C or an error. A
+    second Ctrl-C skips the return motion, and the torque may stay enabled. Without ROS, the ROS results are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from drivers.clock import MonotonicClock

@@ -47,8 +47,8 @@ def calibrate(
     """Find the zero and direction of each joint, and store them next to the robot file.
 
     Torque is off unless a message announces that it will be enabled, and it is always off at the end. Nothing is stored
-    before you have seen and confirmed the result. With --auto you must still watch the arm and confirm in which
-    direction each joint moved. If an arm has several buses, one bus at a time is calibrated.
+    until you have seen and confirmed the result. With --auto, you must still watch the arm and confirm the direction in
+    which each joint moved. If an arm has several buses, they are calibrated one at a time.
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
     from servoloop.commands.output.calibrate_terminal import Terminal
@@ -88,7 +88,7 @@ def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[st
 
 
 def _require_writable(robot: Path) -> None:
-    """Raise DriverError if the calibration cannot be stored, before the user moves any joint."""
+    """Raise DriverError before the user moves any joint if the calibration cannot be stored."""
     from servoloop.stack.result_files import require_writable
 
     try:
@@ -100,7 +100,7 @@ def _require_writable(robot: Path) -> None:
 def _calibrated(
     arm: "ArmFolder", files: "ServoFiles", line: tuple[str, str], terminal: Any, auto: bool
 ) -> "CalibrationOutcome":
-    """Calibrate the joints on one bus. ``line`` holds the name and the device of the bus."""
+    """Calibrate the joints on one bus. ``line`` contains the name and the device of the bus."""
     from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run
@@ -129,7 +129,7 @@ def _calibrated(
 
 
 def _outcome_as_json(outcome: "CalibrationOutcome") -> dict[str, Any]:
-    """Return the outcome as JSON content."""
+    """Return the outcome as data for JSON output."""
     return {
         "stored": outcome.stored,
         "file": str(outcome.path),
@@ -156,8 +156,8 @@ def hand(
     do: Annotated[
         str,
         typer.Argument(
-            help="hold, release or move joints; look (print positions); lay (put cube, bins and stand back); "
-            "connect or disconnect servos (with `emulate --box`)."
+            help="hold, release or move: act on joints; look: print the positions; lay: put the cube, the bins and "
+            "the stand back; connect or disconnect: plug or unplug servos (with `emulate --box`)."
         ),
     ],
     joint: Annotated[
@@ -215,9 +215,9 @@ def import_(
 ) -> None:
     """Import a LeRobot calibration file for an arm.
 
-    Directions, homing offsets and travel come from the file; the zeros are computed from the travel. Nothing is written
-    to the servos, because they already contain LeRobot's offsets. The previous calibration file is kept as a backup.
-    Example: `servoloop calibration import my_arm.json --arm so101`
+    Directions, homing offsets and travel are read from the file; the zeros are computed from the travel. Nothing is
+    written to the servos, because they already contain LeRobot's offsets. The previous calibration file is kept as a
+    backup. Example: `servoloop calibration import my_arm.json --arm so101`
     """
     known = known_arm(arm)
     made, written = import_calibration(file, known.robot, known.joints, known.plans, prefix)
@@ -244,7 +244,7 @@ def export(
     if json:
         print_json({"written": str(file)})
     else:
-        typer.echo(f"{file} contains the travel and homing offsets of the servos, but no zeros: {ITS_ZERO}")
+        typer.echo(f"{file} contains the travel and homing offsets of the servos, but not their zeros: {ITS_ZERO}")
 
 
 @app.command()

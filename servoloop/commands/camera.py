@@ -1,4 +1,4 @@
-"""``servoloop camera``: list, show and calibrate cameras, and print the board for the calibration."""
+"""``servoloop camera``: list, show and calibrate cameras, and print the calibration board."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ Source = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """Image size and rate to request from a camera."""
+    """Image size and frame rate to request from a camera."""
 
     width: Annotated[int, typer.Option(min=16, max=16384, help="Width of the images, in pixels.")] = 640
     height: Annotated[int, typer.Option(min=16, max=16384, help="Height of the images, in pixels.")] = 480
@@ -36,7 +36,7 @@ class CameraFormat:
 
     @contextmanager
     def opened(self, source: str) -> "Iterator[CameraSource]":
-        """Open a source, and close it at the end of the block. Raises CameraError."""
+        """Open a source, and close it when the block ends. Raises CameraError."""
         require_extras("the camera", "vision")
         from drivers.clock import MonotonicClock
         from perception.sources.choice import source_of
@@ -58,7 +58,7 @@ class BoardSize:
     columns: Annotated[int, typer.Option(min=4, max=14, help="Number of squares along the upper edge.")] = 9
     rows: Annotated[int, typer.Option(min=4, max=10, help="Number of squares along the left edge.")] = 6
     square: Annotated[
-        float, typer.Option(min=5.0, max=200.0, help="Side of a square in mm, as measured on the print.")
+        float, typer.Option(min=5.0, max=200.0, help="Side length of a square in mm, as measured on the print.")
     ] = 30.0
 
     def board(self) -> "Board":
@@ -72,10 +72,10 @@ class BoardSize:
 class BoardOnTable:
     """Pose of the board on the table."""
 
-    x: Annotated[float, typer.Option(help="x of the top left corner of the board in base_link, in m.")]
-    y: Annotated[float, typer.Option(help="y of the top left corner of the board in base_link, in m.")]
+    x: Annotated[float, typer.Option(help="x coordinate of the board's top left corner in base_link, in m.")]
+    y: Annotated[float, typer.Option(help="y coordinate of the board's top left corner in base_link, in m.")]
     yaw: Annotated[float, typer.Option(help="Direction of the upper edge in degrees: 0 along x, 90 along y.")] = -90.0
-    z: Annotated[float, typer.Option(help="z of the board in base_link, in m.")] = 0.0
+    z: Annotated[float, typer.Option(help="z coordinate of the board in base_link, in m.")] = 0.0
 
     def place(self) -> "BoardPlace":
         """Return the pose of the board."""
@@ -86,7 +86,7 @@ class BoardOnTable:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Number of views to take, and the maximum time to take them."""
+    """Number of views to capture, and the maximum time for capturing them."""
 
     views: Annotated[int, typer.Option(min=8, max=100, help="Number of views to take.")] = 15
     timeout: Annotated[float, typer.Option(min=1.0, max=3600.0, help="Maximum time, in seconds.")] = 180.0
@@ -94,7 +94,7 @@ class Effort:
 
 @app.command("list")
 def list_cameras(json: JsonOption = False) -> None:
-    """List the cameras of this machine, and the programs that use them.
+    """List the cameras on this machine and the programs that use them.
 
     The command does not open any camera. Example: `servoloop camera list`
     """
@@ -129,7 +129,7 @@ def show(
     out: Annotated[Path, typer.Option(help="Image file to write, PNG or JPEG.")] = Path("camera.png"),
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="Duration of the measurement, in s.")] = 3.0,
 ) -> None:
-    """Save an image from a camera, and measure its actual frame rate.
+    """Save an image from a camera, and measure the camera's actual frame rate.
 
     Example: `servoloop camera show 0 --out camera.png`
     """
@@ -158,9 +158,10 @@ def board(
     out: Annotated[Path, typer.Argument(help="File to write, PDF or PNG.")],
     size: BoardSize,
 ) -> None:
-    """Write the printable board for the calibration.
+    """Write the printable calibration board.
 
-    Print the board at 100 %, glue it to a flat plate, and measure a square. Example: `servoloop camera board board.pdf`
+    Print the board at 100 %, glue it to a flat plate, and measure one of its squares. Example: `servoloop camera board
+    board.pdf`
     """
     require_extras("the board", "vision")
     from perception.calibration.board import board_pdf, board_picture
@@ -186,10 +187,10 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="Intrinsics file to write.")] = Path("camera.yaml"),
     name: Annotated[str, typer.Option(help="Name of the camera in the file.")] = "camera",
 ) -> None:
-    """Calibrate the lens of a camera with views of the board.
+    """Calibrate a camera lens with views of the board.
 
-    Show the board in all parts of the image and tilted to all sides. Hold the board still for a moment in each pose.
-    Example: `servoloop camera calibrate 0 --square 30`
+    Show the board in all parts of the image and tilted in all directions. Hold the board still for a moment in each
+    pose. Example: `servoloop camera calibrate 0 --square 30`
     """
     from perception.calibration.lens import calibrate_lens
     from perception.intrinsics import intrinsics_text
@@ -237,7 +238,7 @@ def plane(
 
 
 def _collect(camera: "CameraSource", board: "Board", effort: Effort) -> "list[BoardView]":
-    """Return views of the board, from a camera or from all images of a recording."""
+    """Return views of the board, either from a camera or from all images of a recording."""
     from perception.calibration.board import BoardDetector
     from perception.calibration.collect import ViewCollector
     from perception.errors import SourceEnded
@@ -264,7 +265,7 @@ def _save_picture(path: Path, picture: "Picture") -> None:
 
 
 def _encoded(picture: "Picture", ending: str) -> bytes:
-    """Encode a gray or BGR image in the file format that ``ending`` selects."""
+    """Encode a gray or BGR image in the file format selected by the suffix ``ending``."""
     import cv2
 
     from perception.errors import CameraError

@@ -35,15 +35,15 @@ NOT_EXAMINED = "Run more seeds, or list the conditions that the campaign must ex
 
 @dataclass(frozen=True, slots=True)
 class CampaignRuns:
-    """Runs of a campaign, and the processes or the cluster that execute them."""
+    """Runs of a campaign, and the processes or the cluster that executes them."""
 
     seeds: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 100
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0
+    first: Annotated[int, typer.Option(min=0, help="Random seed of the first run.")] = 0
     jobs: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Number of processes (default: the number of processors). 0 uses this process, for debugging.",
+            help="Number of processes (default: the number of processors). 0 uses only this process, for debugging.",
         ),
     ] = None
     ray: Annotated[
@@ -58,7 +58,7 @@ class CampaignRuns:
         return range(self.first, self.first + self.seeds)
 
     def processes(self) -> int:
-        """Return the number of processes; 0 for this process."""
+        """Return the number of processes, or 0 for this process."""
         return self.jobs if self.jobs is not None else os.cpu_count() or 1
 
 
@@ -137,16 +137,17 @@ def _run(scenario: "Scenario", runs: CampaignRuns, stop: "Stop") -> "tuple[Tally
 def _keep(
     tally: "Tally", out: Path, stop: "Stop", apart: bool
 ) -> "tuple[list[KeptViolation], Path | None, DriverError | None]":
-    """Write schedules, traces and the report. An error is returned, not raised, so that the results are printed first.
+    """Write schedules, traces and the report. The error is returned instead of raised, so that the results are printed
+    first.
 
     Args:
         tally: Results of the campaign.
         out: Folder for the files.
         stop: Function that returns whether to stop minimizing.
-        apart: Whether minimizing takes place in a separate process.
+        apart: Whether to minimize in a separate process.
 
     Returns:
-        The saved violations, the file of the report if it was written, and the error.
+        The saved violations, the report file if it was written, and the error.
     """
     from rich.console import Console
     from rich.progress import track
@@ -248,7 +249,7 @@ def _print(tally: "Tally", kept: "list[KeptViolation]", page: Path | None) -> No
 
 
 def _marks(tally: "Tally") -> "Table":
-    """Return a table that shows how often each invariant examined its condition."""
+    """Return a table that shows how often the condition of each invariant was checked."""
     from rich.table import Table
 
     table = Table("invariant", "examined", "runs that violate it")

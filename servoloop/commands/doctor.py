@@ -1,4 +1,4 @@
-"""``servoloop doctor``: list the faults of an arm, most likely cause first, with the commands that correct them."""
+"""``servoloop doctor``: list the faults of an arm, most likely cause first, with the commands that fix them."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -84,7 +84,7 @@ def doctor(
 
 
 def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
-    """Return the motion test, which signals can stop. Without signals, return an empty test."""
+    """Return the motion test, which can be stopped by signals. If there are no signals, return an empty test."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
     from hal.compensation.gravity import Gravity

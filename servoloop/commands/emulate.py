@@ -74,7 +74,7 @@ def _require_page(urdf: Path | None) -> None:
 
 
 def _require_paths(link: Path, pictures: Path | None) -> None:
-    """Check the path of the bus and create the folder of the images. Raises DriverError."""
+    """Check the bus path and create the image folder. Raises DriverError."""
     if not link.name:
         raise DriverError(f"LINK must be an unused path such as ./bus, not {str(link)!r}")
     if pictures is not None:
@@ -82,7 +82,7 @@ def _require_paths(link: Path, pictures: Path | None) -> None:
 
 
 def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[FaultEvent]":
-    """Read the fault file. Raises FaultError if a fault does not apply to the servos."""
+    """Read the fault file. Raises FaultError if a fault cannot affect the servos."""
     from servoloop.simulation.stack_faults import inventory_of, require_possible_in
     from sim_backend.faults.script import read_script
 
@@ -102,7 +102,7 @@ def _ready(link: Path, files: ServoFiles) -> str:
 
 @contextmanager
 def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a function that reports the servos as ready and, if requested, starts the view in its own process."""
+    """Yield a function that reports that the servos are ready and, if requested, starts the view in its own process."""
     pages: list[subprocess.Popen[bytes]] = []
 
     def show(ready: str) -> None:
@@ -146,7 +146,7 @@ def fault(
         _list(json)
         return
     if link is None:
-        raise DriverError("pass the LINK of the emulator, such as ./bus; `servoloop fault --list` shows all kinds")
+        raise DriverError("pass the LINK of the emulator, such as ./bus; `servoloop fault --list` lists all faults")
     command: dict[str, Any] = {"do": "fault", "clear": clear}
     if what:
         command["text"] = what[0] if len(what) == 1 else shlex.join(what)
@@ -177,7 +177,7 @@ def _list(json: bool) -> None:
 
 
 def does(kind: str) -> str:
-    """Return a sentence that describes a fault kind."""
+    """Return a sentence that describes a fault type."""
     from sim_backend.faults.events import KINDS
 
     return " ".join((KINDS[kind].__doc__ or "").split("\n\n")[0].split())

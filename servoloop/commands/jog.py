@@ -1,4 +1,4 @@
-"""``servoloop jog``, ``stop`` and ``pose``: move a running arm with keys, stop it, and save and approach poses."""
+"""``servoloop jog``, ``stop`` and ``pose``: move a running arm with keys, stop it, save poses and move to them."""
 
 import sys
 from pathlib import Path
@@ -69,7 +69,7 @@ def stop(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
 
 
 class Jogging:
-    """Jog session, which handles keys, sends motions and shows the joints."""
+    """Jog session that handles keys, sends motions and shows the joints."""
 
     def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
         from servoloop.stack.terminal import HeldKey
@@ -81,7 +81,7 @@ class Jogging:
         self._chosen = 0
         self._key = HeldKey(TAP_S)
         self._way = 0.0
-        """Direction of the motion; 0 at rest."""
+        """Direction of the motion, or 0 at rest."""
         self._began_s: float | None = None
         """Start time of the motion on the monotonic clock, in seconds."""
         self._sent_s = 0.0
@@ -89,7 +89,7 @@ class Jogging:
         self._message = ""
 
     def step(self) -> None:
-        """Process the pressed keys, and move the chosen joint by one step if its key is held."""
+        """Process the pressed keys, and move the selected joint by one step if its key is held."""
         from servoloop.manual.joints_now import HandlingError
         from servoloop.stack.terminal import typed
 
@@ -123,7 +123,7 @@ class Jogging:
         if key in WAYS:
             now_s = monotonic()
             new = self._key.press(key, now_s)
-            if new or (self._key.held(now_s) and not self._way):  # key repeats after a short press continue the motion
+            if new or (self._key.held(now_s) and not self._way):  # key repeats after a short press resume the motion
                 self._way, self._began_s = WAYS[key], None
             return
         self._stop()
@@ -203,7 +203,7 @@ def go(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None) -
             client.connect()
             while not client.approach(pose):
                 if signals.count:
-                    raise Interrupted("interrupted; the arm has stopped before the pose")
+                    raise Interrupted("interrupted; the arm stopped before it reached the pose")
                 sleep(POLL_S)
     typer.echo(f"{robot.arm} is at {name}")
 
@@ -229,7 +229,7 @@ def remove(name: Name, arm: ArmOption = OWN) -> None:
 
 
 def _poses(arm: str) -> "Poses":
-    """Return the poses of an arm, or of any folder with a pose file, such as the folder of a URDF."""
+    """Return the poses of an arm, or of any folder that contains a pose file, such as a URDF's folder."""
     from servoloop.manual.poses import FILE, Poses
     from servoloop.stack.arm_folders import find_arm
 

@@ -34,15 +34,15 @@ SAME = "All servos match the passport."
 
 @dataclass(frozen=True, slots=True)
 class PassportPlace:
-    """Passport file, and the bus whose servos it describes."""
+    """Passport file, and the bus with the servos that it describes."""
 
     file: Annotated[
         Path | None,
-        typer.Argument(help="Passport file (default: SERIAL.passport.yaml, with the serial number of the adapter)."),
+        typer.Argument(help="Passport file (default: SERIAL.passport.yaml, with the adapter's serial number)."),
     ] = None
     port: PortOption = None
     arm: Annotated[
-        str | None, typer.Option(help="Arm of the servos: a name that `servoloop arms` lists, or an arm folder.")
+        str | None, typer.Option(help="Arm with the servos: a name that `servoloop arms` lists, or an arm folder.")
     ] = None
     robot: RobotOption = None
     bus: Annotated[str | None, typer.Option(help="Bus, if the robot file has several.")] = None
@@ -60,14 +60,14 @@ class PassportPlace:
         return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
 
     def robot_file(self) -> RobotFile | None:
-        """Return the robot file of the servos, or None if the command line names no robot file."""
+        """Return the robot file of the servos, or None if the command line does not specify a robot file."""
         path = self.robot or (find_arm(self.arm).robot if self.arm else None)
         if self.bus is not None and path is None:
             raise PassportError("--bus selects a bus of a robot file; add --arm or --robot, or omit --bus")
         return load_robot_file(path) if path else None
 
     def baud(self, otherwise: int) -> int:
-        """Return the baud rate in the robot file, or ``otherwise`` without a robot file."""
+        """Return the baud rate from the robot file, or ``otherwise`` if there is no robot file."""
         robot = self.robot_file()
         return robot.lines()[bus_of(robot, self.bus)].baud if robot else otherwise
 
@@ -84,8 +84,8 @@ def save(
 ) -> None:
     """Save the EEPROM of all servos to a file.
 
-    The command reads the servos of the robot file or, without a robot file, all STS servos that answer. The command
-    writes nothing to the servos. An existing file is kept as a backup.
+    The command reads the servos of the robot file or, without a robot file, all STS servos that respond. The command
+    does not write anything to the servos. An existing file is kept as a backup.
     Example: `servoloop passport save my_arm.passport.yaml`
     """
     path, robot_file = place.path(), place.robot_file()
@@ -99,7 +99,7 @@ def save(
         print_json({"written": str(path), **taken.model_dump()})
     else:
         servos = ", ".join(map(str, taken.servos))
-        typer.echo(f"{path}: saved servos {servos} of the adapter {taken.adapter or 'without a serial number'}")
+        typer.echo(f"{path}: saved servos {servos} on the adapter {taken.adapter or 'without a serial number'}")
 
 
 @app.command()
@@ -126,21 +126,21 @@ def diff(
 @grouped_options
 def restore_(
     place: PassportPlace,
-    servo_id: Annotated[int | None, typer.Option("--id", help="Restore only this servo of the passport.")] = None,
+    servo_id: Annotated[int | None, typer.Option("--id", help="Restore only this servo from the passport.")] = None,
     to_new: Annotated[
-        bool, typer.Option("--to-new", help="Write the data of servo --id to a new servo. Connect only the new servo.")
+        bool, typer.Option("--to-new", help="Write the saved data of --id to a new servo. Connect only the new servo.")
     ] = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Write the passport's values to all registers that differ, after you have confirmed the changes.
 
-    Servos with torque enabled are refused. Each register is read back. The EEPROM is then locked, and the servo is
-    restarted. Example, after replacing the gripper's servo:
+    Servos with torque enabled are rejected. Each register is read back. The EEPROM is then locked, and the servo is
+    rebooted. Example, after replacing the gripper's servo:
     `servoloop passport restore my_arm.passport.yaml --id 6 --to-new`
     """
     if to_new and servo_id is None:
-        raise PassportError("--to-new needs --id, the servo of the passport that the new servo replaces")
+        raise PassportError("--to-new requires --id: the ID of the servo that the new servo replaces")
     if json and not yes:
         raise PassportError("--json cannot ask for confirmation; add --yes")
     passport = read_passport(place.path())
@@ -180,9 +180,9 @@ def _print_comparison(found: Comparison, passport: Passport, adapter: str | None
     if found.differences:
         print_table(Console(), table, "joint", "register")
     for servo_id in found.absent:
-        typer.echo(f"servo {servo_id} does not answer")
+        typer.echo(f"servo {servo_id} does not respond")
     for servo_id in found.others:
-        typer.echo(f"servo {servo_id} answers, but it is not in the passport")
+        typer.echo(f"servo {servo_id} responds, but it is not in the passport")
     if found.same:
         typer.echo(SAME)
 

@@ -20,7 +20,7 @@ def ports(
     timeout: Annotated[float, typer.Option(min=0.1, help="Maximum time that --wait waits, in seconds.")] = 60.0,
     json: JsonOption = False,
 ) -> None:
-    """List the serial adapters with their chip, serial number, permissions, users and problems.
+    """List the serial adapters with their chips, serial numbers, permissions, users and problems.
 
     The command does not open any port.
     Example: `servoloop ports`, or `servoloop ports --wait` while you plug in an adapter

@@ -1,4 +1,4 @@
-"""``servoloop record``, ``plot`` and ``replay``: record a running stack, draw a recording, and repeat its motion."""
+"""``servoloop record``, ``plot`` and ``replay``: record a running stack, plot a recording, and repeat its motion."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -36,7 +36,7 @@ def record(
     arm: RunningArm = None,
     namespace: RunningNamespace = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="Duration in seconds (default: until Ctrl-C or the end of the stack).")
+        float | None, typer.Option(min=0.0, help="Duration in seconds (default: until Ctrl-C or until the stack ends).")
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -71,10 +71,10 @@ def plot(
     out: Annotated[Path | None, typer.Option(help="HTML page to write (default: next to the recording).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw plots of a recording on a web page.
+    """Plot a recording on a web page.
 
-    The plots show commands, positions, velocities, efforts, the timing of the control loop and faults. The page works
-    offline. If the recorded program was killed, the complete part of its recording is drawn.
+    The plots show commands, positions, velocities, efforts, control loop timing and faults. The page works offline. If
+    the recorded program was killed, the complete part of its recording is plotted.
     Example: `servoloop plot out/run.mcap`
     """
     from rich.console import Console
@@ -111,13 +111,13 @@ def replay(
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
-    You can hold any key except q, which ends the command. The arm first moves slowly to the start of the recording.
-    Then the arm follows the recorded joint positions. Without --port and --running, the recording is only shown, as
-    with `servoloop view`.
+    Any key except q can be held; q ends the command. The arm first moves slowly to the start of the recording. Then the
+    arm follows the recorded joint positions. Without --port and --running, the recording is only shown, as with
+    `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
     if running and place.port is not None:
-        raise DriverError("--running moves the arm of `servoloop up`, which uses the port: omit --port")
+        raise DriverError("--running moves the arm of `servoloop up`, which already uses the port: omit --port")
     if not running and place.port is None:
         _require_no_motion_options(place, options)
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
@@ -126,7 +126,7 @@ def replay(
 
 
 def _require_no_motion_options(place: TaughtArm, options: PlayOptions) -> None:
-    """Raise DriverError if an option chooses an arm or a motion although the recording is only shown."""
+    """Raise DriverError if an option selects an arm or a motion although the recording is only shown."""
     unset = PlayOptions()
     given = {
         "--arm": place.arm is not None,
@@ -135,13 +135,13 @@ def _require_no_motion_options(place: TaughtArm, options: PlayOptions) -> None:
         "--hands-free": options.hands_free,
     }
     if names := [name for name, is_given in given.items() if is_given]:
-        raise DriverError(f"{names[0]} applies to an arm that moves: add --port or --running, or omit {names[0]}")
+        raise DriverError(f"{names[0]} applies only if the arm moves: add --port or --running, or omit {names[0]}")
 
 
 def _recorded_motion(
     recording: Path, folder: Path | None, joints: Sequence[str], limits: Sequence[JointLimits]
 ) -> "RecordedMotion":
-    """Return the motion of a recording. Raises TeachError if the recording does not fit the arm."""
+    """Return the motion contained in a recording. Raises TeachError if the recording does not match the arm."""
     from servoloop.teach.recorded import recorded_motion
 
     described = read_arm_files(find_arm(str(folder))).description.joints.values() if folder is not None else ()

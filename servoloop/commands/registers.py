@@ -1,4 +1,5 @@
-"""Options and output of ``servoloop register``: tables, registers without a name, and servos that answer only pings."""
+"""Options and output of ``servoloop register``: tables, registers without a name, and servos that respond only to
+pings."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -19,12 +20,12 @@ Span = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class RegisterAddress:
-    """Options that select a register by its address."""
+    """Options that select a register by address."""
 
     address: Annotated[
         int | None,
         typer.Option(
-            "--address", min=0, help="Address of a register, instead of its name, for a model without a table."
+            "--address", min=0, help="Address of a register, instead of its name, if the model has no control table."
         ),
     ] = None
     size: Annotated[int | None, typer.Option("--size", help="Size of the register at --address: 1, 2 or 4 bytes.")] = (
@@ -32,21 +33,21 @@ class RegisterAddress:
     )
 
     def span(self) -> Span | None:
-        """Return the address and the size, or None if neither is given.
+        """Return the address and the size, or None if both are omitted.
 
         Raises CommissioningError if only one is given.
         """
         if self.address is None and self.size is None:
             return None
         if self.address is None or self.size is None:
-            raise CommissioningError("--address and --size belong together: pass both, or the name of a register")
+            raise CommissioningError("--address and --size must be used together: pass both, or the name of a register")
         return self.address, self.size
 
 
 def name_to_read(name: str | None, span: Span | None) -> str:
     """Return the name of the register to read, or an empty string if an address is given instead.
 
-    Raises CommissioningError unless exactly one of them is given.
+    Raises CommissioningError unless exactly one of the two is given.
     """
     if (name is None) == (span is None):
         raise CommissioningError("pass the name of a register, or --address and --size")
@@ -75,7 +76,7 @@ def print_address(servo: "FoundServo", span: Span, json: bool) -> None:
 
 
 def whole_number(value: str) -> int:
-    """Convert the value to write at an address. Raises CommissioningError."""
+    """Convert the value to write to an address. Raises CommissioningError."""
     try:
         return int(value)
     except ValueError:
@@ -83,7 +84,7 @@ def whole_number(value: str) -> int:
 
 
 def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool) -> None:
-    """Write a register by its address after a confirmation, and print the result."""
+    """Write a register by its address after confirmation, and print the result."""
     from commissioning.registers.by_address import write_address
 
     confirm(
@@ -103,13 +104,14 @@ def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool)
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        "--model", help="Model of a servo that answers only pings, to write its status level without a reply."
+        "--model", help="Model of a servo that responds only to pings. Its status level is written without a reply."
     ),
 ]
 
 
 def write_status_level(port: str | None, servo_id: int, baud: int | None, model: str, words: list[str]) -> None:
-    """Make a servo answer reads again. Raises CommissioningError if the register to write is not the status level."""
+    """Make a servo respond to reads again. Raises CommissioningError if the register to write is not the status
+    level."""
     from commissioning.ports.adapters import only_port
     from commissioning.registers.mute import answer_reads
     from drivers.clock import MonotonicClock
@@ -122,7 +124,7 @@ def write_status_level(port: str | None, servo_id: int, baud: int | None, model:
     if words != [series.status_level.name, str(series.answers_all)]:
         raise CommissioningError(
             f"with --model, only '{series.status_level.name} {series.answers_all}' can be written. Omit --model for a "
-            "servo that answers reads"
+            "servo that responds to reads"
         )
     clock = MonotonicClock()
     line = SerialPort(port or only_port(), baud or 1_000_000, clock)
@@ -131,7 +133,7 @@ def write_status_level(port: str | None, servo_id: int, baud: int | None, model:
             level = answer_reads(line, clock, servo_id, MODELS[model], (baud,) if baud else ())
     finally:
         line.close()
-    typer.echo(f"servo {servo_id} answers reads; its {series.status_level.name} is {level}")
+    typer.echo(f"servo {servo_id} responds to reads; its {series.status_level.name} is {level}")
 
 
 def tables(
@@ -140,7 +142,7 @@ def tables(
 ) -> None:
     """List all servo models, or the control table of one model. No servo is needed.
 
-    The servo models of the current folder are included (servo_models.yaml, see docs/add-a-servo.md).
+    The servo models in the current folder are included (servo_models.yaml, see docs/add-a-servo.md).
     Example: `servoloop register tables xl430-w250`
     """
     from rich.console import Console

@@ -43,14 +43,14 @@ def scan(
     ids: Annotated[str | None, typer.Option(help="IDs to ping (default: all), such as 1-6 or 1,2,5.")] = None,
     make: Annotated[
         list[MakeChoice] | None,
-        typer.Option(help="Make to search for, even if servos of other makes answer. May be repeated."),
+        typer.Option(help="Make to search for, even if servos of other makes respond. May be repeated."),
     ] = None,
     arm: Annotated[str | None, typer.Option(help="Arm whose servo IDs and models are checked.")] = None,
     json: JsonOption = False,
 ) -> None:
     """List the servos on a bus, of all makes and at all baud rates, and report their problems.
 
-    The command only pings and reads; torque and registers do not change. Once a servo has answered, the other wire
+    The command only pings and reads; torque and registers do not change. After a servo has responded, the other wire
     protocol is tried only with --make. The exit status is 1 if no servo was found or an expected ID is missing.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
@@ -82,7 +82,7 @@ def scan(
 
 
 def _models(arm: str) -> "dict[int, ServoModel]":
-    """Return the servo models of an arm by ID. Raises DriverError if the arm has several buses."""
+    """Return the servo models of an arm, keyed by servo ID. Raises DriverError if the arm has several buses."""
     from drivers.errors import DriverError
     from drivers.servos.catalog import MODELS
     from servoloop.commands.shared.options import known_arm
@@ -110,16 +110,16 @@ def _bar(console: "Console", quiet: bool) -> Iterator["Progress"]:
 
 
 def print_report(report: "ScanReport", console: "Console") -> None:
-    """Print a table of the servos, then their problems."""
+    """Print a table of the servos, followed by their problems."""
     if report.servos:
         print_table(console, _table(report), "model", "mode", "alarms")
     else:
-        console.print(f"{report.port}: no servo answers. Check the power supply of the servos and their cable.")
+        console.print(f"{report.port}: no servo responds. Check the power supply of the servos and their cable.")
     for servo in report.servos:
         for problem in servo.problems:
             console.print(f"! servo {servo.servo_id}: {problem.text}", style="yellow", highlight=False, markup=False)
     for servo_id in report.absent:
-        text = "does not answer at any of these baud rates; check its power, its cable and its ID"
+        text = "does not respond at any of these baud rates; check its power, its cable and its ID"
         console.print(f"! servo {servo_id}: {text}", style="yellow", highlight=False)
     for baud, count in report.noise.items():
         console.print(f"  {counted(count, 'byte')} of noise at {baud} baud", highlight=False)

@@ -56,9 +56,9 @@ def set_baud(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Change the baud rate of a servo and check that it answers at the new rate.
+    """Change the baud rate of a servo and check that it responds at the new rate.
 
-    The command asks for confirmation, because the servo no longer answers at its old rate.
+    The command asks for confirmation, because the servo no longer responds at its old rate.
     Example: `servoloop set-baud 3 500000 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import set_baud as change
@@ -70,7 +70,7 @@ def set_baud(
     if json:
         print_json(changed)
         return
-    typer.echo(f"servo {servo_id} answers at {changed.new_baud} baud")
+    typer.echo(f"servo {servo_id} responds at {changed.new_baud} baud")
     if changed.old_baud != changed.new_baud:
         where = f" --port {port}" if port else ""
         typer.echo(f"To undo this, run: servoloop set-baud {servo_id} {changed.old_baud}{where}")
@@ -85,8 +85,8 @@ def factory_reset(
 ) -> None:
     """Reset a servo to its factory settings and list the settings that changed.
 
-    The command asks for confirmation. The servo keeps its ID, except that a Dynamixel with protocol 1.0 gets ID 1. Its
-    baud rate may change.
+    The command asks for confirmation. The servo keeps its ID, except that a Dynamixel servo with protocol 1.0 is reset
+    to ID 1. The baud rate may change.
     Example: `servoloop factory-reset 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import factory_reset as reset
@@ -98,7 +98,7 @@ def factory_reset(
     if json:
         print_json(report)
         return
-    typer.echo(f"servo {report.servo_id} answers at {report.baud} baud with its factory settings")
+    typer.echo(f"servo {report.servo_id} responds at {report.baud} baud with its factory settings")
     for was, now in report.changes:
         typer.echo(f"  {was.name}: changed from {was.text} to {now.text}")
 
@@ -110,7 +110,7 @@ def reboot(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Restart the firmware of a servo and wait until it answers.
+    """Restart the firmware of a servo and wait until the servo responds.
 
     A restart disables the torque, so the command asks for confirmation if the torque is enabled.
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
@@ -126,7 +126,7 @@ def reboot(
     if json:
         print_json(report)
     else:
-        typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s; its torque is off")
+        typer.echo(f"servo {servo_id} responds again after {report.took_s:.1f} s; its torque is off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class ServoAddress:
     baud: BaudOption = None
 
     def opened(self) -> "AbstractContextManager[FoundServo]":
-        """Open the port and find the servo for the duration of a block. Signals can interrupt the block."""
+        """Open the port and find the servo while the block runs. Signals can interrupt the block."""
         return servo_at(self.port, self.servo_id, self.baud)
 
 
@@ -182,9 +182,9 @@ def read(
     register: RegisterAddress,
     json: JsonOption = False,
 ) -> None:
-    """Print the value of one register, in its unit and as the raw number.
+    """Print the value of one register, both in its unit and as the raw number.
 
-    A register of a model without a table has no name. Read such a register with --address and --size.
+    On a model without a control table, registers have no names. Read such a register with --address and --size.
     Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
     """
     from commissioning.registers.access import read_register
@@ -222,11 +222,11 @@ def write(
 ) -> None:
     """Write one register and verify it.
 
-    EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
-    torque is enabled, only torque_enable can be written, after a confirmation. After its torque is enabled, a servo
-    holds its current position. After its torque is disabled, a servo drops its load. With --address and --size, a
-    register without a name is written after a confirmation and without these checks. With --model, the status level of
-    a servo that answers only pings is written.
+    EEPROM registers are written only if the value differs, and the EEPROM is locked again afterwards. Goal registers
+    are rejected. While torque is enabled, only torque_enable can be written, and only after confirmation. When its
+    torque is enabled, a servo holds its current position. When its torque is disabled, a servo drops its load. With
+    --address and --size, a register without a name is written after confirmation and without these checks. With
+    --model, the status level of a servo that responds only to pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register

@@ -1,4 +1,4 @@
-"""``servoloop setup``: give factory-new servos the IDs and settings of an arm, one servo after another."""
+"""``servoloop setup``: assign an arm's IDs and settings to factory-new servos, one servo after another."""
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
@@ -109,7 +109,7 @@ def _print(rows: "list[Audit]") -> None:
     from rich.table import Table
 
     table = Table("joint", "servo", "model", "V", "before", "gear", "written")
-    table.title = "All servos answer, have these settings and are locked."
+    table.title = "All servos respond, have these settings and are locked."
     for row in rows:
         was = "" if row.from_id is None else f"ID {row.from_id}"
         was += f", {row.from_baud} baud" if row.from_baud else ""

@@ -35,7 +35,7 @@ class SimulatedRun:
     ] = BACKLASH_DEG
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Seed for random variations of friction, motors, masses and supply by up to 10 %."),
+        typer.Option(min=0, help="Seed for random variations of up to 10 % in friction, motors, masses and supply."),
     ] = None
     faults: Annotated[
         Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")
@@ -56,7 +56,7 @@ class SimulatedRun:
         )
 
     def _grades(self) -> tuple[str, ...]:
-        """Return the grades to pick: all of them if the run has neither jobs nor a duration."""
+        """Return the grades to pick, which are all grades if the run has neither jobs nor a duration."""
         from servoloop.stack.pick_place import load_pick_place
 
         if self.job is None and self.seconds is not None:
@@ -70,9 +70,9 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
     """Run pick-and-place jobs on a virtual arm in simulated time, without ROS.
 
     The command runs the whole stack from the controllers to the simulated physics, faster than real time. The command
-    prints following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give
-    the same digest. Without --job and --seconds, the command picks all grades of the arm once. The exit status is 1 if
-    a job failed.
+    prints following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments
+    produce the same digest. If neither --job nor --seconds is given, the command picks all grades of the arm once. The
+    exit status is 1 if a job failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
     from rich.console import Console
@@ -106,7 +106,7 @@ def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _plain(result: "SimulationResult") -> dict[str, Any]:
-    """Return the result as JSON content."""
+    """Return the result as data for JSON output."""
     return {
         "success": result.success,
         "jobs": [
@@ -133,7 +133,7 @@ def _plain(result: "SimulationResult") -> dict[str, Any]:
 
 
 def _following(result: "SimulationResult") -> dict[str, Any]:
-    """Return the following error of the only arm, or of each of several arms, keyed by controller name."""
+    """Return the following error of a single arm, or of each arm keyed by controller name."""
     errors = {name: error.as_dict(result.joints[name]) for name, error in result.following.items()}
     return errors if len(errors) > 1 else next(iter(errors.values()))
 

@@ -1,4 +1,5 @@
-"""``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
+"""``servoloop teach`` and ``teleop``: record motions that you demonstrate by hand and play them back, and follow a
+leader."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 READY_S: Final = 1.5
-"""Time from enabling the torque until the servos carry the arm and have corrected its sag, in seconds."""
+"""Time from enabling the torque until the servos support the arm and have corrected its sag, in seconds."""
 NO_FOLDER: Final = "the motions of the running arm are unknown: its stack does not report the arm's folder"
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
@@ -45,7 +46,7 @@ Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 
 @dataclass(frozen=True, slots=True)
 class TaughtArm:
-    """Options that choose the arm of a motion: an arm at a port, or a running arm."""
+    """Options that select the arm for a motion: an arm at a port or a running arm."""
 
     port: Annotated[
         str | None,
@@ -69,9 +70,9 @@ class TaughtArm:
     def __post_init__(self) -> None:
         """Raise DriverError if an option does not apply."""
         if self.port is None and self.rate_hz is not None:
-            raise DriverError("--rate applies to an arm at a --port: the running arm keeps its rate")
+            raise DriverError("--rate applies only with --port: a running arm keeps its rate")
         if self.port is not None and self.namespace is not None:
-            raise DriverError("--namespace chooses a running arm: omit --namespace with --port")
+            raise DriverError("--namespace selects a running arm: omit --namespace with --port")
 
     @contextmanager
     def opened(self) -> "Iterator[Arm]":
@@ -92,7 +93,7 @@ class TaughtArm:
             yield arm
 
     def motion(self, of: "MotionOf") -> "RecordedMotion | None":
-        """Return the checked motion of an arm at a port, before the port is opened; None for a running arm."""
+        """Return the checked motion of an arm at a port, before the port is opened, or None for a running arm."""
         if self.port is None:
             return None
         files = side_of(self.arm or OWN, self.port).files
@@ -116,14 +117,16 @@ def record(
     ] = False,
     poses: Annotated[
         bool,
-        typer.Option("--poses", help="Record single poses instead of a path. Enter or p records a pose, and q ends."),
+        typer.Option(
+            "--poses", help="Record single poses instead of a path. Enter or p records a pose; q ends the recording."
+        ),
     ] = False,
     yes: YesOption = False,
 ) -> None:
     """Record a motion while you move the arm by hand, until you press Enter.
 
-    The arm holds its position softly and yields to your hand. At the end, the arm holds its last position, or parks, as
-    set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded and holds its
+    The arm holds its position softly and gives way to your hand. At the end, the arm holds its last position or parks,
+    as set by on_exit in its robot file. Without --port, the arm of the running `servoloop up` is recorded and holds its
     position at the end.
     Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
@@ -181,9 +184,9 @@ def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
     """Play back a recorded motion while you hold a key.
 
     You can hold any key except q, which ends the command. The arm first moves slowly to the start of the motion, and
-    then follows the motion. The arm stops when you release the key. At the end, the arm holds its position or parks, as
-    set by on_exit in its robot file. Without --port, the motion is played on the arm of the running `servoloop up`,
-    which holds its position at the end.
+    then follows it. The arm stops when you release the key. At the end, the arm holds its position or parks, as set by
+    on_exit in its robot file. Without --port, the motion is played on the arm of the running `servoloop up`, which
+    holds its position at the end.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     play_motion(place, partial(_saved_motion, name), options)
@@ -192,7 +195,7 @@ def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
 def _saved_motion(
     name: str, folder: Path | None, joints: Sequence[str], limits: Sequence[JointLimits]
 ) -> "RecordedMotion":
-    """Return a saved motion. Raises TeachError if the motion does not fit the arm."""
+    """Return a saved motion. Raises TeachError if the motion does not match the arm."""
     from servoloop.teach.taught import MotionStore, TeachError
 
     if folder is None:
@@ -260,13 +263,13 @@ def summary(motion: "RecordedMotion") -> str:
 
 
 def _plain(motion: "RecordedMotion") -> dict[str, object]:
-    """Return a motion as JSON content."""
+    """Return a motion as data for JSON output."""
     kind, duration_s = ("path", motion.path.duration_s) if motion.path else ("poses", None)
     return {"kind": kind, "joints": motion.joints, "points": len(motion.position), "duration_s": duration_s}
 
 
 def _print_and_confirm(question: str, yes: bool) -> None:
-    """Ask for a confirmation; with ``yes``, print the question and continue."""
+    """Ask for confirmation; with ``yes``, print the question and continue."""
     if yes:
         typer.echo(question, err=True)
     confirm(question, yes)
@@ -292,11 +295,11 @@ def teleop(
 ) -> None:
     """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
-    You can hold any key except a and q; q ends the command. The follower first moves slowly to the leader's pose, and
-    then follows the leader. The follower holds its position when you release the key or the leader is lost. Key a
+    Any key except a and q can be held; q ends the command. The follower first moves slowly to the leader's pose, and
+    then follows the leader. The follower holds its position when you release the key or the leader is lost. The a key
     enables the torque of follower servos that have disabled it. At the end, the follower holds its position or parks,
-    as set by on_exit in its robot file. The leader's torque is always off. The command asks before it disables the
-    leader's torque.
+    as set by on_exit in its robot file. The leader's torque is always off. The command asks for confirmation before it
+    disables the leader's torque.
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
     `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """

@@ -20,7 +20,7 @@ from servoloop.stack.terminal import log_to_terminal
 
 @dataclass(frozen=True, slots=True)
 class TopicHostOptions:
-    """Options of the loop and its topics."""
+    """Options for the loop and its topics."""
 
     rate: Annotated[
         int | None,

@@ -34,7 +34,7 @@ FOLDER: Final = Path("out") / "tune"
 
 @dataclass(frozen=True, slots=True)
 class TuneRequest:
-    """Joint to measure, its position, and the gains to write before it is measured again."""
+    """Joint to measure, the joint's position, and the gains to write before the second measurement."""
 
     joint: Annotated[str, typer.Argument(help="Joint to measure.")]
     more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None
@@ -74,11 +74,11 @@ def tune(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure how a joint follows steps and a sine, and propose gains for its servo.
+    """Measure how well a joint follows steps and a sine wave, and propose gains for its servo.
 
-    The command asks for confirmation before the arm moves. It reports overshoot, settling time, delay, sag, following
-    error and oscillation. Gains are written only with --write or --apply. The command then measures again and shows
-    both results side by side. Stop the stack first, because the command opens the port itself.
+    The command asks for confirmation before the arm moves. The command reports overshoot, settling time, delay, sag,
+    following error and oscillation. Gains are written only with --write or --apply. The command then measures again and
+    shows both results side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
     from rich.console import Console
@@ -117,7 +117,7 @@ def tune(
 
 @dataclass(frozen=True, slots=True)
 class _EndingText:
-    """Texts about the final state of the arm: the announcement before and the report after the measurement."""
+    """Texts about the final state of the arm: an announcement before the measurement and a report after it."""
 
     announced: str
     reached: str
@@ -126,7 +126,7 @@ class _EndingText:
 def _tuner(
     files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signals: "Signals"
 ) -> "tuple[Tuner, _EndingText]":
-    """Return the tuner of a joint and the texts about the final state of the arm."""
+    """Return the tuner of a joint and the texts about the arm's final state."""
     from commissioning.tune.tuner import Ending, Tuner
     from drivers.clock import MonotonicClock
     from servoloop.stack.devices import world_feed
@@ -154,7 +154,7 @@ def _ending_text(relax: bool, park: bool) -> _EndingText:
 
 
 def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> "OpenBuses":
-    """Return a function that opens all buses for joints whose P gains may differ from the robot file's."""
+    """Return a function that opens all buses, for joints whose P gains may differ from those in the robot file."""
     from servoloop.stack.hardware import open_buses
 
     def opened(joints: "Sequence[Joint]") -> "Mapping[str, Bus]":
@@ -165,9 +165,9 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
 
 
 def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", end: str) -> str:
-    """Return the question that describes all motions and writes.
+    """Return the question that describes all motions and register writes.
 
-    Raises TuneError if a motion or a write is not possible.
+    Raises TuneError if a motion or a write is impossible.
     """
     from commissioning.tune.trial import plan_for, plan_question
 
@@ -200,7 +200,7 @@ def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", sig
 
 
 def _drawn(path: Path, report: "TuneReport") -> Path | None:
-    """Draw the plot and return its path, or None without the extra ``report``.
+    """Draw the plot and return its path, or None without the ``report`` extra.
 
     Raises DriverError if the plot cannot be written.
     """
@@ -214,7 +214,7 @@ def _drawn(path: Path, report: "TuneReport") -> Path | None:
 
 
 def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> None:
-    """Print the results, the proposed gains and instructions to keep the gains."""
+    """Print the results, the proposed gains and instructions for keeping the gains."""
     from servoloop.commands.output.tune_output import table, words
 
     console.print(table(report))

@@ -41,7 +41,7 @@ PortOption = Annotated[
     list[str] | None,
     typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
 ]
-ReadyFileOption = Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")]
+ReadyFileOption = Annotated[Path | None, typer.Option(help="File to create when the stack is ready for goals.")]
 
 
 @grouped_options
@@ -76,7 +76,7 @@ def up(
     files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
     with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search:
-        from servoloop.up import OwnControllers  # The search continues while this import runs.
+        from servoloop.up import OwnControllers  # The search continues in the background during this import.
         from servoloop.up import up as run
 
         status = run(hardware, devices, files, ready, options, OwnControllers(search))
@@ -97,13 +97,13 @@ def _check_planning(options: UpOptions) -> None:
     Raises DriverError or RosError.
     """
     if not options.ros:
-        raise DriverError("--plan needs ROS 2: omit --no-ros")
+        raise DriverError("--plan requires ROS 2: omit --no-ros")
     require_extras("motion planning", "planning")
     require_ros(PLANNING_PACKAGES)
 
 
 def write_ready(path: Path) -> None:
-    """Write the file atomically. A failure is logged and does not end the stack."""
+    """Write the file atomically. A failure is logged and does not stop the stack."""
     partial = path.with_name(path.name + ".part")
     try:
         partial.write_text(f"{os.getpid()}\n")
@@ -117,7 +117,7 @@ def write_ready(path: Path) -> None:
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
     action: Annotated[
-        str | None, typer.Option(help="Action of the pick-and-place node (default: sorting/arm/pick_place).")
+        str | None, typer.Option(help="Action name of the pick-and-place node (default: sorting/arm/pick_place).")
     ] = None,
     network: NetworkOption = False,
     namespace: NamespaceOption = "",
@@ -160,9 +160,10 @@ def demo(
 ) -> None:
     """Sort cubes with a virtual arm, show the progress and measure the motion.
 
-    With all grades, two more cubes are sorted for comparison: one without gravity compensation and one without lead.
-    If the robot has several arms, all arms sort at the same time, without comparison.
-    The exit status is 0 if every cube is in the right bin.
+    If all grades are sorted, two more cubes follow for comparison: one without gravity compensation and one without
+        lead.
+    If the robot has several arms, all arms sort at the same time, without this comparison.
+    The exit status is 0 if every cube is in the correct bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
     from rich.console import Console

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Environment variables. At least one of them is set on a machine with a screen."""
+"""Environment variables. At least one of them is set on a machine with a display."""
 CAMERA_BELOW: Final = 0.25
-"""Position of the camera image among the controls, after the buttons and before the folder *Arm*."""
+"""Position of the camera image among the controls, after the buttons and before the *Arm* folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class PageOptions:
-    """Options of the page."""
+    """Options for the page."""
 
     port: Annotated[
         int,
@@ -41,7 +41,7 @@ class PageOptions:
     host: Annotated[
         str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")
     ] = "127.0.0.1"
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True
 
 
 @grouped_options
@@ -65,7 +65,7 @@ def view(
 ) -> None:
     """Show a running arm, a recording or virtual servos in a browser.
 
-    The page works offline. The buttons of the page move a running arm while you hold them. Ctrl-C ends the command
+    The page works offline. The buttons on the page move a running arm while you hold them. Ctrl-C ends the command
     without affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
     """
     require_extras("the view", "view")
@@ -115,7 +115,7 @@ def _serve(
 
 
 def _scene_watch(namespace: str) -> "SceneWatch | None":
-    """Start watching the motion planner of the arm, if ROS 2 is installed."""
+    """Start watching the arm's motion planner, if ROS 2 is installed."""
     try:
         require_ros(PLANNING_PACKAGES)
     except RosError:
@@ -142,7 +142,7 @@ def _live_camera(clock: Clock, namespace: str) -> "LiveCamera | None":
 def _opened(
     recording: Path | None, bus: Path | None, choice: RunningChoice, clock: Clock
 ) -> "tuple[LiveSource | PlayedRecording | EmulatorSource, Path | None]":
-    """Open the source and return it with the folder of its arm, or None if only the URDF of the arm is known."""
+    """Open the source and return it with the folder of its arm, or with None if only the arm's URDF is known."""
     from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import find_arm
     from servoloop.stack.shipped_files import OWN
@@ -164,7 +164,7 @@ def _emulated(bus: Path, arm: "ArmFolder", clock: Clock) -> "EmulatorSource":
 
 
 NICE: Final = 5
-"""Niceness of the monitor, so that a control loop on the same machine has priority."""
+"""Niceness of the monitor process, so that a control loop on the same machine has priority."""
 
 
 def monitor(

@@ -1,4 +1,4 @@
-"""Tree of an arm's links, with their poses and the pose of the tool at given joint positions."""
+"""Tree of an arm's links, with the link poses and the tool pose at given joint positions."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ from servoloop.recording.sampler import LinkPose, LinkPoses
 
 HERE: tuple[Vector, Quaternion] = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 BETWEEN = 16
-"""Number of points drawn between two points of a goal."""
+"""Number of points drawn between two consecutive points of a goal."""
 
 
 class DrawnArm:
@@ -42,7 +42,8 @@ class DrawnArm:
         return f"{self.branch(joint.parent) if joint else ''}/{link}"
 
     def joint_of(self, link: str) -> str | None:
-        """Return the measured joint that moves a link, or None. A mimic joint counts as the joint that it follows."""
+        """Return the measured joint that moves a link, or None if there is none. A mimic joint is treated as the joint
+        that it follows."""
         joint = self._above.get(link)
         while joint is not None:
             if joint.name in self.measured:
@@ -64,7 +65,8 @@ class DrawnArm:
         return self._poses.moving(position)
 
     def tool_link(self, joints: Sequence[str]) -> str:
-        """Return the last link of the chain: the child of the last of these joints, or the last link fixed to it."""
+        """Return the last link of the chain: the child of the last of these joints, or the last link fixed to that
+        child."""
         depths = {self._joints[name].child: self.branch(self._joints[name].child).count("/") for name in joints}
         link = max(depths, key=lambda child: depths[child])
         while after := [j.child for j in self._joints.values() if j.parent == link and j.kind == "fixed"]:
@@ -72,7 +74,7 @@ class DrawnArm:
         return link
 
     def pose(self, link: str, position: FloatArray) -> tuple[Vector, Quaternion]:
-        """Return the pose of a link in the frame of the root link, in meters, at joint positions (n,) in rad or m."""
+        """Return the pose of a link in the root link's frame, in meters, at joint positions (n,) in rad or m."""
         found = {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.fixed}
         found |= {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.moving(position)}
         (x, y, z), turn = HERE
@@ -86,19 +88,19 @@ class DrawnArm:
         return (x, y, z), turn
 
     def place(self, link: str, position: FloatArray) -> Vector:
-        """Return the position (m) of a link in the frame of the root link, at joint positions (n,) in rad or m."""
+        """Return the position (m) of a link in the root link's frame, at joint positions (n,) in rad or m."""
         return self.pose(link, position)[0]
 
     def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:
         """Return the path of the tool (m, 3) through a goal's points, in meters.
 
-        Between two points the joint positions are interpolated linearly. The real motion differs slightly, because it
+        Between two points, the joint positions are interpolated linearly. The real motion differs slightly, because it
         respects the acceleration and jerk limits of each joint.
 
         Args:
             joints: Joints of the goal.
             points: Points of the goal (k, joints), in rad or m.
-            start: Positions of all measured joints (n,) at the start; None to start at the first point.
+            start: Positions of all measured joints (n,) at the start, or None to start at the first point.
         """
         columns = [self.measured.index(name) for name in joints]
         rows = np.tile(np.zeros(len(self.measured)) if start is None else np.nan_to_num(start), (len(points) + 1, 1))

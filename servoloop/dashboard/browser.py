@@ -11,9 +11,9 @@ from servoloop.recording.sources import Source
 ARM_S: Final = 0.05
 """Interval at which the drawn arm is updated, in seconds."""
 NUMBERS: Final = 7
-"""Number of arm updates per update of the displayed numbers."""
+"""Number of arm updates between updates of the displayed numbers."""
 BEAT: Final = 20
-"""Number of arm updates per heartbeat sent to the browsers."""
+"""Number of arm updates between heartbeats sent to the browsers."""
 
 
 Part = Callable[[ObservedRobot], None]
@@ -21,7 +21,7 @@ Part = Callable[[ObservedRobot], None]
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], parts: Sequence[Part] = ()) -> None:
-    """Show the source and further parts of the page until ``stop`` returns True."""
+    """Show the source and the other parts of the page until ``stop`` returns True."""
     turn = 0
     while not stop():
         watched = source.robot

@@ -1,4 +1,4 @@
-"""Camera images in the page of ``servoloop view``."""
+"""Camera images on the page of ``servoloop view``."""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -19,15 +19,16 @@ LivePictures = Callable[[], Mapping[str, CameraPicture]]
 
 
 class CameraFolder:
-    """Folder of the page with the latest image of each camera. The folder appears when the first image arrives."""
+    """Folder on the page with the latest image of each camera. The folder appears when the first image arrives."""
 
     def __init__(self, server: viser.ViserServer, order: float, live: LivePictures | None = None) -> None:
         """Prepare the folder, which is created when the first image arrives.
 
         Args:
             server: Server of the page.
-            order: Place of the folder among the controls.
-            live: Function that returns the images of running cameras; None to show only images of the observed robot.
+            order: Position of the folder among the controls.
+            live: Function that returns the images of running cameras, or None to show only images of the observed
+                robot.
         """
         self._server, self._order, self._live = server, order, live
         self._folder: viser.GuiFolderHandle | None = None
@@ -59,7 +60,7 @@ class CameraFolder:
 
 
 def html(topic: str, picture: CameraPicture) -> str:
-    """Return an image as HTML that contains the image data, so that the browser sends no further request."""
+    """Return an image as HTML that contains the image data, so that the browser does not send another request."""
     name = escape(topic.removesuffix(SUFFIX))
     data = base64.b64encode(picture.data).decode()
     return IMAGE.format(name=name, kind=picture.media_type, data=data) + CAPTION.format(name=name)

@@ -1,4 +1,4 @@
-"""Images of the running camera node for the page of ``servoloop view``."""
+"""Images from the running camera node for the page of ``servoloop view``."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Folder *Move* of the page, with buttons that move the arm while they are held."""
+"""*Move* folder of the page, with buttons that move the arm while they are held."""
 
 import logging
 import threading
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 TICK_S: Final = 0.04
 POLL_S: Final = 0.2
 RETRY_S: Final = 2.0
-"""Interval between attempts after an error, and between updates of the list of poses, in seconds."""
+"""Interval between retries after an error, and between updates of the pose list, in seconds."""
 END_S: Final = 8.0
 """Maximum time to wait for the thread to end, in seconds."""
 CONNECTING: Final = "waiting for the controllers of the stack"
@@ -40,20 +40,20 @@ class Handling:
         self._stop = threading.Event()
 
     def begin(self) -> None:
-        """Discard all commands for a previous stack."""
+        """Discard all commands that were meant for a previous stack."""
         self.message = ""
         self._buttons.end()
         self._stop.clear()
 
     def stop(self) -> None:
-        """Ignore held buttons and request that all goals be canceled. Can be called from any thread."""
+        """Ignore held buttons and request that all goals be canceled. May be called from any thread."""
         self._buttons.end()
         self._stop.set()
 
     def step(self, client: Moves) -> None:
         """Stop if requested. Otherwise, continue the motion of the held button by one step.
 
-        After an error, the motion does not continue until a button is pressed again.
+        After an error, the motion does not resume until a button is pressed again.
         """
         if self._stop.is_set():
             self._stop.clear()
@@ -90,7 +90,7 @@ class Mover:
         return self._handling.message if self.targets.joints else self._why
 
     def close(self) -> None:
-        """End the thread. An arm in motion comes to rest, because it receives no further commands."""
+        """End the thread. A moving arm comes to rest, because it receives no further commands."""
         self._ended.set()
         self._thread.join(END_S)
 
@@ -100,7 +100,7 @@ class Mover:
                 self._serve_stack()
             except DriverError as error:
                 self._why = str(error)
-            except Exception as error:  # an error must not end the view
+            except Exception as error:  # an error must not stop the viewer
                 log.exception("the arm cannot be moved from the page")
                 self._why = f"the arm cannot be moved: {error}"
             self.targets = NO_TARGETS
@@ -137,7 +137,7 @@ class Mover:
             self.targets = now
 
     def _wait_for(self, ready: Callable[[], bool]) -> bool:
-        """Wait until ``ready`` returns True. Return False if the thread must end first."""
+        """Wait until ``ready`` returns True. Return False if the thread has to end first."""
         while not ready():
             if self._ended.wait(POLL_S):
                 return False
@@ -150,26 +150,30 @@ SLOWEST: Final = 0.1
 NOTICE_S: Final = 8.0
 HINT: Final = "Hold a button to move the arm. It stops when you release the button."
 TEXT_STYLE: Final = 'style="margin:0.3em 1em;font-size:0.85em;line-height:1.3;height:4em;overflow-y:auto"'
-"""Style of the message. The height is fixed, so that a longer message does not shift the buttons under the mouse."""
+"""Style of the message. The height is fixed, so that a longer message does not move the buttons under the mouse
+pointer."""
 RELEASE: Final = """
 const release = () => document.querySelectorAll("button").forEach(
   (button) => button.dispatchEvent(new PointerEvent("pointercancel", {bubbles: true})));
 addEventListener("blur", release);
 document.addEventListener("visibilitychange", release);
 """
-"""JavaScript that releases all buttons when the page goes into the background, because it may then miss a release."""
+"""JavaScript that releases all buttons when the page moves to the background, because it may then miss a release
+event."""
 Button = viser.GuiButtonHandle
 
 
 class MovePanel:
-    """Buttons to move the arm, for all browsers that show the page. The first browser to hold a button has control."""
+    """Buttons that move the arm, for all browsers that show the page. The first browser to hold a button has
+    control."""
 
     def __init__(self, server: viser.ViserServer, mover: Mover, order: float) -> None:
-        """Add the folder at the position ``order`` of the page, and the button *Stop everything* above all folders."""
+        """Add the folder at position ``order`` on the page, and the *Stop everything* button above all folders."""
         self._mover, self._buttons = mover, mover.buttons
         self._targets: MoveTargets | None = None
         gui = self._gui = server.gui
-        gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public method for this
+        # viser does not have a public method for this.
+        gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))
         gui.add_html(PINNED, order=-1.0)
         self._stop = gui.add_button("Stop everything", color="red", order=0.0, disabled=True)
         # Viser calls this when the button is pressed, and repeatedly while it is held.
@@ -205,7 +209,7 @@ class MovePanel:
     def _button(self, label: str, command_of: Callable[[], Command | None]) -> Button:
         button = self._gui.add_button(label)
 
-        # Viser calls coroutines in the receiving thread, in the order of the events.
+        # Viser calls coroutines in the receiving thread, in event order.
         async def held(event: viser.GuiEvent[Button]) -> None:
             command = command_of()
             refused = self._buttons.hold((event.client_id, label), command) if command else ""
@@ -236,5 +240,5 @@ class MovePanel:
 
     @property
     def _speed(self) -> float:
-        """Speed from the slider, limited because a browser can send any number, including NaN."""
+        """Speed from the slider, which is limited because a browser can send any number, including NaN."""
         return min(1.0, max(SLOWEST, self._share.value))

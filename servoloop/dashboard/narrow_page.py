@@ -3,13 +3,13 @@
 from typing import Final
 
 NARROW: Final = "36em"
-"""Page width below which viser puts all panels into a sheet at the bottom of the page, over the arm."""
+"""Page width below which viser moves all panels to a sheet at the bottom of the page, over the arm."""
 CONTROLS_SHARE: Final = "45%"
 """Maximum height of the controls, as a percentage of the page height."""
 PINNED: Final = "<i class='servoloop-pinned'></i>"
 """Marker in front of a control that stays visible while the controls are scrolled."""
 _SHEET: Final = ".mantine-Paper-root[style*='position: fixed']"
-"""CSS selector of the sheet, which has no CSS class in viser."""
+"""CSS selector of the sheet, which does not have a CSS class in viser."""
 LAYOUT: Final = f"""<style>@media (max-width: {NARROW}) {{
   div:has(> {_SHEET}) {{ flex-direction: column }}
   div:has(+ {_SHEET}) {{ flex: 1 1 0; height: auto !important; min-height: 0 }}

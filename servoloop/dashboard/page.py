@@ -33,13 +33,13 @@ COLORS: Final = ("#d2522d", "#4682dc")
 
 
 class Strips:
-    """Plots of the page."""
+    """Plots on the page."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._plots = [self._add(server, strip) for strip in STRIPS]
 
     def show(self, watched: ObservedRobot, place: int) -> None:
-        """Plot the last minute of the joint with index ``place``."""
+        """Plot the last minute for the joint with index ``place``."""
         minute = watched.minute()
         for strip, plot in zip(STRIPS, self._plots, strict=True):
             data = strip_data(minute, strip.columns, place)
@@ -74,7 +74,7 @@ def _scales(range_y: tuple[float, float]) -> dict[str, uplot.Scale]:
 STYLE: Final = 'style="width:100%;font-size:0.78em;border-collapse:collapse;text-align:left"'
 ROW: Final = 'style="border-bottom:1px solid #8884"'
 COLUMNS: Final = ("position", "error", "temp.", "supply", "state")
-"""Columns of the joint table. The plots show the other quantities."""
+"""Columns of the joint table. The other quantities are shown in the plots."""
 
 
 def servo_table(snapshot: RobotSnapshot, joints: Mapping[str, UrdfJoint]) -> str:
@@ -89,7 +89,7 @@ def faults(snapshot: RobotSnapshot) -> str:
 
 
 def loop_table(snapshot: RobotSnapshot) -> str:
-    """Return a table of the loop's timing and diagnostics, as HTML."""
+    """Return a table of loop timing and diagnostics, as HTML."""
     return html(tables.loop_table(snapshot))
 
 
@@ -131,7 +131,7 @@ the connection to servoloop view is lost; the page is outdated</b></p>"""
 
 
 def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
-    """Return the arm in ``folder``, or the arm in config/arms with this robot description, or None.
+    """Return the arm in ``folder``, or else the arm in config/arms with this robot description, or None.
 
     Raises ArmFileError if the arm's file is invalid.
     """
@@ -141,7 +141,7 @@ def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
 
 
 def _around(known: ArmFolder | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
-    """Return the shapes of the fixed and the loose objects around an arm, or no shapes if the arm is unknown."""
+    """Return the shapes of the fixed and loose objects around an arm, or no shapes if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()
     return scene_shapes(known.scene), thing_shapes(known.scene)
@@ -160,9 +160,9 @@ class Page:
 
         Args:
             server: Server of the page.
-            folder: Folder of the arm; None to find the arm in config/arms by its robot description.
-            planner: Function that returns the latest scene of the motion planner and the time of a steady clock, in
-                seconds; None without a planner.
+            folder: Folder of the arm, or None to find the arm in config/arms by its robot description.
+            planner: Function that returns the motion planner's latest scene and the time of a steady clock, in seconds;
+                None if there is no planner.
         """
         self._server, self._folder, self._planner = server, folder, planner
         self._planned: PlannedScene | None = None
@@ -178,7 +178,7 @@ class Page:
         self._status = gui.add_html("")
         controls = gui.add_folder("Arm")
         self.above_arm = controls.order - 0.5
-        """Order of controls that are placed above the folder *Arm*."""
+        """Order value for controls that are placed above the *Arm* folder."""
         with controls:
             self._colors = gui.add_dropdown("Color", CHOICES, initial_value=PLAIN)
             self._frames = gui.add_checkbox("Frames", initial_value=False)
@@ -218,7 +218,7 @@ class Page:
     def show_numbers(self, watched: ObservedRobot) -> None:
         """Update the tables, colors and plots.
 
-        Call this method only a few times per second, because the update takes much CPU time.
+        Call this method only a few times per second, because the update takes a lot of CPU time.
         """
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
@@ -244,7 +244,7 @@ class Page:
         return [*servos, *loop]
 
     def _build(self, snapshot: RobotSnapshot) -> None:
-        """Draw the arm when the page starts or another arm is connected."""
+        """Draw the arm when the page starts or when another arm is connected."""
         if self._arm is not None:
             self._arm.remove()
         if self._planned is not None:

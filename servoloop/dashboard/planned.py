@@ -23,7 +23,7 @@ HELD_RGB: Final[Rgb] = (150, 80, 180)
 PLAN_RGB: Final[Rgb] = (240, 150, 30)
 OPACITY: Final = 0.5
 LARGEST_M: Final = 3.0
-"""Maximum extent of an object that is drawn, in m. Larger objects, such as an infinite table, are omitted."""
+"""Maximum size of an object that is drawn, in m. Larger objects, such as an infinite table, are omitted."""
 SHOWN_S: Final = 2.0
 """Duration of the ghost's pause at the end of a plan, in seconds."""
 
@@ -119,7 +119,7 @@ def mesh_of(shape: Shape) -> trimesh.Trimesh:
         found = trimesh.creation.cylinder(shape.radius_m, shape.height_m)
     elif isinstance(shape, Cone):
         found = trimesh.creation.cone(shape.radius_m, shape.height_m)
-        # The origin of the planner's cone is halfway up its axis.
+        # The origin of the planner's cone is at half its height on its axis.
         found.apply_translation((0.0, 0.0, -shape.height_m / 2.0))
     elif isinstance(shape, Sphere):
         found = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius_m)

@@ -1,4 +1,4 @@
-"""Playback controls of a recording in the page: time slider, pause and speed."""
+"""Playback controls for a recording on the page: time slider, pause and speed."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ PLAY: Final = "Play"
 
 
 class Player:
-    """Endless playback of a recording, controlled by the browsers."""
+    """Looping playback of a recording, controlled by the browsers."""
 
     up_to_date = True
 
@@ -33,7 +33,7 @@ class Player:
 
     @property
     def robot(self) -> ObservedRobot:
-        """State of the robot at the current playback time."""
+        """Robot state at the current playback time."""
         self._playback.speed = self._speed.value
         sought, self._sought = self._sought, False
         watched = self._playback.robot

@@ -18,14 +18,14 @@ PLAIN, TEMPERATURE, LOAD = "as described", "temperature", "load"
 CHOICES: Final = (PLAIN, TEMPERATURE, LOAD)
 COLD_C: Final = 25.0
 HOT_C: Final = 70.0
-"""Temperature at which STS servos switch their torque off by default, in °C."""
+"""Temperature at which STS servos disable their torque by default, in °C."""
 SCALE: Final = np.array([(62, 121, 214), (74, 176, 110), (240, 196, 60), (214, 48, 40)])
 STEPS: Final = 24
-"""Number of steps of the color scale. With few steps, measurement noise causes no messages to the browsers."""
+"""Number of steps in the color scale. With few steps, measurement noise does not cause messages to the browsers."""
 
 
 def color_of(share: float) -> Rgb | None:
-    """Return the color from blue (0) through green and yellow to red (1), or None for NaN."""
+    """Return a color from blue (0) through green and yellow to red (1), or None for NaN."""
     if math.isnan(share):
         return None
     at = round(min(1.0, max(0.0, share)) * STEPS) / STEPS * (len(SCALE) - 1)
@@ -37,7 +37,7 @@ def color_of(share: float) -> Rgb | None:
 def shares(choice: str, temperature_c: FloatArray, effort: FloatArray, limit: FloatArray) -> FloatArray:
     """Return the position of each joint on the color scale (n,), from 0 to 1.
 
-    The temperature scale goes from 25 to 70 °C, and the load scale goes from 0 to the effort limit.
+    The temperature scale ranges from 25 to 70 °C, and the load scale ranges from 0 to the effort limit.
     """
     if choice == TEMPERATURE:
         return (temperature_c - COLD_C) / (HOT_C - COLD_C)
@@ -52,19 +52,20 @@ GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
 REACH_M: Final = 0.75
-"""Reach of an arm that the camera position below fits, in meters."""
+"""Reach of the arm that the camera position below is chosen for, in meters."""
 CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
 TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 
 
 def add_ground(server: viser.ViserServer) -> None:
-    """Add the grid, and place the initial camera for an arm of average size."""
+    """Add the grid, and set the initial camera position for an arm of average size."""
     server.scene.add_grid("/ground", width=2.0, height=2.0, cell_size=0.05, section_size=0.25)
     place_camera(server, REACH_M)
 
 
 def place_camera(server: viser.ViserServer, reach_m: float) -> None:
-    """Place the initial camera so that an arm with this reach fills the page. Pages already open keep their camera."""
+    """Set the initial camera position so that an arm with this reach fills the page. Pages that are already open keep
+    their camera position."""
     server.initial_camera.position = CAMERA_M * (reach_m / REACH_M)
     server.initial_camera.look_at = TARGET_M * (reach_m / REACH_M)
 
@@ -87,7 +88,7 @@ class DrawnScene:
             model: Links of the arm.
             visuals: Shapes of the links.
             around: Shapes of fixed objects.
-            things: Shapes of loose objects, which are shown once their poses are known.
+            things: Shapes of loose objects, which are shown when their poses are known.
         """
         self._server, self._model = server, model
         visuals = list(visuals)
@@ -122,8 +123,8 @@ class DrawnScene:
         """Color the links of each joint.
 
         Args:
-            shares: Position of each joint on the color scale (n,); NaN for the color of the robot description.
-            faulty: Joints whose servos have a fault; their links are red.
+            shares: Position of each joint on the color scale (n,), or NaN for the color in the robot description.
+            faulty: Joints whose servos have a fault; their links are drawn in red.
         """
         self._solid.color(shares, faulty)
 
@@ -152,7 +153,8 @@ class DrawnScene:
 
 
 class DrawnRobot:
-    """Drawing of the solid arm or of a ghost, with a frame for each link. A ghost has a color and no fixed links."""
+    """Drawing of the solid arm or of a ghost, with a frame for each link. A ghost has a single color and does not
+    include fixed links."""
 
     def __init__(
         self,

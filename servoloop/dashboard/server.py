@@ -35,8 +35,8 @@ class ViewError(DriverError):
 class Guard:
     """Guard that checks each request before a page or a websocket is served.
 
-    Browsers let a page of any site open a websocket to this machine, so the origin of a request must be the page
-    itself. The host name of a request must be a name of this machine, which prevents DNS rebinding.
+    Browsers let any site's page open a websocket to this machine, so the origin of a request must be the page itself.
+    The host name in a request must be a name of this machine, which prevents DNS rebinding.
     """
 
     def __init__(self, local: bool, token: str | None) -> None:
@@ -44,13 +44,13 @@ class Guard:
 
         Args:
             local: Whether only host names of this machine are accepted.
-            token: Token that a browser must present once; None if no token is needed.
+            token: Token that a browser must present once, or None if no token is needed.
         """
         self._local = local
         self._token = token
 
     def refusal(self, request: Request) -> Response | None:
-        """Return the response to a request that must not be served, or None if it may be served."""
+        """Return the response to a request that must be rejected, or None if the request may be served."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if self._local and urlsplit(f"//{host}").hostname not in NAMES:
@@ -83,7 +83,7 @@ class PageServer(viser.ViserServer):
 
         Args:
             host: IPv4 address of this machine, or localhost.
-            port: First port to try. If it is in use, the next free port is used; 0 uses any free port.
+            port: First port to try. If the port is in use, the next free port is used; 0 selects any free port.
 
         Raises:
             ViewError: The server cannot use the address.
@@ -92,7 +92,7 @@ class PageServer(viser.ViserServer):
         self.token = None if local else secrets.token_urlsafe(24)
         self._check_address(host)
         guard = Guard(local, self.token)
-        with _guarded(guard) as served, contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
+        with _guarded(guard) as served, contextlib.redirect_stdout(io.StringIO()):  # viser prints a startup panel
             super().__init__(host=host, port=port, label="servoloop", verbose=False)
         if not served:  # this version of viser does not use websockets, so the guard has no effect
             self.stop()
@@ -103,7 +103,7 @@ class PageServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Address of the page, with its token."""
+        """URL of the page, including its token."""
         token = "" if self.token is None else f"?{TOKEN}={self.token}"
         return f"http://{self.get_host()}:{self.get_port()}/{token}"
 
@@ -113,11 +113,12 @@ class PageServer(viser.ViserServer):
             super().stop()
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse viser's public tunnel, which any open page could request."""
+        """Reject viser's public tunnel, which any open page could request."""
         return None
 
     def _check_address(self, host: str) -> None:
-        """Raise ViewError if the machine does not have this address, because viser would wait for it forever."""
+        """Raise ViewError if the machine does not have this address, because viser would wait for the address
+        forever."""
         try:
             with socket.create_server((host, 0), family=socket.AF_INET):
                 pass
@@ -128,7 +129,7 @@ class PageServer(viser.ViserServer):
 
 @contextlib.contextmanager
 def _guarded(guard: Guard) -> Iterator[list[bool]]:
-    """Let the guard check all requests to servers that websockets starts in this context.
+    """Let the guard check all requests to servers that websockets starts within this context.
 
     The yielded list has an entry for each server.
     """
@@ -155,7 +156,7 @@ def _guarded(guard: Guard) -> Iterator[list[bool]]:
 def _name(host: str) -> str:
     """Return the name of the cookie.
 
-    The name contains the port, because browsers send cookies to all ports of a machine.
+    The name contains the port, because browsers send a machine's cookies to all of its ports.
     """
     return f"servoloop_view_{urlsplit(f'//{host}').port or 80}"
 

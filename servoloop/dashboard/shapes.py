@@ -1,4 +1,4 @@
-"""Read the shapes of an arm's links, and of the objects in its scene, as triangles."""
+"""Read the shapes of an arm's links and of the objects in its scene, as triangles."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,12 +25,12 @@ ORIGIN = Element("origin")
 
 
 class MeshTooLarge(Exception):
-    """A mesh of a robot description is too large to be drawn."""
+    """A mesh in a robot description is too large to be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnShape:
-    """Visual of a link: triangles and their pose in the frame of the link, in meters."""
+    """Visual of a link: triangles and their pose in the link's frame, in meters."""
 
     link: str
     vertices: FloatArray
@@ -45,7 +45,7 @@ class DrawnShape:
 def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list[str]]:
     """Return the visuals of all links of a URDF, and the names of meshes that cannot be read.
 
-    ``folder`` is the folder of the URDF, for meshes with relative paths.
+    ``folder`` is the folder of the URDF and is used to resolve relative mesh paths.
     """
     robot = ElementTree.fromstring(xml)
     colors = {name: rgb for one in robot.iter("material") if (name := one.get("name")) and (rgb := _color(one))}
@@ -89,7 +89,7 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Dr
         scene_folder: Folder of the arm's scene, which may contain ``meshes/``.
 
     Returns:
-        The shapes, and the names of meshes of the URDF that cannot be read.
+        The shapes, and the names of the URDF's meshes that cannot be read.
 
     Raises:
         ArmFileError: A file in ``meshes/`` is invalid.
@@ -100,7 +100,7 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Dr
 
 
 def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh]) -> list[DrawnShape]:
-    """Return the visuals, with the visuals of some links replaced by meshes."""
+    """Return the visuals, with those of some links replaced by meshes."""
     meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
@@ -111,7 +111,7 @@ def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh])
 
 
 def scene_shapes(path: Path) -> Iterator[DrawnShape]:
-    """Yield the fixed boxes of a MuJoCo scene (bins and stand) in the world frame, with the body's name as the link."""
+    """Yield the fixed boxes of a MuJoCo scene (bins and stand) in the world frame, with the body name as the link."""
     model, data = _scene(path)
     fixed = tuple(f"{prefix}{part}" for prefix in arm_prefixes(model) for part in ("bin_", "stand"))
     for geom, name in _boxes(model):
@@ -122,7 +122,7 @@ def scene_shapes(path: Path) -> Iterator[DrawnShape]:
 
 
 def thing_shapes(path: Path) -> Iterator[DrawnShape]:
-    """Yield the loose boxes of a MuJoCo scene (the cube) in their body frames, with the body's name as the link."""
+    """Yield the loose boxes of a MuJoCo scene (the cube) in their body frames, with the body name as the link."""
     model, _ = _scene(path)
     for geom, name in _boxes(model):
         body = model.body(model.geom_bodyid[geom])

@@ -22,9 +22,9 @@ from servoloop.recording.robot_state import (
 )
 
 PORT: Final = "noise"
-"""Key of a counter that only ports have."""
+"""Key of a counter that exists only for ports."""
 HEALTH: Final = ("voltage_v", "temperature_c", "current_a", "replies", "alarms")
-"""Keys of a servo's status that are not error counters."""
+"""Keys in a servo's status that are not error counters."""
 JOINT_COLUMNS: Final = ("position", "command", "error", "velocity", "load", "temp.", "supply", "state")
 NEWEST: Final = 5
 """Maximum number of goal results shown."""
@@ -38,7 +38,7 @@ class TableCell(NamedTuple):
 
 
 class StateTable(NamedTuple):
-    """Table whose rows have as many cells as its header."""
+    """Table in which each row has as many cells as the header."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[TableCell, ...], ...]
@@ -79,7 +79,7 @@ def fault_table(snapshot: RobotSnapshot) -> StateTable:
 
 
 def loop_table(snapshot: RobotSnapshot) -> StateTable:
-    """Return a table of the timing of the latest cycle and the diagnostics of the control loop."""
+    """Return a table of the latest cycle's timing and the control loop's diagnostics."""
     rows = [
         ("start delay", number(snapshot.late_s * 1e3, 2, "ms")),
         ("duration", number(snapshot.busy_s * 1e3, 2, "ms")),
@@ -100,7 +100,7 @@ def counter_table(snapshot: RobotSnapshot) -> StateTable:
 
 
 def controller_table(snapshot: RobotSnapshot) -> StateTable:
-    """Return a table of the states of components and controllers, with the latest goal of each controller."""
+    """Return a table of the states of components and controllers, including the latest goal of each controller."""
     rows: list[tuple[TableCell, ...]] = [
         (TableCell(name.removeprefix(OWN)), _message(one))
         for name, one in snapshot.statuses.items()
@@ -113,7 +113,7 @@ def controller_table(snapshot: RobotSnapshot) -> StateTable:
 
 
 def result_table(snapshot: RobotSnapshot) -> StateTable:
-    """Return a table of the latest goal results, the most recent first, with their age."""
+    """Return a table of the latest goal results, most recent first, with their age."""
     newest = reversed(snapshot.results[-NEWEST:])
     rows = ((number(snapshot.stamp_s - stamp_s, 0, "s ago"), text) for stamp_s, text in newest)
     return StateTable(("goal ended", "result"), _plain(rows))
@@ -144,7 +144,7 @@ MOST: Final = 600
 
 
 class Strip(NamedTuple):
-    """Plot of the last minute of one joint."""
+    """Plot of one joint over the last minute."""
 
     title: str
     columns: tuple[str, ...]
@@ -163,7 +163,7 @@ STRIPS: Final = (
 
 
 def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
-    """Return the data of a plot for the joint with index ``place``.
+    """Return the plot data for the joint with index ``place``.
 
     The first array contains the times relative to the latest cycle, in seconds. Each other array contains the values
     of one column.
@@ -182,9 +182,9 @@ def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[Floa
 
 
 def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, float]:
-    """Return the range of an axis that contains all finite values and is at least ``least`` wide.
+    """Return an axis range that contains all finite values and is at least ``least`` wide.
 
-    The range is rounded, so that it rarely changes.
+    The range is rounded, so it rarely changes.
     """
     values = np.concatenate(columns)
     values = values[np.isfinite(values)]

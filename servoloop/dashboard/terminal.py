@@ -1,4 +1,5 @@
-"""Screen of ``servoloop monitor``: joints, plots of the selected joint, faults, counters, loop, controllers, goals."""
+"""Screen of ``servoloop monitor``: joints, plots of the selected joint, faults, counters, the control loop, controllers
+and goals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Final
@@ -35,7 +36,7 @@ STYLES: Final = ("", "bold yellow", "bold red")
 
 
 def rich_cell(cell: TableCell) -> Text:
-    """Return the text of a cell in the color of its level."""
+    """Return the text of a cell, colored by its level."""
     return Text(cell.text, style=STYLES[min(cell.level, len(STYLES) - 1)])
 
 
@@ -78,7 +79,8 @@ class JointsTable(DataTable[Text]):
         self._cells = rows
 
     def _renew(self, place: int, before: Sequence[TableCell], row: Sequence[TableCell]) -> None:
-        """Update the changed cells of a row. A column width is recomputed only if the length of a text changes."""
+        """Update the changed cells of a row. A column width is recomputed only if the length of a text in the column
+        changes."""
         for column, (old, new) in enumerate(zip(before, row, strict=True)):
             if new != old:
                 wider = len(new.text) != len(old.text)
@@ -95,21 +97,21 @@ def _text(cell: TableCell, column: int) -> Text:
 JOINTS_S: Final = 0.25
 """Interval at which the joint table is updated, in seconds."""
 ALL: Final = 4
-"""Number of joint table updates per update of the whole screen, which takes longer."""
+"""Number of joint table updates between updates of the whole screen, which take longer."""
 END_S: Final = 0.1
 """Interval at which ``stop`` is called, in seconds."""
 SEEK_S: Final = 1.0
-"""Time by which the arrow keys move the playback, in seconds."""
+"""Time by which the arrow keys shift the playback, in seconds."""
 KEYS: Final = {"p": "position", "e": "error", "v": "velocity", "l": "load", "u": "voltage", "t": "temperature"}
 """Keys that show or hide the plots, in the order of ``STRIPS``."""
 AT_FIRST: Final = ("p", "e", "l")
-"""Keys of the plots that are shown at the start."""
+"""Keys of the plots that are initially visible."""
 OF_RECORDINGS: Final = ("pause", "seek", "speed")
 """Actions that are available only for recordings."""
 
 
 class MonitorApp(App[None]):
-    """Screen for one source. The screen only shows the arm. No key moves the arm."""
+    """Screen that displays one source. The screen only displays the arm. None of the keys moves the arm."""
 
     TITLE = "servoloop monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -184,24 +186,24 @@ class MonitorApp(App[None]):
         self._joints.move_cursor(row=place)
 
     def on_data_table_row_highlighted(self) -> None:
-        """Draw the plots of the joint that was selected."""
+        """Draw the plots of the newly selected joint."""
         self._draw()
 
     def on_resize(self) -> None:
-        """Redraw the plots in the new size."""
+        """Redraw the plots at the new size."""
         self.call_after_refresh(self._draw)
 
     def action_pause(self) -> None:
-        """Pause or continue the playback."""
+        """Pause or resume the playback."""
         self._playback.toggle()
 
     def action_seek(self, seconds: float) -> None:
-        """Move the playback forward or back."""
+        """Skip forward or back in the playback."""
         self._playback.seek(self._playback.time_s + seconds)
         self.show()
 
     def action_speed(self, steps: int) -> None:
-        """Play faster or slower."""
+        """Speed up or slow down the playback."""
         place = SPEEDS.index(self._playback.speed) + steps
         self._playback.speed = SPEEDS[min(max(place, 0), len(SPEEDS) - 1)]
 

@@ -25,9 +25,9 @@ Characters = NDArray[np.int_]
 
 
 def chart(x: FloatArray, y: FloatArray, range_x: Range, range_y: Range, width: int, height: int) -> Characters:
-    """Return the characters (height, width) of a line through points (k,).
+    """Return the characters (height, width) that draw a line through points (k,).
 
-    NaN interrupts the line, and parts outside the ranges are omitted. The top row is the upper end of ``range_y``.
+    NaN interrupts the line, and segments outside the ranges are omitted. The top row is the upper end of ``range_y``.
     """
     across = _scaled(x, range_x, width * COLUMNS)
     down = height * ROWS - 1 - _scaled(y, range_y, height * ROWS)
@@ -40,7 +40,7 @@ def chart(x: FloatArray, y: FloatArray, range_x: Range, range_y: Range, width: i
 
 
 def _scaled(values: FloatArray, limits: Range, dots: int) -> FloatArray:
-    """Convert values to dots above the lower limit."""
+    """Convert values to numbers of dots above the lower limit."""
     low, high = limits
     return (values - low) / (high - low) * (dots - 1)
 
@@ -59,7 +59,7 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int_], NDArray[np.in
 
 
 COLORS: Final = ("bright_red", "bright_blue")
-"""Colors of the first line, which is in front, and of the second line."""
+"""Color of the first line, which is in front, and color of the second line."""
 AXIS: Final = 9
 """Width of the axis, in columns."""
 

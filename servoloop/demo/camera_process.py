@@ -1,6 +1,6 @@
 """Run the perception node with the virtual camera: ``python -m servoloop.demo.camera_process LINK SCENE``.
 
-The process has a lower priority than the control loop, so that drawing and grading do not delay a cycle.
+The process has a lower priority than the control loop, so that rendering and grading do not delay a cycle.
 """
 
 import os
@@ -18,7 +18,7 @@ NICE: Final = 5
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Grade the apples of an emulator until a signal ends the process, and return the exit status."""
+    """Grade the emulator's apples until a signal ends the process, and return the exit status."""
     from nodes.perception.process import run_source
 
     os.setpriority(os.PRIO_PROCESS, 0, NICE)

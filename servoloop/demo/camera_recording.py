@@ -1,6 +1,6 @@
 """Add the camera images to the recording of a stack.
 
-The process of the control loop writes the recording. Until that process ends, the images are in a separate file.
+The control loop process writes the recording. Until that process ends, the images are kept in a separate file.
 """
 
 import heapq
@@ -16,13 +16,13 @@ from servoloop.recording.message_types import PICTURE, definition
 
 
 class CameraRecording:
-    """Camera images of one run, in a file next to the recording of its stack."""
+    """Camera images of one run, in a file next to the stack's recording."""
 
     def __init__(self, recording: Path, topic: str) -> None:
-        """Create the file of the images. Raises RecordingError if the file cannot be created."""
+        """Create the image file. Raises RecordingError if the file cannot be created."""
         self._recording, self._topic = recording, topic
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
-        """File of the images until ``finish`` has added them to the recording."""
+        """File that holds the images until ``finish`` has added them to the recording."""
         self._file = McapFile(self.pictures)
         self._file.add_channel(topic, PICTURE, definition(PICTURE))
 
@@ -31,10 +31,10 @@ class CameraRecording:
         self._file.add_message(self._topic, stamp_ns, data)
 
     def finish(self) -> None:
-        """Close the file of the images, and add the images to the recording, ordered by time.
+        """Close the image file, and add the images to the recording, ordered by time.
 
-        Call this when the stack has ended. If the stack did not start, there is no recording, and the images are
-        removed.
+        Call this after the stack has ended. If the stack did not start, there is no recording, and the images are
+        deleted.
 
         Raises:
             RecordingError: The recording cannot be read or written. Both files are then kept.

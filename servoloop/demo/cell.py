@@ -1,4 +1,4 @@
-"""Demo cell: the emulator, stack and pick-and-place node processes, and a client for each."""
+"""Demo cell: the processes of the emulator, the stack and the pick-and-place node, and a client for each of them."""
 
 import os
 import re
@@ -46,13 +46,13 @@ class Cell:
     joints: Sequence[str]
     """Joints of the arm, without the hand."""
     sorting: "SortingMonitor | None"
-    """Monitor of the jobs that camera images start; None if the cell has no camera."""
+    """Monitor of the jobs that camera images trigger, or None if the cell does not have a camera."""
     process_ids: Mapping[str, int]
     """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
 
 def check_grades(grades: Sequence[str], arm: ArmFolder) -> None:
-    """Raise DriverError if the node parameters of the arm have no bin for one of the grades."""
+    """Raise DriverError if the arm's node parameters do not specify a bin for each of the grades."""
     jobs = load_pick_places(arm.pick_place).values()
     known = [grade for grade in next(iter(jobs)).grades if all(grade in job.grades for job in jobs)]
     unknown = [grade.strip() for grade in grades if grade.strip().upper() not in known]
@@ -69,7 +69,7 @@ def are_all_grades(grades: Sequence[str], arm: ArmFolder) -> bool:
 
 @contextmanager
 def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
-    """Start the processes of a cell, and end them after the block.
+    """Start the processes of a cell, and stop them after the block.
 
     Raises:
         DriverError: A process failed. The message contains the last output of the process.
@@ -89,7 +89,9 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     files = read_arm_files(arm, robot=options.robot, namespace=options.namespace)
     settings = load_pick_place(arm.pick_place, options.namespace).settings()
     if options.poses and not arm.pick_place_poses.exists():
-        raise DriverError(f"--poses needs {arm.pick_place_poses}: create this file from config/pick_place_poses.yaml")
+        raise DriverError(
+            f"--poses requires {arm.pick_place_poses}: create this file from config/pick_place_poses.yaml"
+        )
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = start_stack(processes, link, files, options, live)
@@ -118,7 +120,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
 
 
 def open_feed(link: Path, processes: Processes) -> WorldFeedClient:
-    """Connect to the world of the emulator at ``link``. Raises DriverError."""
+    """Connect to the emulator's world at ``link``. Raises DriverError."""
     try:
         return WorldFeedClient(feed_path(link))
     except OSError as error:
@@ -127,7 +129,7 @@ def open_feed(link: Path, processes: Processes) -> WorldFeedClient:
 
 
 def open_page(processes: Processes, out: Path, stack: int) -> str:
-    """Start ``servoloop view`` for the stack and return the address of the page."""
+    """Start ``servoloop view`` for the stack and return the URL of the page."""
     processes.start("view", "servoloop", "view", "--arm", str(stack))
     found: list[str] = []
 

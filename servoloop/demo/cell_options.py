@@ -1,4 +1,4 @@
-"""Options of a demo cell: its arm, the properties of the virtual arm, and the folder for the results."""
+"""Options for a demo cell: its arm, the properties of the virtual arm, and the results folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +19,12 @@ from servoloop.stack.arm_options import (
 from servoloop.stack.shipped_files import OWN
 
 FIRST_TRAY: Final = 2
-"""Default seed of the apples, used without ``--seed``. With this seed, apples of all grades appear."""
+"""Default random seed for the apples, used without ``--seed``. With this seed, apples of all grades appear."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellOptions:
-    """Options of a cell."""
+    """Options for a cell."""
 
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo")
     arm: ArmOption = OWN
@@ -33,7 +33,7 @@ class CellOptions:
     seed: SeedOption = None
     record: RecordOption = None
     poses: Annotated[
-        bool, typer.Option("--poses", help="Plan motions to poses of the tool instead of moving to joint positions.")
+        bool, typer.Option("--poses", help="Plan motions to tool poses instead of moving to joint positions.")
     ] = False
     namespace: NamespaceOption = ""
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
@@ -44,7 +44,7 @@ class CellOptions:
 
     @property
     def apples(self) -> int | None:
-        """Seed of the apples; None for cubes."""
+        """Random seed for the apples, or None for cubes."""
         return (self.seed or FIRST_TRAY) if self.vision else None
 
     def found(self) -> ArmFolder:

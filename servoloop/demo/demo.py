@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 IDLE_S = 3.0
 FIGURES_S = 1.5
-"""Maximum time until the statistics of the last cycles are published, in seconds."""
+"""Maximum time until the statistics of the latest cycles are published, in seconds."""
 FADING_S = 1.5
-"""Maximum time gravity compensation takes to fade in or out, in seconds."""
+"""Maximum time that gravity compensation takes to fade in or out, in seconds."""
 SAGGING_RAD = 0.2
 """Goal tolerance without gravity compensation, in rad. The sag alone exceeds the usual tolerance."""
 HARDWARE = ""
@@ -64,7 +64,7 @@ class DemoReport:
     comparisons: Mapping[str, JobRun]
     """Comparison runs, keyed by the disabled compensation.
 
-    These runs take place only if all grades were picked without a planner. They need not succeed.
+    These runs take place only if all grades were picked without a planner. They do not have to succeed.
     """
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
@@ -76,7 +76,7 @@ def demo(
     options: CellOptions,
     live: Live,
 ) -> DemoReport:
-    """Pick cubes of these grades, ``repeat`` times, in a new cell.
+    """Pick cubes of these grades ``repeat`` times in a new cell.
 
     Raises DriverError if a process fails. The message contains the last output of the process.
     """
@@ -91,7 +91,7 @@ def loop_figures(monitor: "StackMonitor") -> dict[str, float]:
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
-    """Run all jobs. If ``compare`` is set, also run one job without each of the compensations."""
+    """Run all jobs. If ``compare`` is set, also run one job for each compensation with that compensation disabled."""
     runner = ready.runner
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = cpu_load(stack, lambda: runner.idle(IDLE_S))
@@ -110,13 +110,13 @@ def _run_without(what: str, grade: str, ready: Cell) -> JobRun:
         node = node or ready.component
         for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:
             if not ready.monitor.set_parameter(node, each, value):
-                raise DriverError(f"the stack refuses to set the parameter {each} of {node}")
+                raise DriverError(f"the stack did not set the parameter {each} of {node}")
     ready.runner.idle(FADING_S)
     return ready.runner.run(grade)
 
 
 def cpu_load(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, Result]:
-    """Return the CPU load of a process during an action, in percent of one core, and the result of the action."""
+    """Return the CPU load of a process during an action, as a percentage of one core, and the result of the action."""
     process.cpu_percent()
     result = action()
     return process.cpu_percent(), result
@@ -128,7 +128,7 @@ def write_json(report: DemoReport, path: Path) -> None:
 
 
 def succeeded(report: DemoReport) -> bool:
-    """Return whether every cube is in the bin of its grade."""
+    """Return whether every cube is in the bin for its grade."""
     return bool(report.runs) and all(run.success for run in report.runs)
 
 
@@ -161,7 +161,7 @@ def runs_table(runs: Iterable[JobRun], joints: Sequence[str], title: str) -> Tab
 
 
 def print_summary(runs: Sequence[JobRun], console: Console) -> None:
-    """Print how many cubes are in their bins, and what the arms touched."""
+    """Print how many cubes are in the correct bins, and which objects the arms touched."""
     console.print(f"cubes in their bins: {sum(run.success for run in runs)} of {len(runs)}")
     touched = sorted({contact for run in runs for contact in run.contacts})
     console.print(f"contacts of the arm, except with the cube: {', '.join(touched) or 'none'}")

@@ -28,7 +28,7 @@ class Live:
     """Progress display: a live table in a terminal, otherwise one line per event."""
 
     def __init__(self, console: Console, arm: str = "") -> None:
-        """``arm`` is the name of the arm if the robot has several arms. The table is then not shown."""
+        """``arm`` is the name of the arm if the robot has several arms. In this case, the table is not shown."""
         self.console = console
         self._arm = f"{arm}: " if arm else ""
         self._view = RichLive(console=console, refresh_per_second=8, transient=True)
@@ -48,7 +48,7 @@ class Live:
         self.console.print(f"[dim]·[/] {self._arm}{text}")
 
     def job(self, grade: str) -> None:
-        """Show that a job begins."""
+        """Show that a job starts."""
         self._job, self._phase = f"grade {grade}", ""
 
     def phase(self, phase: str, message: str) -> None:
@@ -118,7 +118,7 @@ HOMING_TRIES = 5
 
 @dataclass(frozen=True, slots=True)
 class JobRun:
-    """Results of a job: the bin of the cube and the following errors of the arm."""
+    """Results of a job: the bin that contains the cube, and the following errors of the arm."""
 
     grade: str
     success: bool
@@ -126,7 +126,7 @@ class JobRun:
     duration_s: float
     message: str
     contacts: tuple[str, ...]
-    """Contacts of the arm with anything except the cube, each as "link and object"."""
+    """Contacts between the arm and anything except the cube, each as "link and object"."""
     at_cycles: FollowingError
     between_cycles: FollowingError
 
@@ -149,7 +149,7 @@ class RosClients:
 
 
 class JobRunner:
-    """Runner of jobs, one after another, in a running cell."""
+    """Runner that executes jobs one after another in a running cell."""
 
     def __init__(
         self,
@@ -161,7 +161,7 @@ class JobRunner:
     ) -> None:
         self._monitor, self._picker, self._homing = clients.monitor, clients.picker, clients.homing
         self._failed = False
-        """Whether the last job failed. The arm, the hand and the cube can then be anywhere."""
+        """Whether the last job failed. After a failure, the arm, the hand and the cube may be anywhere."""
         self._live = live
         self.camera = camera
         self._signals = signals
@@ -188,7 +188,8 @@ class JobRunner:
         return JobRun(grade, success, where, duration_s, outcome.message, contacts, at, between)
 
     def _clean_up(self) -> None:
-        """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
+        """Open the hand and move the arm home. When the next job starts, the simulation places the cube on the
+        stand."""
         for _ in range(HOMING_TRIES):
             self._live.say("opening the hand and moving the arm home")
             outcome = self._homing.home(self.update)
@@ -206,7 +207,8 @@ class JobRunner:
             self._update_or_interrupt()
 
     def wait_for_node(self, timeout_s: float) -> None:
-        """Wait for the action of the pick-and-place node. Raises DriverError after the timeout, or Interrupted."""
+        """Wait until the action of the pick-and-place node is available. Raises DriverError after the timeout, or
+        Interrupted."""
         available = self._picker.wait(timeout_s, self.update)
         self._update_or_interrupt()
         if not available:
@@ -215,7 +217,8 @@ class JobRunner:
             )
 
     def update(self) -> bool:
-        """Show the latest state and return whether to cancel the job. Raises DriverError if a process has exited."""
+        """Show the latest state and return whether the job must be canceled. Raises DriverError if a process has
+        exited."""
         self.camera.poll()
         self._live.show(self._monitor.newest)
         self._processes.check()
@@ -235,13 +238,13 @@ class JobRunner:
 
 
 class Camera:
-    """Reader of the simulated world: the cube's bin, the contacts, and the joint positions between cycles."""
+    """Reader of the simulated world: the bin with the cube, the contacts, and the joint positions between cycles."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str], prefix: str = "") -> None:
         """``prefix`` is the prefix of all names of the arm, for a robot with several arms."""
         self.bin: str | None = None
         self.newest: dict[str, Any] | None = None
-        """Latest publication of the emulator."""
+        """Latest message published by the emulator."""
         self.trace = WorldTrace()
         self.contacts: set[str] = set()
         self._client = client
@@ -261,9 +264,9 @@ class Camera:
 
 
 def _errors(samples: "Sequence[Sample]", trace: WorldTrace) -> tuple[FollowingError, FollowingError]:
-    """Return the following errors at the cycles and between them.
+    """Return the following errors at the cycles and between cycles.
 
-    The ROS times of the samples are converted to the clock of the trace.
+    The ROS times of the samples are converted to the clock used by the trace.
     """
     if not samples:
         return UNKNOWN, UNKNOWN

@@ -1,4 +1,4 @@
-"""Run the demo of a robot with several arms: all arms sort at the same time, each with its own pick-and-place node."""
+"""Run the demo for a robot with several arms: all arms sort at the same time, each with its own pick-and-place node."""
 
 import json
 import os
@@ -75,7 +75,7 @@ class SeveralArmsReport:
     joints: Mapping[str, tuple[str, ...]]
     """Joints of each arm, in the order of all its values."""
     together_s: float
-    """Time during which all arms moved at the same time, in seconds."""
+    """Time during which all arms were moving at the same time, in seconds."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -86,12 +86,12 @@ class SeveralArmsReport:
 
     @property
     def success(self) -> bool:
-        """Whether every cube is in the bin of its grade."""
+        """Whether every cube is in the bin for its grade."""
         return bool(self.all_runs) and all(run.success for run in self.all_runs)
 
 
 def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
-    """Return the parameters of each arm's pick-and-place node, keyed by arm name; the key of a single arm is "".
+    """Return the parameters of each arm's pick-and-place node, keyed by arm name; for a single arm, the key is "".
 
     Raises ArmFileError.
     """
@@ -99,7 +99,7 @@ def arm_jobs(options: CellOptions) -> dict[str, PickPlace]:
 
 
 def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOptions, live: Live) -> SeveralArmsReport:
-    """Let each arm pick cubes of these grades, ``repeat`` times, in a new cell.
+    """Let each arm pick cubes of these grades ``repeat`` times in a new cell.
 
     Raises:
         DriverError: A process failed. The message contains the last output of the process.
@@ -118,7 +118,7 @@ def sort_with_several_arms(grades: Sequence[str], repeat: int, options: CellOpti
 
 @contextmanager
 def _cell(options: CellOptions, live: Live) -> Iterator[tuple[list[SortingArm], dict[str, int], WorldFeedClient]]:
-    """Start the processes of the cell, and end them after the block."""
+    """Start the processes of the cell, and stop them after the block."""
     from nodes.clients.client_node import client_nodes
 
     if not options.namespace:  # a namespace separates the cell from other cells in the domain
@@ -177,7 +177,7 @@ def _clients(client: "Client", name: str, job: PickPlace) -> RosClients:
 def _run(
     arms: Sequence[SortingArm], grades: Sequence[str], feed: WorldFeedClient
 ) -> tuple[dict[str, tuple[JobRun, ...]], float]:
-    """Run the jobs of each arm in a thread. Return the jobs and the time during which all arms moved together."""
+    """Run the jobs of each arm in a thread. Return the jobs and the time during which all arms were moving together."""
     watch = _MotionWatch([arm.prefix for arm in arms])
     with ThreadPoolExecutor(len(arms)) as threads:
         runs = {arm.name: threads.submit(_run_all, arm.runner, grades) for arm in arms}
@@ -200,7 +200,7 @@ class _MotionWatch:
         self._last: tuple[float, np.ndarray[Any, np.dtype[np.float64]]] | None = None
 
     def add(self, publication: Mapping[str, Any]) -> None:
-        """Add the motion of one publication of the world."""
+        """Add the motion contained in one message published by the world."""
         owners = [[name.startswith(prefix) for name in publication["joints"]] for prefix in self._prefixes]
         for time_s, positions in publication["trace"]:
             here = np.array(positions)

@@ -14,7 +14,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     """Sort ``count`` apples in a new cell, graded from the virtual camera's images, and draw the results.
 
     Raises:
-        ArmFileError: The scene has no camera or no apples.
+        ArmFileError: The scene does not contain a camera or apples.
         DriverError: A process failed. The message contains the last output of the process.
         Interrupted: The user interrupted the demo.
     """
@@ -26,7 +26,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     pictures = CameraRecording(options.record, f"/{PICTURES}")
     try:
         return _sorted(options, live, count, camera, pictures)
-    finally:  # An interrupted run also has a recording.
+    finally:  # The recording is kept even if the run is interrupted.
         pictures.finish()
 
 

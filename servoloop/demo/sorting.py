@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from nodes.clients.sorting_monitor import SortingJob, SortingMonitor
 
 APPLES: Final = 12
-"""Number of apples of a demo."""
+"""Number of apples in a demo."""
 APPLE_S: Final = 60.0
 """Maximum time for an apple to arrive at the stand and for its job to start, in seconds."""
 JOB_S: Final = 120.0
@@ -30,29 +30,29 @@ FRAME_S: Final = 0.4
 FRAMES: Final = 70
 """Maximum number of frames, which is enough for about two jobs."""
 MOVED: Final = 0.01
-"""Minimum motion of a joint between two frames that are kept, in rad or m."""
+"""Minimum motion of a joint between two consecutive frames, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
 class SortedApple:
-    """Apple with its true values, the values that the camera measured, and the bin into which the arm put it."""
+    """Apple with its true values, the values that the camera measured, and the bin in which the arm placed it."""
 
     number: int
     truth: AppleTruth
     true_grade: str
     job: "SortingJob | None"
-    """Job that the apple started; None if no job started in time."""
+    """Job that was started for the apple, or None if no job started in time."""
     bin: str | None
 
     @property
     def success(self) -> bool:
-        """Whether the grade is right and the apple is in the bin of its grade."""
+        """Whether the grade is correct and the apple is in the bin for its grade."""
         return self.job is not None and self.job.success and self.true_grade == self.job.grade == self.bin
 
 
 @dataclass(slots=True)
 class SortingFilm:
-    """States of the world to draw later, with the grade of the latest message. Phases without motion are omitted."""
+    """World states to draw later, with the grade from the latest message. Phases without motion are omitted."""
 
     first: Mapping[str, Any] | None = None
     """State in which the first apple was on the stand."""
@@ -74,7 +74,7 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
 
 class Sorter:
-    """Observer of a cell in which camera images start the jobs."""
+    """Observer of a cell in which camera images trigger the jobs."""
 
     def __init__(self, ready: Cell, monitor: "SortingMonitor", camera: SceneCamera, live: Live) -> None:
         self._ready, self._monitor, self._live = ready, monitor, live
@@ -86,7 +86,7 @@ class Sorter:
         self.film = SortingFilm()
 
     def run(self, count: int = APPLES) -> list[SortedApple]:
-        """Watch the jobs of ``count`` apples, or of fewer if no further apple arrives in time.
+        """Watch the jobs of ``count`` apples, or of fewer if no more apples arrive in time.
 
         Raises:
             DriverError: A process has exited.
@@ -119,7 +119,7 @@ class Sorter:
         return SortedApple(number, truth, grade, job, self._ready.runner.camera.bin)
 
     def _comes(self) -> bool:
-        """Wait for the next apple, and return whether it arrived. If not, print why the demo stops."""
+        """Wait for the next apple, and return whether it arrived. If not, print the reason why the demo stops."""
         self._wait(lambda: self._has_new_apple() or self._is_stuck(), APPLE_S)
         if self._has_new_apple():
             return True
@@ -133,7 +133,7 @@ class Sorter:
         return False
 
     def _is_stuck(self) -> bool:
-        """Whether the latest job has failed, and no other job has followed for ``STUCK_S``."""
+        """Whether the latest job has failed and no other job has followed for ``STUCK_S``."""
         newest = self._monitor.jobs[-1] if self._monitor.jobs else None
         if newest is None or not newest.ended or newest.success:
             self._failed = None

@@ -1,4 +1,4 @@
-"""Report of a demo that sorts apples: tables, JSON, a picture and a film of what the camera saw."""
+"""Report of a demo that sorts apples: tables, JSON, an image and a film of what the camera saw."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ MARK_RGB: Final = (20, 90, 220)
 TEXT_PX: Final = 28
 FILM_FPS: Final = 6.0
 FILM_STEP: Final = 2
-"""Factor by which the film is smaller than the camera images, in width and in height."""
+"""Factor by which the width and the height of the camera images are reduced for the film."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +36,12 @@ class SortingReport:
 
     @property
     def success(self) -> bool:
-        """Whether every apple has the right grade and is in the bin of its grade."""
+        """Whether every apple has the correct grade and is in the bin for that grade."""
         return len(self.apples) == self.wanted and all(apple.success for apple in self.apples)
 
     @property
     def median_picture_to_goal_s(self) -> float | None:
-        """Median time from the camera image to the start of the job, in seconds."""
+        """Median time between the camera image and the start of the job, in seconds."""
         times = [apple.job.picture_to_goal_s for apple in self.apples if apple.job is not None]
         known = [time_s for time_s in times if time_s is not None]
         return median(known) if known else None
@@ -142,7 +142,7 @@ def save_pictures(folder: Path, scene: Path, apples: Sequence[SortedApple], film
 
 
 def _marked(picture: Picture, box: tuple[int, int, int, int] | None, text: str) -> Picture:
-    """Draw a frame around an apple and a text in the corner of the image."""
+    """Draw a frame around an apple and text in the corner of the image."""
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
     if box is not None:

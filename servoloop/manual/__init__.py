@@ -1,1 +1,1 @@
-"""Control a running arm manually with held buttons, held keys and named poses."""
+"""Control a running arm manually with on-screen buttons, keys and named poses."""

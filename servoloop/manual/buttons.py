@@ -1,7 +1,7 @@
-"""Track which button of the page is held.
+"""Track which button on the page is held.
 
-A browser sends a message repeatedly while a button is held. The button is released when the messages stop or when the
-click ends.
+A browser sends a message repeatedly while a button is held. The button counts as released when the messages stop or
+when the click ends.
 """
 
 import threading
@@ -60,19 +60,19 @@ class GoTo:
 REPEATS_HZ: Final = 20.0
 """Rate at which a browser reports a held button, in Hz."""
 GOOD_S: Final = 0.2
-"""Maximum age of a valid report that a button is held, in seconds."""
+"""Maximum age, in seconds, at which a report that a button is held is still valid."""
 BEGIN_S: Final = 0.1
-"""Minimum time that a button must be reported as held before it moves the arm, in seconds.
+"""Minimum time that a button must be reported as held before the arm moves, in seconds.
 
-The arm moves neither after a single report nor after several delayed reports that arrive at once.
+Neither a single report nor several delayed reports that arrive at once move the arm.
 """
 GAP_S: Final = 0.6
-"""Minimum time without a report before the next report counts as a new press, in seconds.
+"""Minimum time without a report after which the next report counts as a new press, in seconds.
 
-In a hidden page, browsers send only one report per second.
+On a hidden page, browsers send only one report per second.
 """
 LONGEST_S: Final = 10.0
-"""Maximum duration of a press, in seconds. A limit is needed because a browser may miss the release of a button."""
+"""Maximum duration of a press, in seconds. A limit is needed because the browser may miss the release of a button."""
 TAKEN: Final = "another browser or button is moving the arm; release this button and press it again later"
 TOO_LONG: Final = f"a button can be held for at most {LONGEST_S:.0f} s; release it and press it again"
 
@@ -86,10 +86,12 @@ class _Press:
 
 
 class HeldButtons:
-    """Tracker of the button that moves the arm, among all buttons of all browsers. All methods are thread-safe.
+    """Tracker that determines which button moves the arm, among all buttons of all browsers. All methods are
+    thread-safe.
 
-    Each button in each browser has a key, ``button``. A press that was rejected or ended has no effect until the button
-    is released. This rule prevents unexpected motion while a user holds a button and the arm is at rest.
+    Each button in each browser is identified by a key, ``button``. A press that was rejected or ended has no effect
+    until the button is released. This rule prevents unexpected motion while a user holds a button and the arm is at
+    rest.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -100,14 +102,14 @@ class HeldButtons:
         """Time of the last report of each button whose press was rejected or ended."""
 
     def hold(self, button: Hashable, command: Command) -> str:
-        """Process the report of a browser that a button is held.
+        """Process a browser's report that a button is held.
 
         Args:
             button: Key of the button.
-            command: Motion to make. Only the command of the first report of a press is used.
+            command: Motion to perform. Only the command in the first report of a press is used.
 
         Returns:
-            The reason why the press is rejected or ended, once per press; empty otherwise.
+            The reason why the press is rejected or ended, returned once per press; otherwise an empty string.
         """
         with self._lock:
             now_s = self._clock.now()
@@ -127,7 +129,7 @@ class HeldButtons:
             return ""
 
     def release(self, button: Hashable) -> None:
-        """Process the report of a browser that a button was released."""
+        """Process a browser's report that a button was released."""
         with self._lock:
             self._over.pop(button, None)
             if self._press is not None and self._press.button == button:

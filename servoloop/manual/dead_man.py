@@ -9,7 +9,7 @@ QUIT: Final = "q"
 
 
 class Permission(Protocol):
-    """Source of the permission to move. It reports whether the arm may move and whether the command must end."""
+    """Source of the permission to move. The key reports whether the arm may move and whether the command must end."""
 
     def allowed(self, now_s: float) -> bool: ...
     def ended(self) -> bool: ...
@@ -40,7 +40,8 @@ class HandsFree:
 
 
 class DeadMansKey:
-    """Permission to move while a key of the terminal is held, except command keys and q, which ends the command."""
+    """Permission to move while a key is held in the terminal; command keys and q, which ends the command, do not
+    count."""
 
     def __init__(self, commands: Collection[str] = ()) -> None:
         self._key = HeldKey(FIRST_S)
@@ -48,7 +49,7 @@ class DeadMansKey:
         self._known, self._commands = commands, list[str]()
 
     def press(self, key: str, now_s: float) -> None:
-        """Process a key that was pressed or is repeated."""
+        """Process a key that was pressed or that repeats."""
         if key == QUIT:
             self._ended = True
             self._key.release()
@@ -59,7 +60,7 @@ class DeadMansKey:
             self._key.press(key, now_s)
 
     def allowed(self, now_s: float) -> bool:
-        """Return whether a key is held, as far as a terminal can detect this. The call does not block."""
+        """Return whether a key is held, as far as the terminal can detect this. The call does not block."""
         for key in typed(0.0):
             self.press(key, now_s)
         return bool(self._key.held(now_s))

@@ -1,4 +1,4 @@
-"""Define the data about a robot that are needed to move it manually."""
+"""Define the robot data that is needed to move a robot manually."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class JointsNow:
 
 
 class MovableRobot(Protocol):
-    """Data about a robot that is available immediately, without a request to the stack."""
+    """Robot data that is available immediately, without a request to the stack."""
 
     @property
     def limits(self) -> Mapping[str, JointLimits]: ...

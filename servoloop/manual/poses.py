@@ -1,4 +1,4 @@
-"""Named poses of an arm: the YAML file in the arm's folder, and the poses that a running arm can move to."""
+"""Named poses of an arm: the YAML file in the arm's folder, and the poses to which a running arm can move."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ LONGEST_NAME: Final = 100
 
 
 class PoseError(DriverError):
-    """A pose does not exist or does not fit the arm."""
+    """A pose does not exist or does not match the arm."""
 
 
 class PosesFile(BaseModel):
@@ -39,7 +39,7 @@ class Poses:
     """Saved poses of one arm. The methods raise PoseError if the file is invalid or cannot be read or written."""
 
     def __init__(self, folder: Path) -> None:
-        """Open the pose file in the folder of an arm."""
+        """Open the pose file in an arm's folder."""
         self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
@@ -55,7 +55,7 @@ class Poses:
         return poses[name]
 
     def check(self, name: str, limits: Mapping[str, JointLimits]) -> None:
-        """Check that a pose is within these joint limits. Raises PoseError with file and line."""
+        """Check that a pose is within the given joint limits. Raises PoseError with the file and line."""
         try:
             check(self.get(name), limits)
         except PoseError as error:
@@ -83,7 +83,7 @@ class Poses:
 
 
 def check(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> None:
-    """Check that all joints of a pose exist and are within their limits. Raises PoseError with all problems."""
+    """Check that all joints of a pose exist and are within their limits. Raises PoseError that lists all problems."""
     problems = [f"the arm has no joint {joint}" for joint in pose if joint not in limits]
     for joint, at in pose.items():
         limit = limits.get(joint)
@@ -103,7 +103,7 @@ class MoveTargets:
 
     joints: tuple[str, ...] = ()
     hand: Mapping[str, Pose] = field(default_factory=dict)
-    """Poses of the open and the closed hand; empty if the arm's files do not specify the hand's joint."""
+    """Poses of the open and the closed hand, or empty if the arm's files do not specify the hand joint."""
     poses: Mapping[str, Pose] = field(default_factory=dict)
     """Saved poses, in rad or m, keyed by joint name."""
     refused: tuple[str, ...] = ()
@@ -119,7 +119,7 @@ def find_targets(
     """Return the joints that a running arm can move and the poses to which it can move.
 
     Args:
-        folder: Folder of the arm; None if the stack does not report the folder.
+        folder: Folder of the arm, or None if the stack does not report the folder.
         driven: Joints of each active controller, keyed by controller name.
         limits: Limits of each joint.
     """
@@ -144,7 +144,7 @@ def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, P
     """Return the poses in which all hands are open or closed, or no poses if the arm's files do not define them."""
     try:
         jobs = load_pick_places(read_arm(folder).pick_place).values()
-    except ArmFileError:  # the folder has only a URDF, or the arm has no pick-and-place parameters
+    except ArmFileError:  # the folder contains only a URDF, or the arm has no pick-and-place parameters
         return {}
     hands = [(joints[0], job) for job in jobs if len(joints := driven.get(job.hand_controller, ())) == 1]
     if not hands:

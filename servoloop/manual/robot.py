@@ -20,7 +20,7 @@ ANSWER_S: Final = 5.0
 
 
 def joints_now(snapshot: RobotSnapshot, age_s: float) -> JointsNow:
-    """Return the commanded and measured joint positions of a snapshot that is ``age_s`` old."""
+    """Return the commanded and measured joint positions from a snapshot that is ``age_s`` old."""
     commanded = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
     return JointsNow(
         _by_name(snapshot, commanded), _by_name(snapshot, snapshot.position), age_s, servo_faults(snapshot)
@@ -44,7 +44,7 @@ def limits_of(snapshot: RobotSnapshot) -> dict[str, JointLimits]:
 
 
 class LiveRobot:
-    """Robot of a running stack on this machine, with the state that its live feed reports."""
+    """Robot of a running stack on this machine, with the state from the stack's live feed."""
 
     def __init__(self, source: LiveSource) -> None:
         self._source = source
@@ -53,14 +53,14 @@ class LiveRobot:
 
     @classmethod
     def find(cls, arm: str | None = None, namespace: str | None = None) -> Self:
-        """Follow a running stack.
+        """Receive the state of a running stack.
 
         Args:
-            arm: Name or folder of the arm; None for any arm.
-            namespace: ROS namespace of the stack; empty for the root namespace, None for any namespace.
+            arm: Name or folder of the arm, or None for any arm.
+            namespace: ROS namespace of the stack; empty for the root namespace or None for any namespace.
 
         Raises:
-            LiveError: No such stack is running.
+            LiveError: There is no such running stack.
         """
         return cls(LiveSource(arm, MonotonicClock(), namespace))
 
@@ -102,16 +102,16 @@ class LiveRobot:
         return self._limits
 
     def joints_now(self) -> JointsNow:
-        """Return the joint positions and faults that the stack reported last, with their age."""
+        """Return the joint positions and faults that the stack reported most recently, with their age."""
         return joints_now(self.snapshot, self._source.silent_s)
 
     def wait(self) -> None:
         """Wait for the first measurement. Raises HandlingError if no measurement arrives within ``ANSWER_S``."""
         if not self._source.has_state.wait(ANSWER_S):
-            raise HandlingError(f"the stack of {self.arm} has sent no measurement for {ANSWER_S:.0f} s")
+            raise HandlingError(f"the stack of {self.arm} has not sent any measurements for {ANSWER_S:.0f} s")
 
     def close(self) -> None:
-        """Stop following the stack."""
+        """Stop receiving the stack's state."""
         self._source.close()
 
     def __enter__(self) -> Self:

@@ -21,13 +21,13 @@ FORWARD: Final = (
 SLOW: Final = 0.25
 """Maximum velocity of manual motion, in rad/s or m/s."""
 SHARE: Final = 0.1
-"""Maximum velocity of manual motion as a fraction of the velocity limit of the joint."""
+"""Maximum velocity of manual motion, as a fraction of the joint's velocity limit."""
 FRESH_S: Final = 0.5
-"""Maximum age of a measurement from which a motion may start, in seconds."""
+"""Maximum age of a measurement at which a motion may start, in seconds."""
 REFRESH_S: Final = 0.2
-"""Interval between requests for the list of controllers, in seconds."""
+"""Interval between requests for the controller list, in seconds."""
 RELEASE_S: Final = 0.5
-"""Time from the last command until other clients may move the arm, in seconds."""
+"""Time after the last command until other clients may move the arm, in seconds."""
 
 
 @dataclass(slots=True)
@@ -44,16 +44,16 @@ class _DrivenController:
 class RobotClient:
     """Client that jogs joints and moves them to poses, slowly and within limits.
 
-    All calls must come from one thread. Each call of ``jog`` or ``approach`` moves a short distance, so call these
+    All calls must come from one thread. Each call to ``jog`` or ``approach`` moves a short distance, so call these
     methods at least ten times per second. The joints stop within 0.3 s after the last call, even if this process is
-    killed. Methods raise HandlingError if a joint cannot be moved, and CommandError if the connection has ended.
+    killed. Methods raise HandlingError if a joint cannot be moved, and CommandError if the connection has been closed.
     """
 
     def __init__(self, commands: CommandClient, robot: MovableRobot, now: Callable[[], float] = monotonic) -> None:
         self._commands, self._robot, self._now = commands, robot, now
         self._controllers: dict[str, _DrivenController] = {}
         self._inactive: dict[str, str] = {}
-        """Inactive controller that could move each joint, keyed by joint name."""
+        """Inactive controllers that could move the joints, keyed by joint name."""
         self._listed_s = self._commanded_s = -float("inf")
         self._owns = False
         """Whether this client has control of the arm."""
@@ -69,7 +69,7 @@ class RobotClient:
         return tuple(joint for joints in self.driven.values() for joint in joints)
 
     def connect(self) -> None:
-        """Find the active controllers. Raises HandlingError if none of these controllers moves joints."""
+        """Find the active controllers. Raises HandlingError if none of the active controllers moves joints."""
         self._refresh()
         if not self._controllers:
             raise HandlingError(
@@ -77,7 +77,7 @@ class RobotClient:
             )
 
     def listen(self) -> None:
-        """Receive messages between motions, and let other clients move the arm after a pause."""
+        """Receive messages between motions, and release control to other clients after a pause."""
         if any(event["event"] == "lost" for event in self._commands.events()):
             self._owns = False
         if self._owns and self._now() - self._commanded_s > RELEASE_S:
@@ -161,7 +161,7 @@ class RobotClient:
         return f"no active controller moves {', '.join(joints)}: {advice}"
 
     def _begin(self, name: str, controller: _DrivenController) -> tuple[GuidedMotion, float, JointPositions]:
-        """Return the motion of a controller, the time since its last command, and the positions of its joints.
+        """Return the motion of a controller, the time since its last command, and its joint positions.
 
         If no motion is running, a new motion starts at the commanded positions.
         """
@@ -215,7 +215,7 @@ class RobotClient:
             raise
 
     def _ask(self, op: str, **fields: Any) -> None:
-        """Send a message. Raises HandlingError if the stack refuses the message."""
+        """Send a message. Raises HandlingError if the stack rejects the message."""
         try:
             self._commands.request(op, **fields)
         except CommandError as error:
@@ -227,7 +227,7 @@ class RobotClient:
 
 @dataclass(frozen=True, slots=True)
 class _Listed:
-    """Controller in the list that the stack reports."""
+    """Controller in the list reported by the stack."""
 
     name: str
     kind: str
@@ -235,7 +235,7 @@ class _Listed:
     busy: bool
     joints: tuple[str, ...]
     positions: bool
-    """Whether the controller commands positions only."""
+    """Whether the controller commands only positions."""
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> "_Listed":
@@ -248,5 +248,5 @@ class _Listed:
 def _array(positions: Mapping[str, float], joints: tuple[str, ...]) -> FloatArray:
     array = np.array([positions.get(joint, np.nan) for joint in joints])
     if not np.isfinite(array).all():
-        raise HandlingError("not all joints have been measured: check that all servos answer")
+        raise HandlingError("not all joints have been measured: check that all servos respond")
     return array

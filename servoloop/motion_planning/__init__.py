@@ -1,1 +1,1 @@
-"""Read the files of an arm for planning."""
+"""Read an arm's files for planning."""

@@ -1,7 +1,7 @@
-"""Find the pairs of links that MoveIt need not check for collisions, for <disable_collisions> in the SRDF.
+"""Find the pairs of links that MoveIt does not need to check for collisions, for <disable_collisions> in the SRDF.
 
-Poses are sampled as in MoveIt's setup assistant. The geometry comes from the arm's scene; tests ensure that it equals
-the geometry of the URDF.
+Poses are sampled in the same way as in MoveIt's setup assistant. The geometry is taken from the arm's scene; tests
+ensure that it matches the geometry in the URDF.
 """
 
 import itertools
@@ -18,12 +18,12 @@ from sim_backend.scene.scene_file import scene_spec
 SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
-"""Minimum fraction of poses with contact for a pair of links to count as touching by design.
+"""Minimum fraction of poses in which a pair of links must touch to count as touching by design.
 
 MoveIt's setup assistant uses the same value.
 """
 OFTEN: Final = 0.05
-"""Minimum fraction of poses with a small distance for a pair of links that never touches to count as near by design."""
+"""Minimum fraction of poses in which a pair of links that never touches must be close to count as near by design."""
 
 Pair = tuple[str, str]
 
@@ -40,7 +40,7 @@ def arm_links(spec: Any) -> list[Any]:
 
 
 class LinkModel:
-    """Model of the arm in a scene, without other objects, to find collisions between the links of the arm."""
+    """Model of the arm in a scene, without other objects, for finding collisions between the arm's own links."""
 
     def __init__(self, scene: Path) -> None:
         spec = scene_spec(scene)
@@ -55,14 +55,14 @@ class LinkModel:
         mobile = [self.model.joint(i) for i in range(self.model.njnt)]
         owned = [joint for joint in mobile if self.model.body(joint.bodyid[0]).name in self.links]
         self.joints = tuple(str(joint.name) for joint in owned)
-        """All joints, including mimic joints, in the order of poses."""
+        """All joints, including mimic joints, in the order used in poses."""
         self.followers = _followers(self.model)
         """Joint that each mimic joint follows, with the polynomial that relates their positions."""
         self._places = [int(joint.qposadr[0]) for joint in owned]
         self._ranges = np.array([joint.range for joint in owned])
 
     def pose(self, positions: dict[str, float]) -> FloatArray:
-        """Return a pose with these joint positions.
+        """Return a pose with the given joint positions.
 
         Other joints are at 0; mimic joints follow the joints that they mimic.
         """
@@ -81,7 +81,7 @@ class LinkModel:
         return pose
 
     def place(self, pose: FloatArray) -> None:
-        """Move the arm to a pose."""
+        """Place the arm in a pose."""
         self.data.qpos[self._places] = pose
         mujoco.mj_kinematics(self.model, self.data)
 
@@ -102,7 +102,8 @@ class LinkModel:
         return pairs - self.adjacent
 
     def meeting(self) -> set[Pair]:
-        """Return the pairs of links driven by one servo, such as two fingers. They are meant to touch."""
+        """Return the pairs of links that are driven by the same servo, such as two fingers. These links are meant to
+        touch."""
         link = {name: self.model.body(self.model.joint(name).bodyid[0]).name for name in self.joints}
         return {pair(link[follower], link[leader]) for follower, (leader, _) in self.followers.items()}
 
@@ -118,13 +119,13 @@ def _followers(model: Any) -> dict[str, tuple[str, FloatArray]]:
 
 
 def count(arm: LinkModel, samples: int, seed: int) -> Counter[Pair]:
-    """Return the number of random poses in which each pair touches."""
+    """Return the number of random poses in which each pair of links touches."""
     random = np.random.default_rng(seed)
     return Counter(itertools.chain.from_iterable(arm.touching(arm.random_pose(random)) for _ in range(samples)))
 
 
 def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair, str]:
-    """Return the pairs that need no collision check, each with MoveIt's term for the reason."""
+    """Return the pairs that do not need a collision check, each with MoveIt's term for the reason."""
     arm = LinkModel(scene)
     touched = count(arm, samples, seed)
     at_zero = arm.touching(np.zeros(len(arm.joints)))

@@ -1,4 +1,4 @@
-"""Read the files of an arm for planning: its scene, limits, groups, named states and pairs that may touch."""
+"""Read an arm's files for planning: its scene, limits, groups, named states and pairs that may touch."""
 
 from pathlib import Path
 from typing import Final
@@ -21,29 +21,29 @@ from servoloop.stack.shipped_files import CONFIG
 from sim_backend.scene.scene_file import scene_spec
 
 NEVER: Final = "Never"
-"""Reason for pairs that touched in no random pose.
+"""Reason for pairs that did not touch in any of the random poses.
 
-Unless such pairs are near by design, they are still checked, because they may touch in other poses.
+These pairs are still checked unless they are near by design, because they may touch in other poses.
 """
 POSES: Final = 500
 """Number of random poses used to find the links that always touch."""
 SEED: Final = 1
-"""Seed of the random poses."""
+"""Random seed for the poses."""
 
 
 def planning_robot(files: Files) -> PlanningRobot:
     """Read the files of an arm for planning.
 
-    Groups, end effectors, named states and pairs that may touch come from the SRDF of the arm, if it has one. The SRDF
-    is the only ``*.srdf`` in the folder of the arm, or the file in ``config/moveit`` with the name of the arm.
+    Groups, end effectors, named states and pairs that may touch are read from the arm's SRDF, if it has one. The SRDF
+    is the only ``*.srdf`` file in the arm's folder, or the file in ``config/moveit`` with the arm's name.
 
-    If the arm has no SRDF, the group ``arm`` has the joints of the first trajectory controller, and the group ``hand``
-    has the other joints. In this case, the named states are the poses of the pick-place job, of the robot file and of
-    ``servoloop pose``.
+    If the arm does not have an SRDF, the ``arm`` group contains the joints of the first trajectory controller, and the
+    ``hand`` group contains the other joints. In this case, the named states are the poses of the pick-and-place job,
+    the robot file and ``servoloop pose``.
 
     Raises:
-        HalError: The files of the arm have errors, or the arm has no trajectory controller.
-        PlanningError: The scene file lacks a joint, or the SRDF has errors.
+        HalError: The arm's files have errors, or the arm has no trajectory controller.
+        PlanningError: A joint is missing from the scene file, or the SRDF has errors.
     """
     model = scene_spec(files.scene).compile()
     srdf = srdf_of(files)
@@ -57,9 +57,9 @@ def planning_robot(files: Files) -> PlanningRobot:
 
 
 def srdf_of(files: Files) -> Path | None:
-    """Return the SRDF of an arm, or None if it has none.
+    """Return the SRDF of an arm, or None if the arm does not have one.
 
-    Raises PlanningError if the folder of the arm has several SRDF files.
+    Raises PlanningError if the arm's folder contains several SRDF files.
     """
     own = sorted(files.arm_folder.glob("*.srdf"))
     if len(own) > 1:
@@ -79,9 +79,9 @@ def arm_group(robot: PlanningRobot, files: Files) -> Group:
 
 
 def arm_groups(robot: PlanningRobot, files: Files) -> list[Group]:
-    """Return the groups that have only joints of trajectory controllers.
+    """Return the groups that consist only of joints of trajectory controllers.
 
-    The group of ``arm_group`` comes first, followed by the other groups in order of increasing size.
+    The group of ``arm_group`` comes first, followed by the other groups from smallest to largest.
 
     Raises ArmFileError.
     """

@@ -10,7 +10,7 @@ from servoloop.stack.robot_files import Files
 
 
 def routes(files: Files) -> tuple[Route, ...]:
-    """Return the controllers of the controllers file that can follow trajectories, and their joints."""
+    """Return the controllers in the controllers file that can follow trajectories, and their joints."""
     return tuple(route for spec in files.controllers.controllers if (route := _route(spec)) is not None)
 
 

@@ -1,7 +1,7 @@
-"""Implementation of ``servoloop arms moveit``: write the MoveIt configuration of an arm.
+"""Implementation of ``servoloop arms moveit``: write the MoveIt configuration for an arm.
 
-The comments and the parts that are the same for all arms come from config/moveit. The other parts are generated from
-the arm's folder.
+The comments and the sections that are the same for all arms come from config/moveit. The other sections are generated
+from the arm's folder.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,9 +28,9 @@ MOVEIT: Final = CONFIG / "moveit"
 """Folder with the MoveIt configuration of the default arm."""
 COPIED: Final = (KINEMATICS, PLANNERS, RVIZ)
 PADDINGS_M: Final = (0.02, 0.015, 0.01)
-"""Paddings to try, largest first, in m.
+"""Padding values to try, in m, largest first.
 
-Even the smallest padding exceeds the sag of the hand when each joint sags by 6 mrad.
+Even the smallest padding exceeds the sag of the hand if each joint sags by 6 mrad.
 """
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
@@ -41,7 +41,7 @@ GRIPPERS: Final = ("position_controllers/GripperActionController", "effort_contr
 def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     """Return the contents of MoveIt's files, keyed by file name.
 
-    Raises HalError if MoveIt cannot start a plan in some poses. The message lists these poses.
+    Raises HalError if MoveIt cannot start planning from some of the poses. The message lists these poses.
     """
     files = read_arm_files(arm)
     several = sum(spec.kind == TRAJECTORY for spec in files.controllers.controllers) > 1
@@ -58,8 +58,8 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     else:
         found = "\n".join(f"{name}: {', '.join(pairs)}" for name, pairs in blocked.items() if pairs)
         raise ArmFileError(
-            f"MoveIt cannot start a plan in these poses of {arm.name}, even with a padding of {padding_m} m: change "
-            f"the poses or the scene\n{found}"
+            f"MoveIt cannot plan from these poses of {arm.name}, even with a padding of {padding_m} m: change the "
+            f"poses or the scene\n{found}"
         )
     own = _of_several_arms(files, semantic) if semantic else _of_one_arm(arm, files, unchecked)
     return {
@@ -82,12 +82,12 @@ def _semantic(arm: ArmFolder, files: Files) -> Path:
 
 
 def _of_several_arms(files: Files, semantic: Path) -> dict[str, str]:
-    """Return the SRDF of the robot, and the files with settings of its groups."""
+    """Return the SRDF of the robot, and the files with the settings of its groups."""
     return {f"{files.arm}.srdf": semantic.read_text(), **group_settings(MOVEIT, group_names(files))}
 
 
 def _of_one_arm(arm: ArmFolder, files: Files, unchecked: Mapping[Pair, str]) -> dict[str, str]:
-    """Return the SRDF, and the files with settings of the groups ``arm`` and ``hand``."""
+    """Return the SRDF, and the files with the settings of the ``arm`` and ``hand`` groups."""
     groups = _groups(files)
     name = ElementTree.fromstring(files.description.xml).get("name", arm.name)
     copied = {name: (MOVEIT / name).read_text() for name in COPIED}
@@ -95,7 +95,7 @@ def _of_one_arm(arm: ArmFolder, files: Files, unchecked: Mapping[Pair, str]) -> 
 
 
 def write_moveit(arm: ArmFolder, folder: Path) -> list[Path]:
-    """Write MoveIt's files into a folder. Existing files are renamed to NAME.1. Raises HalError."""
+    """Write MoveIt's files to a folder. Existing files are renamed to NAME.1. Raises HalError."""
     written = moveit_files(arm)
     make_folder(folder)
     for name, text in written.items():
@@ -128,7 +128,7 @@ def _states(arm: ArmFolder, groups: Mapping[str, Sequence[str]]) -> States:
 
 
 def header(name: str, before: str) -> str:
-    """Return the text before a line of a file in config/moveit."""
+    """Return the text that precedes a given line in a file in config/moveit."""
     text = (MOVEIT / name).read_text()
     return text[: text.index(f"\n{before}") + 1]
 
@@ -171,7 +171,7 @@ def moveit_controllers(files: Files) -> str:
 
 
 def planning_scene(objects: Objects) -> str:
-    """Return planning_scene.yaml, with the objects as a request to /apply_planning_scene."""
+    """Return planning_scene.yaml, which contains the objects as a request to /apply_planning_scene."""
     begin = "scene:"
     text = header("planning_scene.yaml", begin) + (
         f"{begin}\n  is_diff: true\n  robot_state: {{is_diff: true}}\n  world:\n    collision_objects:\n"

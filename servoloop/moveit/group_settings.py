@@ -1,4 +1,4 @@
-"""Copy the settings of the groups ``arm`` and ``hand`` to the groups of a robot with several arms."""
+"""Copy the settings of the ``arm`` and ``hand`` groups to the groups of a robot with several arms."""
 
 import re
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ RVIZ_GROUP: Final = "Planning Group: "
 
 @dataclass(frozen=True, slots=True)
 class GroupNames:
-    """Names of the groups of a robot with several arms."""
+    """Group names of a robot with several arms."""
 
     chains: tuple[str, ...]
     """Groups of a single arm, for which MoveIt computes inverse kinematics."""
     arms: tuple[str, ...]
-    """Groups of one or more arms."""
+    """Groups that contain one or more arms."""
     hands: tuple[str, ...]
-    """Groups of the hands."""
+    """Groups that contain the hands."""
 
 
 def group_names(files: Files) -> GroupNames:
-    """Return the names of the groups in the SRDF of a robot. Raises HalError or PlanningError."""
+    """Return the group names in a robot's SRDF. Raises HalError or PlanningError."""
     robot = planning_robot(files)
     arms = arm_groups(robot, files)
     names = tuple(group.name for group in arms)
@@ -38,7 +38,7 @@ def group_names(files: Files) -> GroupNames:
 
 
 def group_settings(folder: Path, names: GroupNames) -> dict[str, str]:
-    """Return the contents of the files with group settings in ``folder``, rewritten for these groups."""
+    """Return the contents of the group settings files in ``folder``, rewritten for these groups."""
     kinematics, planners = ((folder / name).read_text() for name in (KINEMATICS, PLANNERS))
     rviz = (folder / RVIZ).read_text().replace(f"{RVIZ_GROUP}{ARM}\n", f"{RVIZ_GROUP}{names.chains[0]}\n")
     planners = _repeated(_repeated(planners, ARM, names.arms), HAND, names.hands)
@@ -46,7 +46,7 @@ def group_settings(folder: Path, names: GroupNames) -> dict[str, str]:
 
 
 def _repeated(text: str, group: str, names: Sequence[str]) -> str:
-    """Return the text with one copy of a group's section for each name. Only the first copy has comments."""
+    """Return the text with one copy of a group's section for each name. Only the first copy includes comments."""
     section = re.search(rf"^{group}:\n((?:[ ]+.*\n)+)", text, re.MULTILINE)
     assert section is not None
     plain = re.sub(r"^ +#.*\n", "", section[1], flags=re.MULTILINE)

@@ -1,4 +1,4 @@
-"""Check whether MoveIt can start a plan in a pose.
+"""Check whether MoveIt can start planning from a pose.
 
 The padded arm must not touch the objects around it, and the arm without padding must not touch itself.
 """
@@ -18,7 +18,7 @@ from servoloop.stack.pick_place import PickPlace, arm_jobs
 from sim_backend.scene.world import World
 
 SETTLE_S: Final = 4.0
-"""Time for a limp arm to come to rest, in seconds of the simulation."""
+"""Simulated time for a limp arm to come to rest, in seconds."""
 FAR_M: Final = 1.0
 
 
@@ -44,10 +44,11 @@ class PaddedArm:
         ]
         meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
         self._padding_m = np.where(meshes, padding_m, 0.0)
-        """Padding of meshes, which are not enlarged in the model. Zero for all other geometries."""
+        """Padding of meshes, because meshes are not enlarged in the model. The value is zero for all other
+        geometries."""
 
     def distances(self, pose: Pose) -> dict[Pair, float]:
-        """Return the distance between each link and each object in m; negative if they overlap."""
+        """Return the distance between each link and each object, in m; negative if they overlap."""
         self._data.qpos[self._places] = self._links.pose(dict(pose))
         mujoco.mj_kinematics(self._model, self._data)
         found: dict[Pair, float] = {}
@@ -60,7 +61,8 @@ class PaddedArm:
         return found
 
     def collisions(self, pose: Pose) -> list[str]:
-        """Return the pairs that make MoveIt refuse a pose. The list is empty if MoveIt can plan from the pose."""
+        """Return the pairs that cause MoveIt to reject a pose. The list is empty if MoveIt can start planning from the
+        pose."""
         around = [f"{link} - {thing}" for (link, thing), gap in self.distances(pose).items() if gap <= 0.0]
         itself = self._links.touching(self._links.pose(dict(pose))) - self._unchecked
         return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
@@ -76,7 +78,7 @@ def released_pose(scene: Path, pose: Pose) -> Pose:
 
 
 def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the rest poses: at the start of the stack and parked, each with torque enabled and disabled."""
+    """Return the rest poses: at stack startup and parked, each with torque enabled and disabled."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}
@@ -90,9 +92,9 @@ def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
 
 
 def working_poses(arm: ArmFolder) -> dict[str, Pose]:
-    """Return the poses of the pick-place job with open and closed hand, and the zero pose.
+    """Return the poses of the pick-and-place job with the hand open and closed, and the zero pose.
 
-    The mock starts in the zero pose.
+    The mock hardware starts in the zero pose.
     """
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}

@@ -41,7 +41,7 @@ def srdf(
     Args:
         name: Name of the robot in the URDF.
         description: Robot description.
-        groups: Driven joints of the groups ``arm`` and, if there is a hand, ``hand``.
+        groups: Driven joints of the ``arm`` group and, if there is a hand, of the ``hand`` group.
         states: Named states.
         unchecked: Pairs of links without collision checks, with the reasons.
     """

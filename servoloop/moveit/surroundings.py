@@ -15,7 +15,7 @@ from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Clearance between the padded arm and the objects that the arm stands on, lies on or works at, in m."""
+"""Clearance between the padded arm and the objects on which it stands, rests or works, in m."""
 REST_MARGIN_M: Final = 0.03
 """Maximum distance between the actual and the computed rest pose of an arm, in m."""
 REACH_M: Final = 0.7
@@ -42,7 +42,7 @@ class CollisionShape:
 
 @dataclass(frozen=True, slots=True)
 class Pit:
-    """Rectangle in which the table is lowered, in m."""
+    """Rectangle in which the table surface is lowered, in m."""
 
     x_from: float
     x_to: float
@@ -70,8 +70,8 @@ BASE: Final = "base_link"
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
     """Return the fixed objects of a scene, keyed by name.
 
-    The table has pits below the foot, and at places where the padded arm would touch it in the rest poses ``lying``.
-    The stand, at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
+    The table has pits below the foot, and where the padded arm would touch it in the rest poses ``lying``. The stand at
+    which the arm works is lowered by the padding plus ROOM_M. Raises ArmFileError.
     """
     model = scene_model(scene)
     data = mujoco.MjData(model)
@@ -133,7 +133,7 @@ def _rounded(values: FloatArray) -> Numbers:
 
 
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
-    """Return the pits of the table below the foot of the arm and at its rest poses."""
+    """Return the pits in the table below the foot of the arm and at its rest poses."""
     arm = LinkModel(scene)
     feet, moved = _feet_and_moved(arm)
     arm.place(arm.pose({}))
@@ -151,7 +151,7 @@ def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) ->
 
 
 def _feet_and_moved(arm: LinkModel) -> tuple[list[int], list[list[int]]]:
-    """Return the fixed bodies of the arms, and the moved bodies of each arm."""
+    """Return the fixed bodies of all arms, and the moving bodies of each arm."""
     model = arm.model
     links = [body for body in range(1, model.nbody) if model.body(body).name in arm.links]
     feet = [body for body in links if model.body_weldid[body] == 0]
@@ -166,7 +166,7 @@ def _feet_and_moved(arm: LinkModel) -> tuple[list[int], list[list[int]]]:
 
 
 def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, margin_m: float) -> Pit | None:
-    """Return the pit that these bodies need, with a margin, or None if they are above the table."""
+    """Return the pit that these bodies need, including a margin, or None if they are above the table."""
     found = []
     for geom in range(arm.model.ngeom):
         if arm.model.geom_bodyid[geom] in bodies and arm.model.geom_contype[geom]:
@@ -180,7 +180,7 @@ def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, 
 
 
 def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and the highest x, y and z of a padded geometry."""
+    """Return the minimum and maximum x, y and z of a padded geometry."""
     turn = arm.data.geom_xmat[geom].reshape(3, 3)
     middle = arm.data.geom_xpos[geom] + turn @ arm.model.geom_aabb[geom][:3]
     half = np.abs(turn) @ (arm.model.geom_aabb[geom][3:] + padding_m)
@@ -188,7 +188,7 @@ def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, Fl
 
 
 def _table(level: float, pits: Sequence[Pit]) -> list[CollisionShape]:
-    """Return boxes that form the table with its pits. Neighboring boxes along x are merged."""
+    """Return boxes that form the table including its pits. Boxes that are adjacent along x are merged."""
     xs = _edges(edge for pit in pits for edge in (pit.x_from, pit.x_to))
     ys = _edges(edge for pit in pits for edge in (pit.y_from, pit.y_to))
     bottom = level - max([TABLE_M, *(pit.depth + ROOM_M for pit in pits)])

@@ -10,11 +10,11 @@ from drivers.port import Port
 
 AnyPort = TypeVar("AnyPort", bound=Port)
 KEPT: Final = 20_000
-"""Maximum number of transfers kept before the loop runs. Setting up a bus needs several hundred transfers."""
+"""Maximum number of transfers kept before the loop starts. Setting up a bus requires several hundred transfers."""
 
 
 class Transfer(NamedTuple):
-    """Bytes that one call wrote to a port or read from it."""
+    """Bytes written to or read from a port by one call."""
 
     stamp_s: float
     """Time just before a write or just after a read, in seconds on the loop's clock."""
@@ -32,7 +32,7 @@ class BusTaps:
         self._transfers: deque[Transfer] = deque(maxlen=KEPT)
 
     def tap(self, port: Port, clock: Clock) -> Port:
-        """Return a port that records its transfers and otherwise behaves as ``port``."""
+        """Return a port that records its transfers and otherwise behaves like ``port``."""
         return BusTap(port, clock, self._transfers)
 
     def take(self) -> tuple[Transfer, ...]:

@@ -41,7 +41,7 @@ class EmulatorSource:
 
     @property
     def status(self) -> str:
-        """Path of the virtual arm, with a note on whether its emulator is running."""
+        """Path of the virtual arm, with a note that states whether its emulator is running."""
         return f"{self._link}: virtual servos" if self.up_to_date else f"{self._link}: the emulator has stopped"
 
     @property
@@ -71,7 +71,7 @@ class EmulatorSource:
         self._robot, self._messages = ObservedRobot(), None
 
     def _update(self, published: dict[str, Any]) -> None:
-        """Convert a state that the emulator has published to the messages of a stack, and process them."""
+        """Convert a state published by the emulator to the messages of a stack, and process them."""
         stamp_s, joints = published["time_s"], published["joints"]
         if self._messages is None:
             self._messages = Messages(self._description, list(joints), (), 0.0)

@@ -20,7 +20,7 @@ LOG = logging.getLogger("servoloop")
 
 FOLDER: Final = Path("out/faults")
 KEPT_S: Final = 30.0
-"""Duration of the cycles kept in memory, in seconds.
+"""Duration for which cycles are kept in memory, in seconds.
 
 If a fault occurs shortly after a file was written, the next file records the fault and continues without a gap.
 """
@@ -30,22 +30,23 @@ MIN_INTERVAL_S: Final = KEPT_S - 1.0
 This time is 1 s shorter than ``KEPT_S``, because samples arrive every 0.5 s.
 """
 FILES: Final = 20
-"""Maximum number of files. The oldest file is deleted first."""
+"""Maximum number of files. The oldest files are deleted first."""
 LARGEST_FOLDER: Final = 100_000_000
 """Maximum size of all files together, in bytes. The oldest files are deleted first, but never the newest file."""
 MIN_DURATION_S: Final = 0.25
 """Minimum duration of a fault, in seconds. Shorter gaps in the measurements are normal on a busy computer or bus."""
 LOST: Final = "lost"
 IMMEDIATE: Final = ("no_torque", LOST)
-"""Kinds of faults that are recorded without a minimum duration."""
+"""Types of faults that are recorded without a minimum duration."""
 NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 
 
 class FaultFiles:
-    """Sink that keeps the last ``KEPT_S`` seconds and writes them to a new file when a fault begins.
+    """Sink that keeps the last ``KEPT_S`` seconds and writes them to a new file when a fault starts.
 
-    The following are faults: a joint that is not measured or whose torque is off, a lost component, a goal whose
-    tolerances are violated, and a loop that stops with an error. A component that a client switches off is not a fault.
+    The following count as faults: a joint that is not measured or whose torque is off, a lost component, a goal whose
+    tolerances are violated, and a loop that stops with an error. Deactivation of a component by a client is not a
+    fault.
     """
 
     eager = False
@@ -57,9 +58,9 @@ class FaultFiles:
         self._since_s: Mapping[str, float] = {}
         """Start times of the faults in the last cycle, keyed by joint or component."""
         self._known: Mapping[str, str] = {}
-        """Kinds of the faults that have lasted long enough, keyed by joint or component."""
+        """Types of the faults that have lasted long enough, keyed by joint or component."""
         self._new: list[str] = []
-        """Faults not yet written to a file."""
+        """Faults that have not been written to a file yet."""
         self._written_s: float | None = None
         """Time of the last cycle written to a file."""
 
@@ -92,7 +93,8 @@ class FaultFiles:
             self._write_file(())
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """Write the remaining faults. A failed loop counts as a fault. Raises the same errors as ``flush``."""
+        """Write the remaining faults. A loop that ended with an error counts as a fault. Raises the same errors as
+        ``flush``."""
         if failed:
             self._new.append("loop: ended by an error")
         if self._new and self._kept:
@@ -112,12 +114,12 @@ class FaultFiles:
                 file.write(sample)
         finally:
             file.close(transfers)
-        LOG.info("%s: the last %.0f s are recorded in %s", new[0], KEPT_S, path)
+        LOG.info("%s: the last %.0f s were saved to %s", new[0], KEPT_S, path)
         tidy(self._folder)
 
 
 def tidy(folder: Path) -> None:
-    """Delete the oldest files until their number and their size are within the limits."""
+    """Delete the oldest files until the number and total size of the files are within the limits."""
     total = 0
     for number, path in enumerate(sorted(folder.glob(NAME), reverse=True)):
         with suppress(FileNotFoundError):  # Another stack may have deleted the file.
@@ -127,11 +129,11 @@ def tidy(folder: Path) -> None:
 
 
 def _faults(sample: CycleSample) -> Iterator[tuple[str, str]]:
-    """Yield the joint or component and the kind of each fault in a cycle."""
+    """Yield the joint or component and the type of each fault in a cycle."""
     for joint, fault in sample.state.faults.items():
         if (
             fault.kind != "component"
-        ):  # Lost components are handled below; a component that was switched off has no fault.
+        ):  # Lost components are handled below, and a component that was switched off does not have a fault.
             yield joint, fault.kind
     for component in sample.lost:
         yield component, LOST

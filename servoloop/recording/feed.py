@@ -16,13 +16,13 @@ from servoloop.recording.sampler import CycleSample
 from servoloop.recording.stream import FOLDER, LiveError
 
 MAX_QUEUE_BYTES: Final = 4 * 1024 * 1024
-"""Maximum number of bytes queued for a viewer before it loses cycles. This is about 30 s of messages."""
+"""Maximum number of bytes queued for a viewer before it misses cycles. This is about 30 s of messages."""
 
 
 class Viewer:
     """Connection to a program that receives the feed. Sending never blocks.
 
-    ``gone`` becomes true when the program disconnects.
+    ``gone`` becomes True when the program disconnects.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -66,7 +66,7 @@ WAITING: Final = 8
 class LiveFeed:
     """Sink that sends each cycle as an MCAP stream to all programs connected to a Unix socket.
 
-    A program that reads too slowly loses whole cycles and can count the lost cycles. The stack never waits for a
+    A program that reads too slowly misses whole cycles and can count the missed cycles. The stack never waits for a
     viewer.
     """
 
@@ -90,7 +90,7 @@ class LiveFeed:
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:
-            # The socket is renamed once it listens, because clients delete a socket that does not listen.
+            # The socket is renamed after it starts to listen, because clients delete a socket that does not listen.
             new = path.with_suffix(".new")
             new.unlink(missing_ok=True)
             path.with_suffix(FOLDER).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Compute the following error of a run: the distance between its references and its positions."""
+"""Compute the following error of a run: the difference between its references and its positions."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ REST_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error of each joint of the arm in one run, in rad. All values are empty if there is no measurement.
+    """Following error of each joint of the arm in one run, in rad. All values are empty if there are no measurements.
 
-    Sag is largest at the joints that carry the arm. Lag is largest at the joint that moves fastest.
+    Sag is largest at the joints that support the arm. Lag is largest at the joint that moves fastest.
     """
 
     largest_rad: tuple[float, ...]
     rms_moving_rad: tuple[float, ...]
     at_rest_rad: tuple[float, ...]
-    """Largest error at rest; 0 for joints that were never at rest."""
+    """Largest error at rest, or 0 for joints that were never at rest."""
     fastest: int
     """Index of the joint with the largest reference velocity."""
 
@@ -56,7 +56,7 @@ UNKNOWN = FollowingError((), (), (), 0)
 
 
 def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray) -> FollowingError:
-    """Compute the following error from position errors and reference velocities, both of shape (samples, joints)."""
+    """Compute the following error from position errors and reference velocities, both with shape (samples, joints)."""
     if not len(error):
         return UNKNOWN
     moving = np.abs(velocity) > MOVING_RAD_S
@@ -68,13 +68,13 @@ def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray
 
 
 def _rests(times_s: FloatArray, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return whether the reference of each joint has been at rest for ``REST_S``, (samples, joints)."""
+    """Return whether the reference of each joint has been at rest for ``REST_S``, with shape (samples, joints)."""
     last = np.maximum.accumulate(np.where(moving, times_s[:, None], times_s[0]), axis=0)
     return times_s[:, None] - last >= REST_S
 
 
 def worst(errors: Iterable[FollowingError]) -> FollowingError:
-    """Return each joint's largest following error in several runs."""
+    """Return each joint's largest following error over several runs."""
     known = [error for error in errors if error.largest_rad]
     if not known:
         return UNKNOWN
@@ -91,7 +91,8 @@ def _rounded(values: FloatArray) -> tuple[float, ...]:
 def reference_at(
     times_s: FloatArray, cycle_s: FloatArray, position: FloatArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Interpolate reference positions and velocities between cycles with cubic polynomials, (times, joints)."""
+    """Interpolate reference positions and velocities between cycles with cubic polynomials; the shape is (times,
+    joints)."""
     left = np.clip(np.searchsorted(cycle_s, times_s, side="right") - 1, 0, len(cycle_s) - 2)
     span = (cycle_s[left + 1] - cycle_s[left])[:, None]
     u = (times_s - cycle_s[left])[:, None] / span
@@ -108,7 +109,7 @@ def between_cycles(
     position: FloatArray,
     velocity: FloatArray,
 ) -> FollowingError:
-    """Return the following error of a dense trace (times, joints) relative to the references of the cycles."""
+    """Return the following error of a dense trace (times, joints) relative to the cycles' references."""
     if len(cycle_s) < 2 or not len(trace):
         return UNKNOWN
     times, actual = np.array(trace_s), np.array(trace)

@@ -17,7 +17,7 @@ class HistoryRow(NamedTuple):
     stamp_s: float
     position: FloatArray
     command: FloatArray
-    """Commanded positions, NaN for joints without a command."""
+    """Commanded positions, or NaN for joints without a command."""
     velocity: FloatArray
     effort: FloatArray
 
@@ -44,9 +44,9 @@ class History:
         self._rows: deque[HistoryRow] = deque()
 
     def add(self, row: HistoryRow) -> None:
-        """Add a row. If the row is older than the last row, start a new history.
+        """Add a row. If the new row is older than the last row, start a new history.
 
-        If the row contains a new joint, earlier rows get NaN for this joint.
+        If the row contains a new joint, NaN is added to earlier rows for this joint.
         """
         rows = self._rows
         if rows and len(rows[-1].position) < len(row.position):

@@ -11,7 +11,8 @@ from hal.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class JointValues:
-    """Latest values of all joints: arrays (n,) in the order of ``joints``, NaN for values never received.
+    """Latest values of all joints: arrays (n,) in the order of ``joints``, with NaN for values that were never
+    received.
 
     Units are rad or m, rad/s or m/s, and N m or N.
     """
@@ -43,5 +44,5 @@ def widened(values: FloatArray, count: int) -> FloatArray:
 
 
 def _given(values: Sequence[float], count: int) -> FloatArray:
-    """Return the values of a message field that may be shorter than the list of names, extended with NaN."""
+    """Return the values of a message field, extended with NaN if there are fewer values than names."""
     return widened(np.asarray(values, dtype=np.float64)[:count], count)

@@ -1,4 +1,4 @@
-"""Write encoded messages to MCAP streams and files. Small chunks keep a killed program's file readable."""
+"""Write encoded messages to MCAP streams and files. Small chunks keep the file readable if the program is killed."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from drivers.errors import DriverError
 
 CHUNK: Final = 256 * 1024
-"""Maximum size of a chunk, in bytes. A cycle has about 5,000 bytes."""
+"""Maximum size of a chunk, in bytes. A cycle takes up about 5,000 bytes."""
 
 
 class McapStream:
@@ -37,13 +37,13 @@ class McapStream:
         return topic in self._channels
 
     def add_channel(self, topic: str, kind: str, definition: str) -> None:
-        """Add the channel of a topic with a message type and its definition."""
+        """Add the channel of a topic, with its message type and the type's definition."""
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(kind, SchemaEncoding.ROS2, definition.encode())
         self._channels[topic] = self._writer.register_channel(topic, MessageEncoding.CDR, self._schemas[kind])
 
     def add_message(self, topic: str, stamp_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Write an encoded message to an existing channel. ``stamp_ns`` is ROS time."""
+        """Write an encoded message to an existing channel. ``stamp_ns`` is a ROS time."""
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, sequence)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -60,7 +60,7 @@ class McapStream:
 
 
 SUFFIX: Final = ".mcap"
-"""File name suffix of a recording."""
+"""File name suffix of recordings."""
 RecordOption = Annotated[
     Path | None, typer.Option("--record", metavar="FILE.mcap", help="Record every cycle and all bus traffic.")
 ]
@@ -81,7 +81,7 @@ def check_path(path: Path) -> None:
 
 
 class McapFile:
-    """MCAP file. A file that was not closed has no index, but contains all messages that were flushed.
+    """MCAP file. A file that was not closed does not have an index, but contains all messages that were flushed.
 
     Every method raises RecordingError if the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Read the messages of an MCAP file or stream, including files that are incomplete or damaged."""
+"""Read the messages of an MCAP file or stream, even if it is incomplete or damaged."""
 
 import logging
 import struct
@@ -29,7 +29,7 @@ STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/c
 STATUSES, SCENE, URDF = "/diagnostics", "/servoloop/scene", "/robot_description"
 GOAL, RESULT = "/goal", "/goal_result"
 COMPRESSED: Final = "/image_raw/compressed"
-"""Suffix of the topics that carry camera images."""
+"""Topic suffix for camera images."""
 MAGIC: Final = b"\x89MCAP"
 OTHER_FORMATS: Final = {
     b"SQLite format 3": "is a rosbag2 database: convert it with `ros2 bag convert`",
@@ -37,7 +37,7 @@ OTHER_FORMATS: Final = {
     b"\x28\xb5\x2f\xfd": "is compressed: decompress it with `zstd -d`",
     b"\x1f\x8b": "is compressed: decompress it with `gunzip`",
 }
-"""Descriptions of other file formats, keyed by the first bytes of the file."""
+"""Descriptions of other file formats, keyed by the first bytes of a file."""
 KINDS: Final = {
     STATES: (JOINT_STATE,),
     COMMANDS: (JOINT_STATE,),
@@ -51,7 +51,7 @@ OpenFile = Callable[[Path], IO[bytes]]
 
 
 class Received(NamedTuple):
-    """Decoded message with its topic. ``sequence`` counts the cycles of a live stack and thus reveals lost cycles."""
+    """Decoded message with its topic. ``sequence`` counts the cycles of a live stack, so gaps reveal lost cycles."""
 
     topic: str
     stamp_ns: int
@@ -61,7 +61,7 @@ class Received(NamedTuple):
 
 
 def kinds_of(topic: str) -> tuple[str, ...]:
-    """Return the message types of a topic with robot state, or no types for any other topic."""
+    """Return the message types of a topic that carries robot state, or no types for any other topic."""
     if topic.endswith(GOAL):
         return TRAJECTORY, JOINT_STATE
     if topic.endswith(COMPRESSED):
@@ -70,32 +70,32 @@ def kinds_of(topic: str) -> tuple[str, ...]:
 
 
 def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encoded]:
-    """Yield the messages of a reader until its stream ends, is closed or is damaged.
+    """Yield the messages from a reader until its stream ends, is closed or is damaged.
 
     Args:
         reader: Reader of a stream.
-        file: File name for the warning about a damaged file. None for a live stream.
+        file: File name to use in the warning about a damaged file. None if the stream is live.
     """
     try:
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             if schema is not None:
                 yield schema, channel, message
-    except (EndOfFile, struct.error):  # The file is cut off in the middle of a record.
+    except (EndOfFile, struct.error):  # The file is truncated in the middle of a record.
         return
-    except Exception as error:  # each compression raises its own errors for damaged data
+    except Exception as error:  # each compression format raises its own errors for damaged data
         if file is not None:
             LOG.warning("%s is damaged and is read only up to the damage: %s", file, error)
 
 
 def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
-    """Decode and yield the messages with robot state. Skip messages that do not match their type."""
+    """Decode and yield the robot state messages. Skip messages that do not match their type."""
     decode = typestore().deserialize_cdr
     for schema, channel, message in messages:
         if schema.name not in kinds_of(channel.topic) or channel.message_encoding != "cdr":
             continue
         try:
             content = decode(message.data, schema.name)
-        except Exception:  # The message is damaged, or its type has another version.
+        except Exception:  # The message is damaged, or its type has a different version.
             LOG.debug("a message on %s does not match the type %s", channel.topic, schema.name)
             continue
         yield Received(channel.topic, message.log_time, content, message.sequence)
@@ -107,7 +107,7 @@ def open_file(path: Path) -> IO[bytes]:
 
 
 def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Received]:
-    """Yield the messages with robot state in a recording, which may be incomplete.
+    """Yield the robot state messages from a recording, which may be incomplete.
 
     Args:
         path: Path of the file.
@@ -127,7 +127,7 @@ def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Recei
 
 
 def _require_mcap(stream: IO[bytes], path: Path) -> None:
-    """Raise RecordingError if a file does not start like an MCAP file."""
+    """Raise RecordingError if the start of a file does not match the MCAP format."""
     head = stream.read(512)
     stream.seek(0)
     if head.startswith(MAGIC):
@@ -141,6 +141,6 @@ def _require_mcap(stream: IO[bytes], path: Path) -> None:
 def _described(head: bytes) -> str:
     if not head:
         return "an empty file"
-    text = head.decode("utf-8", errors="ignore")  # The last character may be cut off.
+    text = head.decode("utf-8", errors="ignore")  # The last character may be truncated.
     plain = len(text.encode()) > len(head) - 4 and all(letter.isprintable() or letter.isspace() for letter in text)
     return "a text file" if plain else "a file of another format"

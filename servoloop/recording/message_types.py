@@ -1,4 +1,4 @@
-"""Load the message definitions of a recording, from ROS 2 Jazzy and from ``msg/`` for types that Jazzy lacks."""
+"""Load the message definitions of a recording, from ROS 2 Jazzy and, for types that Jazzy lacks, from ``msg/``."""
 
 from functools import cache
 from pathlib import Path
@@ -24,7 +24,7 @@ def typestore() -> Typestore:
     """Return all message types, keyed by name, such as ``sensor_msgs/msg/JointState``. The first call takes 0.2 s.
 
     The first call also compiles the functions that encode the messages. The compiler blocks all other threads, so the
-    first call must come before the control loop starts.
+    first call must be made before the control loop starts.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(MSG.glob("*/*.msg")):
@@ -35,5 +35,5 @@ def typestore() -> Typestore:
 
 
 def definition(name: str) -> str:
-    """Return the definition of a type and of all types it contains, as an MCAP schema with encoding ros2msg."""
+    """Return the definition of a type and of all types it contains, as an MCAP schema with the encoding ros2msg."""
     return typestore().generate_msgdef(name, ros_version=2)[0]

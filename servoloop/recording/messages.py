@@ -1,4 +1,4 @@
-"""Convert the sample of a cycle to the ROS 2 messages of a recording."""
+"""Convert one cycle's sample to the ROS 2 messages of a recording."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -49,7 +49,7 @@ class Messages:
 
         Args:
             description: Robot description.
-            joints: Joints of the hardware, in the order of its states.
+            joints: Joints of the hardware, in the order used in its states.
             command_interfaces: Command interfaces of the hardware, in the order of its commands.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
         """

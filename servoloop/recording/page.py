@@ -1,4 +1,4 @@
-"""Render a recording as an HTML page with SVG plots. The page needs neither scripts nor a network."""
+"""Render a recording as an HTML page with SVG plots. The page needs neither scripts nor network access."""
 
 from math import ceil
 from pathlib import Path
@@ -33,7 +33,7 @@ def write_page(path: Path, run: RecordedRun, name: str) -> None:
 
 
 def _largest_errors(run: RecordedRun) -> list[tuple[str, float]]:
-    """Return the largest difference between command and position of each joint."""
+    """Return the largest difference between command and position for each joint."""
     error = np.abs(run.command - run.position)
     largest = [float(column[~np.isnan(column)].max(initial=0.0)) for column in error.T]
     return list(zip(run.joints, largest, strict=True))

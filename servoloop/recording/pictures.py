@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from servoloop.recording.mcap_messages import COMPRESSED, Received
 
 ENCODINGS: Final = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
-"""Media types of the encodings that browsers can show, keyed by a part of the message format."""
+"""Media types of the encodings that browsers can show, keyed by a substring of the message format."""
 
 
 class CameraPicture(NamedTuple):
@@ -18,7 +18,7 @@ class CameraPicture(NamedTuple):
 
     @property
     def media_type(self) -> str:
-        """Media type, or an empty string if a browser does not show this encoding."""
+        """Media type, or an empty string if browsers cannot show this encoding."""
         return next((kind for part, kind in ENCODINGS.items() if part in self.format.lower()), "")
 
 
@@ -30,7 +30,7 @@ class Pictures:
         """Images, keyed by topic."""
 
     def take(self, received: Received) -> None:
-        """Keep the image of a message. Messages without an image have no effect."""
+        """Store the image from a message. Messages without an image are ignored."""
         if received.topic.endswith(COMPRESSED):
             message = received.message
             picture = CameraPicture(message.format, message.data.tobytes())

@@ -1,4 +1,4 @@
-"""Read a recording into arrays. The recording of a killed program is incomplete, but can also be read."""
+"""Read a recording into arrays. The recording of a killed program is incomplete but can still be read."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -25,15 +25,16 @@ from servoloop.recording.mcap_messages import (
 ERROR: Final = 2
 """Error level in diagnostic_msgs/DiagnosticStatus."""
 BACK_S: Final = 1.0
-"""Maximum step back between the stamps of different publishers, in seconds. A larger step means a clock reset."""
+"""Maximum backward step between the stamps of different publishers, in seconds. A larger step indicates a clock
+reset."""
 
 
 @dataclass(slots=True)
 class RecordedRun:
     """Values of a run, as arrays (n,) or (n, joints).
 
-    Units are rad and rad/s, or m and m/s. Times are in s since the first cycle. Joints are matched by name in each
-    message. Values missing from a message are interpolated in time, or NaN before the first value of a joint.
+    Units are rad and rad/s, or m and m/s. Times are in seconds since the first cycle. Joints are matched by name in
+    each message. Values missing from a message are interpolated in time, or NaN before the joint's first value.
     """
 
     joints: tuple[str, ...] = ()
@@ -45,19 +46,20 @@ class RecordedRun:
     velocity: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     effort: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     command: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    """Commanded positions after the safety gate. NaN for joints without a command."""
+    """Commanded positions after the safety gate. NaN is used for joints without a command."""
     cycle_s: FloatArray = field(default_factory=lambda: np.empty(0))
     late_s: FloatArray = field(default_factory=lambda: np.empty(0))
     busy_s: FloatArray = field(default_factory=lambda: np.empty(0))
     missed: int = 0
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    """Errors in the diagnostics, each with its start and end time."""
+    """Errors in the diagnostics, each with its start time and end time."""
     results: list[tuple[float, str]] = field(default_factory=list)
     """End time and result of each goal."""
 
 
 def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
-    """Read a recording by servoloop or another program. The file may be incomplete. Raises RecordingError."""
+    """Read a recording that was made by servoloop or another program. The file may be incomplete. Raises
+    RecordingError."""
     received: dict[str, list[Received]] = {}
     command_rows: list[int] = []
     for one in read_messages(path, open_file):
@@ -104,7 +106,7 @@ class _Numbers:
         )
 
     def _times_s(self, topic: str) -> FloatArray:
-        """Return the ROS times (n,) of a topic's messages, from their stamps or else their log times."""
+        """Return the ROS times (n,) of a topic's messages: the header stamps if usable, otherwise the log times."""
         found = self._received.get(topic, [])
         return np.array([self._time_of(one) for one in found], dtype=np.float64)
 
@@ -112,7 +114,7 @@ class _Numbers:
         return stamp_s(one.message) if self._stamped else one.stamp_ns * 1e-9
 
     def _column(self, joints: Sequence[str], kind: str) -> FloatArray:
-        """Return one kind of measurement of all joints, (n, joints)."""
+        """Return one type of measurement for all joints, with shape (n, joints)."""
         table: FloatArray = _by_name([one.message for one in self._states], joints, kind)[self._rows]
         for column in table.T:
             known = np.isfinite(column)
@@ -157,7 +159,8 @@ def _are_stamped(states: Iterable[Received]) -> bool:
 
 
 def _by_name(messages: Sequence[Any], joints: Sequence[str], kind: str) -> FloatArray:
-    """Return an array with a row per JointState and a column per joint. Missing and infinite values are NaN."""
+    """Return an array with one row per JointState and one column per joint. Missing and infinite values are returned as
+    NaN."""
     places = {name: place for place, name in enumerate(joints)}
     found = np.full((len(messages), len(joints)), np.nan)
     for row, message in zip(found, messages, strict=True):

@@ -23,18 +23,18 @@ LOG = logging.getLogger("servoloop")
 FLUSH_S: Final = 0.5
 """Period at which samples are written, in seconds.
 
-If the program is killed, the data of at most one period is lost. A longer period needs less CPU time.
+If the program is killed, at most one period of data is lost. A longer period uses less CPU time.
 """
 CLOSE_S: Final = 5.0
 """Maximum time to wait for the disk when the program exits, in seconds."""
 WAITING: Final = 2_000
-"""Maximum number of cycles that wait for a slow disk: 100 s at 20 Hz."""
+"""Maximum number of cycles queued for a slow disk: 100 s at 20 Hz."""
 
 
 class Sink(Protocol):
     """Destination of samples.
 
-    The recorder thread calls all methods except ``close``, which is called after the thread has ended.
+    The recorder thread calls all methods except ``close``, which is called after this thread has ended.
     """
 
     @property
@@ -44,13 +44,14 @@ class Sink(Protocol):
 
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
-        """Process the samples written so far. The recorder calls this when no more samples are available."""
+        """Process the samples that have been written so far. The recorder calls this when no more samples are
+        available."""
         ...
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
         """Write the bus traffic after the last cycle, and close the sink.
 
-        ``failed`` states whether the loop ended with an error.
+        ``failed`` indicates whether the loop ended with an error.
         """
         ...
 
@@ -86,16 +87,16 @@ class Recorder:
                 self._wake.set()
 
     def add(self, sink: Sink) -> None:
-        """Pass all further cycles to an additional sink. Any thread may call this method."""
+        """Pass all subsequent cycles to an additional sink. Any thread may call this method."""
         self._sinks.append(sink)
 
     def remove(self, sink: Sink) -> Request[None]:
-        """Request that the recorder thread close a sink after the cycles queued so far.
+        """Request that the recorder thread close a sink after it has processed the cycles queued so far.
 
         Any thread may call this method.
 
         Returns:
-            The request. Its result raises RecordingError if the sink has failed.
+            The request. The request's result raises RecordingError if the sink has failed.
         """
         request = Request(lambda: self._close(sink))
         self._removals.append(request)
@@ -117,12 +118,12 @@ class Recorder:
         transfers = self._taps.take()
         self._each(lambda sink: sink.close(transfers, failed))
         if self.dropped:
-            LOG.warning("%s missing from the recordings: the disk was too slow", counted(self.dropped, "cycle"))
+            LOG.warning("the recordings lack %s, because the disk was too slow", counted(self.dropped, "cycle"))
 
     def drain(self) -> None:
         """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # The current scene belongs to the latest sample only.
+        if samples:  # The current scene applies only to the latest sample.
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()
@@ -161,7 +162,7 @@ class Recorder:
             except DriverError as error:
                 LOG.error("recording stopped: %s", error)
                 self._sinks.remove(sink)
-            except Exception:  # a defect in one sink must not stop the loop or the other sinks
+            except Exception:  # a bug in one sink must not stop the loop or the other sinks
                 LOG.exception("recording stopped after an internal error")
                 self._sinks.remove(sink)
 

@@ -1,4 +1,4 @@
-"""Collect the latest state and the last minute of a robot from the messages of a live stream or a recording."""
+"""Collect the latest state and the last minute of data of a robot from the messages of a live stream or a recording."""
 
 import math
 import threading
@@ -33,7 +33,7 @@ NOBODY: Final = np.empty(0)
 
 
 class ScenePose(NamedTuple):
-    """Pose of an object in the world: position in meters and unit quaternion (x, y, z, w)."""
+    """Pose of an object in the world: position in meters and orientation as a unit quaternion (x, y, z, w)."""
 
     position_m: Vector
     quaternion: Quaternion
@@ -51,14 +51,15 @@ class StatusNow:
 
 @dataclass(frozen=True, slots=True)
 class GoalPath:
-    """Latest goal of a controller: positions (k, joints) in rad or m, and times (k,) in seconds from its start."""
+    """Latest goal of a controller: positions (k, joints) in rad or m, and times (k,) in seconds from the start of the
+    goal."""
 
     joints: tuple[str, ...]
     time_s: FloatArray
     positions: FloatArray
     begun_s: float
     ended: str = ""
-    """Result of the goal, empty while the goal is running."""
+    """Result of the goal, or empty while the goal is running."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,15 +67,15 @@ class RobotSnapshot:
     """Immutable state of a robot at one time. Arrays (n,) are in the order of ``joints``, in rad or m."""
 
     description_xml: str = ""
-    """URDF of the robot, empty before it is received."""
+    """URDF of the robot, or an empty string before it is received."""
     joints: tuple[str, ...] = ()
     stamp_s: float = 0.0
-    """ROS time of the measurement, in seconds; 0 before the first measurement."""
+    """ROS time of the measurement, in seconds, or 0 before the first measurement."""
     position: FloatArray = field(default_factory=lambda: NOBODY)
     velocity: FloatArray = field(default_factory=lambda: NOBODY)
     effort: FloatArray = field(default_factory=lambda: NOBODY)
     command: FloatArray = field(default_factory=lambda: NOBODY)
-    """Commanded positions after the safety gate, NaN for joints without a command."""
+    """Commanded positions after the safety gate, with NaN for joints without a command."""
     late_s: float = 0.0
     busy_s: float = 0.0
     cycles: int = 0
@@ -86,7 +87,7 @@ class RobotSnapshot:
     results: tuple[tuple[float, str], ...] = ()
     """ROS time and text of each goal result, in chronological order."""
     scene: Mapping[str, ScenePose] = field(default_factory=dict)
-    """Poses of the objects around the arm, keyed by name. Empty if nothing is simulated."""
+    """Poses of the objects around the arm, keyed by name. Empty if there is no simulation."""
     lost_cycles: int = 0
     """Number of cycles lost because this program was too slow."""
 
@@ -102,7 +103,7 @@ class RobotSnapshot:
 
 
 class RobotState:
-    """State of a robot. One thread updates it with messages; any thread may read it."""
+    """State of a robot. One thread updates the state with messages; any thread may read it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -112,7 +113,7 @@ class RobotState:
         self._sequence: int | None = None
 
     def take(self, received: Received) -> None:
-        """Update the state with one message. Messages of other topics have no effect."""
+        """Update the state with one message. Messages on other topics are ignored."""
         with self._lock:
             self._take(received)
 
@@ -172,7 +173,7 @@ class RobotState:
         )
 
     def _commanded(self, message: Any) -> None:
-        """Store the commands of the last measured cycle, and add the row of this cycle to the history."""
+        """Store the commands of the last measured cycle, and add a row for this cycle to the history."""
         now = self._now
         positions = dict(zip(message.name, message.position, strict=False))
         command = np.array([positions.get(joint, np.nan) for joint in now.joints])
@@ -184,7 +185,7 @@ class RobotState:
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
             if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
-                return  # The goal has only velocities, or another program sent an invalid goal.
+                return  # The goal contains only velocities, or another program sent an invalid goal.
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )
@@ -236,7 +237,8 @@ def servo_faults(snapshot: RobotSnapshot) -> dict[str, str]:
 
 
 class Health(NamedTuple):
-    """Supply voltages and temperatures of the servos at one time: arrays (n,) in joint order, NaN if unknown."""
+    """Supply voltages and temperatures of the servos at one time: arrays (n,) in joint order, with NaN for unknown
+    values."""
 
     stamp_s: float
     voltage_v: FloatArray
@@ -272,13 +274,13 @@ class ObservedRobot:
                 self._health.popleft()
 
     def minute(self) -> Minute:
-        """Return the values of the last minute, with the servos' health about once per second."""
+        """Return the values of the last minute, with the servos' health at about one sample per second."""
         with self._lock:
             health_rows = list(self._health)
         return Minute(self.state.curves(), health_rows)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
-        """Return the joint positions (n,) at the start of a goal, or None if the history begins after the start."""
+        """Return the joint positions (n,) at the start of a goal, or None if the history starts later."""
         curves = self.state.curves()
         at = int(np.searchsorted(curves.time_s, goal.begun_s, side="right")) - 1
         return None if at < 0 else np.asarray(curves.position[at])
@@ -295,6 +297,6 @@ def health(snapshot: RobotSnapshot) -> Health:
 
 
 def health_column(rows: Sequence[Health], name: str, place: int) -> FloatArray:
-    """Return one health value of a joint over time, (m,). Rows without the joint are NaN."""
+    """Return one health value of a joint over time, with shape (m,). Rows that do not contain the joint are NaN."""
     columns = [getattr(row, name) for row in rows]
     return np.array([column[place] if place < len(column) else math.nan for column in columns])

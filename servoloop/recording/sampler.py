@@ -24,7 +24,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 
 class LinkPose(NamedTuple):
-    """Pose of a link relative to its parent: position in meters and unit quaternion (x, y, z, w)."""
+    """Pose of a link relative to its parent: position in meters and orientation as a unit quaternion (x, y, z, w)."""
 
     parent: str
     child: str
@@ -33,7 +33,8 @@ class LinkPose(NamedTuple):
 
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Function that returns the world poses of the objects around the arm, keyed by name; empty without a simulation."""
+"""Function that returns the world poses of the objects around the arm, keyed by name; the result is empty without a
+simulation."""
 WORLD: Final = "base_link"
 """Frame of the objects in a scene, as in /tf."""
 
@@ -47,12 +48,13 @@ class LinkPoses:
     """Poses of all links of a robot description, including links of mimic joints."""
 
     def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:
-        """``measured`` lists the joints of the hardware in the order of its states."""
+        """``measured`` lists the joints of the hardware in the order used in its states."""
         self.fixed = [_pose(joint, 0.0) for joint in joints.values() if joint.kind == "fixed"]
         self._moving = list(_moving(joints, measured))
 
     def moving(self, position: FloatArray) -> Iterator[LinkPose]:
-        """Yield the poses of moving links at joint positions (n,) in rad or m. Skip links whose position is NaN."""
+        """Yield the poses of moving links at joint positions (n,) in rad or m. Skip links whose joint position is
+        NaN."""
         values = position.tolist()
         for joint, index, multiplier, offset in self._moving:
             at = values[index] * multiplier + offset
@@ -76,7 +78,7 @@ def _pose(joint: UrdfJoint, position: float) -> LinkPose:
 
 
 DIAGNOSTICS_S: Final = 1.0
-"""Period of the diagnostics while they do not change, in seconds, as on /diagnostics."""
+"""Period at which unchanged diagnostics are repeated, in seconds, as on /diagnostics."""
 
 
 class CycleTiming(NamedTuple):
@@ -107,7 +109,7 @@ class GoalBegin(NamedTuple):
 
 
 class GoalEnd(NamedTuple):
-    """Result of a goal that has just finished."""
+    """Result of a goal that has just ended."""
 
     controller: str
     status: GoalStatus
@@ -122,16 +124,17 @@ class GoalEnd(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CycleSample:
-    """Recorded data of one cycle. Arrays are in the hardware's order, in rad or m. Times are on the loop's clock."""
+    """Recorded data of one cycle. Arrays are in the order of the hardware's joints, in rad or m. Times are on the
+    loop's clock."""
 
     state: JointState
     command: FloatArray
     """Commands (m,) after the safety gate."""
     tracked: tuple[Tracked, ...]
-    """Trajectory controllers updated in this cycle."""
+    """Trajectory controllers that were updated in this cycle."""
     goals: tuple[GoalBegin | GoalEnd, ...]
     diagnostics: tuple[Status, ...]
-    """Diagnostics, empty in cycles without new diagnostics."""
+    """Diagnostics, or empty in cycles without new diagnostics."""
     lost: tuple[str, ...]
     """Names of components that have failed."""
     timing: CycleTiming | None
@@ -139,14 +142,14 @@ class CycleSample:
     transfers: tuple[Transfer, ...]
     """Bus traffic since the previous cycle."""
     scene: tuple[LinkPose, ...] = ()
-    """Poses of the objects around the arm, empty if not sampled in this cycle."""
+    """Poses of the objects around the arm, or empty if they were not sampled in this cycle."""
 
 
 class Sampler:
-    """Collector of the data to record from each cycle of a control loop. The loop thread calls the sampler."""
+    """Collector of the data to record in each cycle of a control loop. The loop thread calls the sampler."""
 
     def __init__(self, loop: ControlLoop, hardware_id: str, servo_ids: Mapping[str, str], taps: BusTaps) -> None:
-        """``hardware_id`` and ``servo_ids`` (keyed by joint name) appear in the diagnostics."""
+        """``hardware_id`` and ``servo_ids`` (keyed by joint name) are included in the diagnostics."""
         self._loop = loop
         self._hardware_id = hardware_id
         self._servo_ids = servo_ids
@@ -158,7 +161,7 @@ class Sampler:
         self._cycles = 0
         self._diagnosed_s = -DIAGNOSTICS_S
         self._faults: object = None
-        """Faults and lost components in the last diagnostics."""
+        """Faults and lost components in the latest diagnostics."""
 
     def sample(self, state: JointState) -> CycleSample:
         """Return the sample of the cycle that measured this state and sent the current command."""
@@ -196,7 +199,7 @@ class Sampler:
             yield from self._end(name, newest)
 
     def _end(self, name: str, handle: GoalHandle | GripperHandle) -> Iterator[GoalEnd]:
-        """Yield the result of a goal once."""
+        """Yield the result of a goal, but only once."""
         if not handle.done or self._ended.get(name) is handle:
             return
         self._ended[name] = handle

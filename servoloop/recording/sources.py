@@ -15,17 +15,17 @@ from servoloop.recording.stream import LiveError, MessageStream, RunningStack, f
 AGAIN_S: Final = 1.0
 """Time between attempts to reconnect to a stack, in seconds."""
 SILENT_S: Final = 2.0
-"""Maximum time since the last cycle for a stack to count as live, in seconds."""
+"""Maximum time since the last cycle at which a stack counts as live, in seconds."""
 
 
 class LiveSource:
-    """Latest state of a running stack. A thread reads the feed of the stack, and reconnects when the stack returns."""
+    """Latest state of a running stack. A thread reads the stack's feed and reconnects when the stack restarts."""
 
     def __init__(self, arm: str | None, clock: Clock, namespace: str | None = None) -> None:
         """Connect to a stack.
 
         Args:
-            arm: Name, folder or process ID of the arm; None for any arm.
+            arm: Name, folder or process ID of the arm, or None for any arm.
             clock: Clock that measures the time since the last message.
             namespace: ROS namespace of the stack; empty for the root namespace, None for any namespace.
 
@@ -40,18 +40,18 @@ class LiveSource:
         self.robot = ObservedRobot()
         self.connected = False
         self.has_state = threading.Event()
-        """Event that is set once a state of the robot has arrived."""
+        """Event that is set after the first state of the robot has arrived."""
         self._thread = threading.Thread(target=self._read, name="live feed", daemon=True)
         self._thread.start()
 
     @property
     def stack(self) -> RunningStack:
-        """Stack that the source follows, or the last stack that it followed."""
+        """Stack that the source is connected to, or the last stack that it was connected to."""
         return self._found
 
     @property
     def status(self) -> str:
-        """Name of the arm, with a note on whether its stack is running and sends cycles."""
+        """Name of the arm, with a note that states whether its stack is running and sending cycles."""
         if not self.connected:
             return f"{self.arm}: the stack has stopped. Waiting for it to restart"
         if not self.up_to_date:
@@ -60,17 +60,17 @@ class LiveSource:
 
     @property
     def up_to_date(self) -> bool:
-        """Whether the stack is connected and sends cycles."""
+        """Whether the stack is connected and sending cycles."""
         return self.connected and self.silent_s <= SILENT_S
 
     @property
     def silent_s(self) -> float:
-        """Time since the last message of the stack, in seconds."""
+        """Time since the last message from the stack, in seconds."""
         return self._clock.now() - self._heard_s
 
     @property
     def _same_arm(self) -> str:
-        """Folder of this arm, or its name. The folder is preferred, as another arm may have the same name."""
+        """Folder of this arm, or its name. The folder is preferred, because another arm may have the same name."""
         return self._found.arm if self.folder is None else str(self.folder)
 
     def close(self) -> None:
@@ -93,7 +93,8 @@ class LiveSource:
                 self.connected = False
 
     def _stack(self) -> RunningStack:
-        """Return the current stack. If it no longer runs, find a new stack of the same arm. Raises LiveError."""
+        """Return the current stack. If the stack is no longer running, find a new stack of the same arm. Raises
+        LiveError."""
         if self._found not in running_stacks():
             self._found = find_stack(self._same_arm, self._found.namespace)
         return self._found
@@ -125,7 +126,7 @@ class Source(Protocol):
 
     @property
     def up_to_date(self) -> bool:
-        """Whether the state is up to date. False if the stack has stopped or hangs."""
+        """Whether the state is up to date. False if the stack has stopped or is hanging."""
         ...
 
     def close(self) -> None:
@@ -151,7 +152,7 @@ class PlayedRecording:
         self.play_to(0.0)
 
     def play_to(self, time_s: float) -> ObservedRobot:
-        """Return the robot at ``time_s`` seconds after the first cycle. Playback may also move backward."""
+        """Return the robot at ``time_s`` seconds after the first cycle. Playback can also move backward."""
         stamp_ns = self._begin_ns + round(time_s * 1e9)
         until = bisect_right(self._stamps, stamp_ns)
         if until < self._next or stamp_ns - self._stamps[max(0, self._next - 1)] > KEPT_S * 1e9:
@@ -162,7 +163,7 @@ class PlayedRecording:
         return self.robot
 
     def _jump(self, stamp_ns: int) -> None:
-        """Restart one minute before a time, with the last earlier message of each topic."""
+        """Restart one minute before a given time, with the last earlier message of each topic."""
         first = bisect_left(self._stamps, stamp_ns - round(KEPT_S * 1e9))
         latest: dict[str, Received] = {one.topic: one for one in self._entries[:first]}
         self.robot = ObservedRobot()
@@ -205,7 +206,7 @@ class Playback:
         return self._recording.play_to(self.time_s)
 
     def seek(self, time_s: float) -> None:
-        """Go to a time, limited to the length of the recording."""
+        """Seek to a time, limited to the length of the recording."""
         self._seek_s = min(max(time_s, 0.0), self.length_s)
 
     def toggle(self) -> None:

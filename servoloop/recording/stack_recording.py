@@ -36,7 +36,7 @@ class StackRecording:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Record to the file ``path``, or only faults if ``path`` is None."""
+        """Record to the file ``path``, or record only faults if ``path`` is None."""
         self._path = path
         self._taps = BusTaps()
         self._recorder: Recorder | None = None
@@ -47,20 +47,20 @@ class StackRecording:
     def begin(self, path: Path) -> None:
         """Start another recording. Raises RecordingError if the file cannot be created."""
         if self._recorder is None or self._messages is None:
-            raise RecordingError("the stack records nothing, because its loop is not running")
+            raise RecordingError("the stack cannot record, because its loop is not running")
         check_path(path)
         self._files[path] = file = RecordingFile(path, self._messages)
         self._recorder.add(file)
 
     def end(self, path: Path) -> Request[None]:
-        """Request the end of a recording that ``begin`` has started.
+        """Request the end of a recording that was started with ``begin``.
 
         Raises RecordingError if there is no such recording.
         """
         file = self._files.pop(path, None)
         if file is None or self._recorder is None:
             begun = ", ".join(map(str, self._files)) or "none"
-            raise RecordingError(f"no client has started a recording in {path}; recordings of clients: {begun}")
+            raise RecordingError(f"no client has started a recording in {path}; recordings started by clients: {begun}")
         return self._recorder.remove(file)
 
     def tap(self, port: Port, clock: Clock) -> Port:
@@ -77,15 +77,15 @@ class StackRecording:
         scene: Scene = dict,
         live: bool = True,
     ) -> Iterator[None]:
-        """Record the loop for the duration of the context. The loop's previous ``on_cycle`` function is called first.
+        """Record the loop while the context is open. The loop's previous ``on_cycle`` function is called first.
 
         Args:
             loop: Control loop.
             files: Files of the robot.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
-            failed: Function that returns whether the loop failed. It is called at the end.
-            scene: Function that returns the objects around the arm, called in the recorder thread.
-            live: Whether to write fault files, and whether other programs can find the stack and follow it.
+            failed: Function that returns whether the loop failed. It is called when the recording ends.
+            scene: Function that returns the objects around the arm and is called in the recorder thread.
+            live: Whether to write fault files and let other programs find the stack and receive its live feed.
 
         Raises:
             RecordingError: The recording cannot be created.
@@ -114,7 +114,7 @@ class StackRecording:
 
 
 def _live_feed(files: Files, messages: Messages) -> list[Sink]:
-    """Return the live feed, or an empty list if the feed cannot be created. The arm also works without a feed."""
+    """Return the live feed, or an empty list if the feed cannot be created. The arm also works without a live feed."""
     try:
         make_live_folder()
         return [LiveFeed(socket_path(files.arm, os.getpid(), files.namespace), messages, files.folder)]
@@ -140,17 +140,17 @@ class RecordedCycles:
 
 
 def record(stream: MessageStream, path: Path, seconds: float | None, stop: Callable[[], bool]) -> RecordedCycles:
-    """Record a live stream in a new file.
+    """Record a live stream to a new file.
 
     Args:
         stream: Messages of the stack.
         path: Path of the new file.
-        seconds: Maximum length of the recording, in seconds of the stack's time; None for no limit.
+        seconds: Maximum length of the recording in seconds of the stack's time, or None for no limit.
         stop: Function that returns whether to end the recording.
 
     Raises:
-        RecordingError: The file cannot be written, or no cycle arrived. After a write error, the file contains the
-            earlier cycles; without a cycle, the file is deleted.
+        RecordingError: The file cannot be written, or no cycles arrived. After a write error, the file contains the
+            earlier cycles; if it does not contain any cycles, it is deleted.
     """
     with stream:
         recording = _LiveRecording(stream, McapFile(path), seconds)
@@ -158,7 +158,7 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
     if not recording.recorded.cycles:
         path.unlink()
         raise RecordingError(
-            "no cycle arrived, so nothing was recorded: check whether the stack is paused or its port hangs"
+            "no cycles arrived, so nothing was recorded: check whether the stack is paused or its port hangs"
         )
     return recording.recorded
 
@@ -189,7 +189,7 @@ class _LiveRecording:
                     self._file.flush()
         self._stopped = True  # the thread ends after a complete cycle
         thread.join(FLUSH_S)
-        self._stream.close()  # This ends a thread that still waits for a cycle.
+        self._stream.close()  # This ends a thread that is still waiting for a cycle.
         thread.join()
         if self._error is not None:
             raise self._error
@@ -198,7 +198,7 @@ class _LiveRecording:
     def _take_all(self) -> None:
         try:
             for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
-                cycle = list(messages)  # A cycle is complete only when the next cycle begins.
+                cycle = list(messages)  # A cycle is complete only when the next cycle starts.
                 with self._file_lock:
                     if not self._count(cycle):
                         return
@@ -232,7 +232,7 @@ class _LiveRecording:
 
 
 def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
-    """Return the first cycle without goals that finished earlier. The feed sends these goals to every new viewer."""
+    """Return the first cycle without goals that ended earlier. The feed sends these goals to every new viewer."""
     begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
     past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
     ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}

@@ -20,7 +20,7 @@ class LiveError(DriverError):
 
 SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
-"""Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
+"""Suffix of the symbolic link next to the socket, which points to the arm's folder."""
 COMMANDS: Final = ".command"
 """Suffix of the stack's command socket, which is in the same folder as the socket of the message stream."""
 _NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
@@ -35,7 +35,7 @@ class RunningStack(NamedTuple):
     folder: Path | None = None
     """Folder of the arm, or None if it is unknown."""
     namespace: str = ""
-    """ROS namespace of the stack, such as ``/left``; empty for the root namespace."""
+    """ROS namespace of the stack, such as ``/left``, or an empty string for the root namespace."""
 
     @property
     def name(self) -> str:
@@ -49,18 +49,19 @@ class RunningStack(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Description of the stack for messages."""
+        """Description of the stack to use in messages."""
         return f"{self.name} (process {self.pid}{f', {self.folder}' if self.folder else ''})"
 
 
 def live_folder() -> Path:
-    """Return this user's folder for sockets, in ``XDG_RUNTIME_DIR`` or else in the temporary folder."""
+    """Return this user's folder for sockets, which is in ``XDG_RUNTIME_DIR`` or else in the temporary folder."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "servoloop" if runtime else Path(tempfile.gettempdir()) / f"servoloop-{os.getuid()}"
 
 
 def make_live_folder() -> Path:
-    """Create this user's folder, readable by this user only. Raises LiveError if the folder belongs to another user."""
+    """Create this user's socket folder, which only this user can read. Raises LiveError if the folder belongs to
+    another user."""
     folder = live_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -68,12 +69,14 @@ def make_live_folder() -> Path:
     except OSError as error:
         raise LiveError(f"cannot create {folder}: {error.strerror}") from error
     if found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise LiveError(f"other users own or can read {folder}: delete it, or set XDG_RUNTIME_DIR to another folder")
+        raise LiveError(
+            f"another user owns or can read {folder}: delete this folder, or set XDG_RUNTIME_DIR to another folder"
+        )
     return folder
 
 
 def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
-    """Return the path of a stack's socket. The folder of the socket may not exist yet."""
+    """Return the path of a stack's socket. The socket's folder may not exist yet."""
     owner = f"{namespace[1:].replace('/', '.')}@" if namespace else ""
     return live_folder() / f"{owner}{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
 
@@ -87,8 +90,9 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
     """Find a running stack.
 
     Args:
-        arm: Name of the arm, its folder or the process ID of the stack; None for any arm.
-        namespace: ROS namespace of the stack, such as ``/left``; empty for the root namespace, None for any.
+        arm: Name of the arm, its folder or the process ID of the stack; None matches any arm.
+        namespace: ROS namespace of the stack, such as ``/left``; an empty string is the root namespace, and None
+            matches any.
 
     Raises:
         LiveError: No stack matches, or several stacks match.
@@ -139,13 +143,13 @@ def _answering() -> Iterator[RunningStack]:
                     path.with_suffix(suffix).unlink(missing_ok=True)
                 continue
             except OSError:
-                pass  # the stack runs, but is paused or too busy to accept another connection
+                pass  # the stack is running, but is paused or too busy to accept another connection
         namespace = "/" + parts["namespace"].replace(".", "/") if parts["namespace"] else ""
         yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path), namespace)
 
 
 def _folder_of(path: Path) -> Path | None:
-    """Return the folder of the arm from the symbolic link next to its socket."""
+    """Return the arm's folder from the symbolic link next to the socket."""
     try:
         return path.with_suffix(FOLDER).readlink()
     except OSError:
@@ -187,7 +191,7 @@ def open_live(stack: RunningStack) -> MessageStream:
 
     def close() -> None:
         try:
-            connection.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that reads.
+            connection.shutdown(socket.SHUT_RDWR)  # This wakes up the thread that is reading.
         except OSError:
             return
         finally:

@@ -1,1 +1,1 @@
-"""Run the whole stack without ROS in simulated time, for tests of users and for ``servoloop simulate``."""
+"""Run the whole stack without ROS in simulated time, for users' tests and for ``servoloop simulate``."""

@@ -1,4 +1,4 @@
-"""Actions of simulated clients in a schedule."""
+"""Actions that simulated clients perform in a schedule."""
 
 from typing import Annotated, Final, Literal
 
@@ -11,7 +11,7 @@ HandShare = Annotated[float, Field(ge=0.0, le=1.0), NoTruth]
 
 
 class _Act(BaseModel):
-    """Action of a client, ``at_s`` seconds after the arm has become active."""
+    """Action of a client, ``at_s`` seconds after the arm becomes active."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -25,7 +25,7 @@ class Move(_Act):
     positions: dict[str, Position]
     seconds: Duration = 2.0
     tolerance: Tolerance = 0.0
-    """Path tolerance and goal tolerance of every joint, in rad or m; 0 to use the controller's tolerances."""
+    """Path tolerance and goal tolerance of every joint, in rad or m, or 0 to use the controller's tolerances."""
 
 
 class FollowPlan(_Act):
@@ -42,15 +42,15 @@ class FollowWaypoints(_Act):
 
     kind: Literal["waypoints"] = "waypoints"
     points: Annotated[tuple[dict[str, Position], ...], Field(min_length=1)]
-    """Positions of some joints at each point. The other joints keep the position of the previous point."""
+    """Positions of some joints at each point. The other joints keep their positions from the previous point."""
     seconds: Duration = 1.0
     """Time between two points, in seconds."""
     delay_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
-    """Time from the action to the stamp of the trajectory, in seconds. If 0, no stamp is sent."""
+    """Time from the action to the stamp of the trajectory, in seconds. If 0, the trajectory is sent without a stamp."""
 
 
 class Stream(_Act):
-    """Stream points on a straight line toward ``positions`` to the controller's topic, in every second cycle."""
+    """In every second cycle, send the controller's topic a point on a straight line toward ``positions``."""
 
     kind: Literal["stream"] = "stream"
     positions: dict[str, Position]
@@ -64,14 +64,14 @@ class Cancel(_Act):
 
 
 class MoveHand(_Act):
-    """Move the hand. A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit."""
+    """Move the hand. A ``share`` of 0 is the hand's lower limit, and 1 is its upper limit."""
 
     kind: Literal["hand"] = "hand"
     share: HandShare = 0.5
 
 
 class Grip(_Act):
-    """Send a goal to a gripper action controller, which replaces the controller of the hand.
+    """Send a goal to a gripper action controller, which replaces the hand's controller.
 
     A ``share`` of 0 is the lower limit of the hand, and 1 is its upper limit.
     """
@@ -83,17 +83,17 @@ class Grip(_Act):
 
 
 class Switch(_Act):
-    """Deactivate the arm controller, and activate it again after ``for_s``."""
+    """Deactivate the arm controller, and reactivate it after ``for_s``."""
 
     kind: Literal["switch"] = "switch"
     for_s: Duration = 0.5
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware but keep its torque enabled. Activate hardware and controllers again after ``for_s``.
+    """Deactivate the hardware but keep its torque enabled. Reactivate the hardware and the controllers after ``for_s``.
 
-    If ``for_s`` is 0, activate the active hardware, which enables the torque of limp joints. A hand may push these
-    joints before the activation.
+    If ``for_s`` is 0, activate the hardware although it is already active, which enables the torque of limp joints. A
+    person may push these joints by hand before the activation.
     """
 
     kind: Literal["reactivate"] = "reactivate"
@@ -103,22 +103,22 @@ class Reactivate(_Act):
 
 
 class Jog(_Act):
-    """Jog one joint, as a held key in ``servoloop jog`` does, by streaming points to the topic for ``for_s``."""
+    """Jog one joint, as holding a key in ``servoloop jog`` does, by streaming points to the topic for ``for_s``."""
 
     kind: Literal["jog"] = "jog"
     joint: str
     share: Share
-    """Velocity as a fraction of the joint's limit. The sign is the direction."""
+    """Velocity as a fraction of the joint's limit. The sign determines the direction."""
     for_s: Duration = 1.0
 
 
 class GuideArm(_Act):
-    """Switch the arm to freedrive and pull at one joint. Switch back to the arm controller after ``for_s``."""
+    """Switch the arm to freedrive and pull on one joint. Switch back to the arm controller after ``for_s``."""
 
     kind: Literal["guide"] = "guide"
     joint: str
     share: Share
-    """Pull as a fraction of the servo's full effort. The sign is the direction."""
+    """Strength of the pull, as a fraction of the servo's full effort. The sign is the direction."""
     for_s: Duration = 1.0
 
 
@@ -133,7 +133,7 @@ class SocketAct(_Act):
     """Action of a program that is connected to the command socket.
 
     Before an action that moves the arm, the program requests control of the arm. A program whose connection was closed
-    connects again.
+    reconnects.
     """
 
     connection: Annotated[int, NoTruth, Field(ge=1, le=CONNECTIONS)] = 1
@@ -141,7 +141,7 @@ class SocketAct(_Act):
 
 
 class SocketMove(SocketAct):
-    """Send one motion, either with ``move``, as a ``goal`` of the arm controller, or as one ``set_point``."""
+    """Send one motion, either as a ``move``, as a ``goal`` of the arm controller, or as one ``set_point``."""
 
     kind: Literal["socket_move"] = "socket_move"
     positions: dict[str, Position]
@@ -150,22 +150,22 @@ class SocketMove(SocketAct):
 
 
 class SocketStream(SocketAct):
-    """Send targets or set points on a straight line toward ``positions`` in each cycle."""
+    """In each cycle, send a target or set point on a straight line toward ``positions``."""
 
     kind: Literal["socket_stream"] = "socket_stream"
     positions: dict[str, Position]
     for_s: Duration = 1.0
     op: Literal["targets", "set_point"] = "targets"
     leaps: bool = False
-    """Whether the first target is ``positions`` itself, regardless of its distance from the arm."""
+    """Whether the first target is ``positions`` itself, regardless of how far the arm is from it."""
     closes: bool = True
     """Whether the program closes the stream of targets. If False, the program only stops sending targets."""
 
 
 class SocketRequest(SocketAct):
-    """Send one message about control, the motions or the state of the arm.
+    """Send one message about control of the arm, its motions or its state.
 
-    ``seize`` takes control of the arm by force. ``freedrive`` takes control and lets the joints yield to a hand.
+    ``seize`` takes control of the arm by force. ``freedrive`` takes control and lets a person move the joints by hand.
     """
 
     kind: Literal["socket_request"] = "socket_request"
@@ -173,7 +173,7 @@ class SocketRequest(SocketAct):
 
 
 class SocketNonsense(SocketAct):
-    """Send one message that the stack must refuse, or bytes that are not a message."""
+    """Send one message that the stack must reject, or bytes that are not a message."""
 
     kind: Literal["socket_nonsense"] = "socket_nonsense"
     fault: Literal[
@@ -199,9 +199,9 @@ class SocketNonsense(SocketAct):
 
 
 class SocketStall(SocketAct):
-    """Send the first half of a message that moves the arm, and the rest after ``for_s``.
+    """Send the first half of a message that moves the arm, and send the rest after ``for_s``.
 
-    Between the two halves, the program does nothing else.
+    The program does nothing else between the two halves.
     """
 
     kind: Literal["socket_stall"] = "socket_stall"

@@ -1,4 +1,4 @@
-"""Simulated clients, which carry out the actions of a schedule between cycles."""
+"""Simulated clients, which perform the actions of a schedule between cycles."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -47,22 +47,22 @@ JOG_SHARE: Final = 0.3
 PULL_SHARE: Final = 0.5
 """Maximum pull by hand, as a fraction of the servo's full effort."""
 PUSHED_S: Final = 0.3
-"""Duration of a push by hand on limp joints, in seconds."""
+"""Duration for which a hand pushes limp joints, in seconds."""
 
 
 class HandGuidance(Protocol):
     """Interface to the freedrive of a stack."""
 
     def begin(self) -> None:
-        """Let the joints yield to a hand. Raises DriverError."""
+        """Let a person move the joints by hand. Raises DriverError."""
         ...
 
     def end(self) -> None:
-        """Let the joints hold their positions."""
+        """Make the joints hold their positions."""
         ...
 
     def update(self, faults: Mapping[str, JointFault], now_s: float) -> None:
-        """Update freedrive after a cycle in which the joints in ``faults`` were not measured."""
+        """Update the freedrive after a cycle in which the joints in ``faults`` were not measured."""
         ...
 
 
@@ -71,16 +71,17 @@ class SocketPrograms(Protocol):
 
     @property
     def last_target_s(self) -> float:
-        """Time of the latest target of a stream, in seconds; minus infinity before the first stream."""
+        """Time of the latest target of a stream, in seconds, or minus infinity before the first stream."""
         ...
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that has died but still has control of the arm; empty if there is no such program."""
+        """Name of a program that has died but still has control of the arm, or an empty string if there is no such
+        program."""
         ...
 
     def carry_out(self, act: SocketAct) -> None:
-        """Carry out an action."""
+        """Perform an action."""
         ...
 
     def cycle(self) -> None:
@@ -93,7 +94,8 @@ class SocketPrograms(Protocol):
 
 
 class SimulatedClients:
-    """Clients that carry out ``acts`` on an active stack. Call ``cycle`` after every cycle."""
+    """Simulated clients that perform the actions in ``acts`` on an active stack. Call ``cycle`` after each control
+    cycle."""
 
     def __init__(
         self,
@@ -110,7 +112,8 @@ class SimulatedClients:
             arm: Trajectory controller that receives the goals.
             acts: Actions of the clients.
             freedrive: Freedrive of the stack, for actions that move joints by hand.
-            programs: Programs that carry out the actions on the command socket; required if ``acts`` has such actions.
+            programs: Programs that perform the actions on the command socket; required if ``acts`` contains such
+                actions.
         """
         self.programs = programs
         """Programs on the command socket, if there are any."""
@@ -120,14 +123,14 @@ class SimulatedClients:
         self._due.sort(key=lambda one: one[0])
         self._streams: list[Iterator[None]] = []
         self.newest = ""
-        """Kind of the latest act, empty before the first act."""
+        """Type of the latest action, or empty before the first action."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
         self.gripper = GripperClient(stack) if any(isinstance(act, Grip) for act in acts) else None
         """Client of a gripper action controller, or None if no action needs this client."""
 
     def cycle(self, state: JointState) -> None:
-        """Carry out all actions that are due."""
+        """Perform all actions that are due."""
         joints = self._stack.loop.hardware.joints
         self._measured = state.position[[joints.index(joint) for joint in self._arm.joints]]
         now_s = self._stack.clock.now() - self._since_s
@@ -169,7 +172,7 @@ class SimulatedClients:
             try:
                 actions[act.kind](act)
             except (DriverError, HalError, ManagerError, MotionError) as error:
-                LOG.info("a simulated client's request was refused: %s", error)
+                LOG.info("a simulated client's request was rejected: %s", error)
 
         return do
 
@@ -266,7 +269,7 @@ class SimulatedClients:
             try:
                 loop.manager.switch(SwitchRequest(activate=(name,)), loop.within_limits)
             except ManagerError as error:
-                LOG.info("a simulated client's request was refused: %s", error)
+                LOG.info("a simulated client's request was rejected: %s", error)
 
     def _reactivate(self, act: Reactivate) -> None:
         loop = self._stack.loop

@@ -19,14 +19,14 @@ ROUNDING_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CycleRecord:
-    """Record of one cycle, created when the commands of the cycle were written."""
+    """Record of one cycle, created after the commands of that cycle are written."""
 
     time_s: float
     """Time on the stack's clock, in seconds."""
     sample: CycleSample
     """Measurement, commands and bus traffic, as in a recording."""
     injected: tuple[Event, ...]
-    """Injected faults that are active."""
+    """Active injected faults."""
     hardware: str
     """Most advanced lifecycle state of all hardware components."""
     controllers: dict[str, str]
@@ -34,7 +34,7 @@ class CycleRecord:
 
     @property
     def command(self) -> tuple[float, ...]:
-        """Commands in the order of the hardware's command interfaces, in rad, m, rad/s and so on."""
+        """Commands in the order of the hardware's command interfaces, in units such as rad, m and rad/s."""
         return _numbers(self.sample.command)
 
     @property
@@ -49,7 +49,7 @@ class CycleRecord:
 
     @property
     def faults(self) -> dict[str, str]:
-        """Kind of each fault that the stack has detected, keyed by joint name."""
+        """Type of each fault that the stack has detected, keyed by joint name."""
         return {joint: fault.kind for joint, fault in self.sample.state.faults.items()}
 
     @property
@@ -66,7 +66,7 @@ class CycleRecording:
     joints: tuple[str, ...]
     cycles: tuple[CycleRecord, ...]
     buses: Mapping[str, str]
-    """Name of each bus, keyed by the name of its port."""
+    """Name of each bus, keyed by port name."""
 
     def around(self, time_s: float, before_s: float, cycles_after: int) -> "CycleRecording":
         """Return the cycles in the ``before_s`` seconds before a time, and ``cycles_after`` cycles after that time."""
@@ -77,7 +77,8 @@ class CycleRecording:
 
 
 class CycleRecorder:
-    """Recorder of all cycles of a stack until its program exits. Each written command adds one record."""
+    """Recorder of all cycles of a stack until the stack's program exits. A record is added each time commands are
+    written."""
 
     def __init__(self, stack: FaultyStack) -> None:
         """``stack`` must not be active yet."""

@@ -20,7 +20,7 @@ from sim_backend.faults.targets import FaultTargets
 
 
 def number_of_arm(seed: int | None, arms: int) -> int:
-    """Return the zero-based index of the arm that a seed's clients move."""
+    """Return the zero-based index of the arm that the simulated clients of a seed move."""
     return (seed or 0) % max(arms, 1)
 
 
@@ -39,7 +39,7 @@ class FaultyStack(SimulatedStack):
         self.ending = False
         """Whether the program is shutting down."""
         self.narrowed: Mapping[str, tuple[float, float]] = {}
-        """Joint limits (lower, upper) that the schedule narrows, in rad or m."""
+        """Narrowed joint limits (lower, upper) from the schedule, in rad or m."""
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
         """Goals that finished in the latest cycle."""
@@ -78,7 +78,7 @@ class FaultyStack(SimulatedStack):
         return self
 
     def _client_dies(self) -> None:
-        """Remove the client. No client then reacts to the stack until another client connects."""
+        """Remove the client. After that, no client reacts to the stack until another client connects."""
         self.after_cycle = lambda: None
         if self.clients is not None:
             self.clients.die()

@@ -22,7 +22,7 @@ class LoggedGoal:
 
 @dataclass(slots=True)
 class GoalLog:
-    """All goals in the order in which they were sent, and all refused goals with the reasons."""
+    """All sent goals in order, and all rejected goals with the reason for each rejection."""
 
     now: Callable[[], float]
     """Function that returns the time of the stack's clock, in seconds."""
@@ -44,7 +44,7 @@ class GoalLog:
                 logged.cancel_s = self.now()
 
     def end_cycle(self) -> list[LoggedGoal]:
-        """Log the end of each finished goal, and return the finished goals."""
+        """Log the end of each goal that has finished, and return these goals."""
         ended = [logged for logged in self.open if logged.handle.done]
         for logged in ended:
             logged.ended_s = self.now()

@@ -1,4 +1,4 @@
-"""Simulated client of a gripper action controller, which replaces the controller of the hand."""
+"""Simulated client of a gripper action controller, which replaces the hand's usual controller."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +17,7 @@ TOLERANCE_SHARE: Final = 0.03
 
 @dataclass(slots=True)
 class LoggedGrip:
-    """Goal of the client. Times are in seconds on the stack's clock; None if the event has not happened."""
+    """Goal sent by the client. Times are in seconds on the stack's clock; None if the event has not happened."""
 
     handle: GripperHandle
     sent_s: float
@@ -33,7 +33,7 @@ class GripperClient:
         self._stack = stack
         joint = stack.hand.joints[0]
         self.limits: JointLimits = stack.files.limits[joint]
-        """Limits of the joint."""
+        """Joint limits."""
         tolerance = TOLERANCE_SHARE * (self.limits.upper - self.limits.lower)
         self.parameters = GripperParameters(joint=joint, goal_tolerance=tolerance)
         self.controller = GripperActionController(

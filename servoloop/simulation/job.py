@@ -1,6 +1,6 @@
 """Run the job of the pick-and-place node on a simulated stack without ROS.
 
-The steps, poses and messages are the same as in the node.
+The steps, poses and messages are the same as in the pick-and-place node.
 """
 
 from collections.abc import Collection, Generator, Sequence
@@ -66,13 +66,13 @@ class SimulatedArm:
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """Record of one job, with times in seconds of the simulation."""
+    """Record of one job, with times in simulated seconds."""
 
     arm: str
-    """Name of the arm, such as ``left``; empty for the only arm."""
+    """Name of the arm, such as ``left``; empty if there is only one arm."""
     grade: str
     success: bool
-    """Whether the job succeeded and the cube landed in its bin."""
+    """Whether the job succeeded and the cube landed in the correct bin."""
     bin: str | None
     message: str
     duration_s: float
@@ -83,7 +83,7 @@ class JobRecord:
 
 
 def require_cell(files: Files, grades: Collection[str]) -> None:
-    """Raise ArmFileError if there are jobs, but the scene lacks the cube, the stand or a bin."""
+    """Raise ArmFileError if jobs are planned but the scene lacks the cube, the stand or a bin."""
     if grades:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
@@ -91,7 +91,7 @@ def require_cell(files: Files, grades: Collection[str]) -> None:
 def job_settings(arm: ArmFolder, grades: Collection[str]) -> dict[str, JobSettings]:
     """Return the settings of each arm's pick-and-place node, keyed by arm name; the key of a single arm is "".
 
-    If there are no jobs, return an empty mapping and read no file. Raises ArmFileError.
+    If there are no jobs, return an empty mapping without reading any file. Raises ArmFileError.
     """
     return {name: job.settings() for name, job in arm_jobs(arm.pick_place).items()} if grades else {}
 
@@ -117,7 +117,7 @@ class RunningJob:
         return bool(self._results)
 
     def after_cycle(self) -> None:
-        """Continue the job, and check where the cube is."""
+        """Advance the job, and check where the cube is."""
         if not self._results:
             try:
                 self._steps.send(None)
@@ -149,7 +149,7 @@ class RunningJob:
 
 
 def run_job(stack: SimulatedStack, settings: JobSettings, grade: str, number: int = 1) -> JobRecord:
-    """Run one job until the cube has come to rest. Raises the errors of the stack, such as PortLost."""
+    """Run one job until the cube has come to rest. Raises the stack's errors, such as PortLost."""
     job = RunningJob(stack, settings, grade, number)
     stack.after_cycle = job.after_cycle
     try:

@@ -14,7 +14,7 @@ def run_jobs(
     grades: Sequence[str],
     on_record: Callable[[JobRecord], None],
 ) -> None:
-    """Let each arm pick cubes of these grades, until the last cube has come to rest.
+    """Let each arm pick cubes of these grades, and run until the last cube has come to rest.
 
     Args:
         stack: The active stack.
@@ -48,7 +48,7 @@ class _ArmJobs:
         self._stack, self._name, self._settings, self._on_record = stack, name, settings, on_record
         self._waiting = list(enumerate(grades, 1))
         self._end_s, self._rest_s = inf, inf
-        """Deadlines for the end of the job and for its cube to come to rest, on the stack's clock."""
+        """Deadlines on the stack's clock: one for the end of the job, and one for its cube to come to rest."""
         self._ended_s = inf
         self.job: RunningJob | None = None
 
@@ -72,7 +72,8 @@ class _ArmJobs:
 
 
 class _SeveralArms:
-    """Jobs of several arms. When a client dies, its running jobs end. The client returns with the next job."""
+    """Jobs that run on several arms. When a client dies, its running jobs end. The client reconnects for the next
+    job."""
 
     def __init__(
         self,

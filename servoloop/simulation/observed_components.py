@@ -24,7 +24,7 @@ class ObservedComponents(ComponentSet):
         return state
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write commands, as in ComponentSet. Call ``on_command`` before and ``on_written`` after the write."""
+        """Write the commands as ComponentSet does. Call ``on_command`` before and ``on_written`` after the write."""
         if self.on_command is not None:
             self.on_command(values)
         super().write(values, period_s)

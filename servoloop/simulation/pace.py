@@ -13,9 +13,9 @@ from drivers.errors import DriverError
 POLL_S: Final = 0.1
 """Maximum time between two checks while waiting, in seconds of real time."""
 LONGEST_CATCH_UP_S: Final = 0.1
-"""Maximum delay that the simulation makes up for after a slow phase, in seconds of real time.
+"""Maximum delay that the simulation catches up on after running slowly, in seconds of real time.
 
-The simulation does not make up for a longer delay.
+The simulation does not catch up on longer delays.
 """
 
 
@@ -35,7 +35,7 @@ def parse_factor(text: str) -> float:
 
 
 class Wall(Protocol):
-    """Clock of real time, with a wait that another thread can interrupt."""
+    """Real-time clock with a wait that another thread can interrupt."""
 
     def now(self) -> float:
         """Return the time in seconds."""
@@ -75,7 +75,7 @@ class Pace:
     def __init__(self, factor: float, paused: bool = False, wall: Wall | None = None) -> None:
         self.paused = paused
         self.on_done: Callable[[], None] = lambda: None
-        """Function called in the loop thread when the steps of a request are done."""
+        """Function called in the loop thread when all steps of a request are complete."""
         self._factor = factor
         self._wall = wall or MachineWall()
         self._lock = threading.Lock()
@@ -90,20 +90,20 @@ class Pace:
 
     @property
     def summary(self) -> str:
-        """Sentence with the simulated time, the real time without pauses, and their ratio."""
+        """Summary of the simulated time, the real time excluding pauses, and their ratio."""
         simulated_s = self._now_s - self._begun_s
         times = f", {simulated_s / self._running_s:.1f} times real time" if self._running_s > 0.0 else ""
         return f"{simulated_s:.1f} s simulated in {self._running_s:.1f} s{times}"
 
     def pause(self, paused: bool) -> None:
-        """Pause after the current cycle, or resume without making up for the pause."""
+        """Pause after the current cycle, or resume without catching up on the paused time."""
         with self._lock:
             self.paused = paused
             self._anchor = None
         self._wall.wake()
 
     def step(self, cycles: int) -> Request[None]:
-        """Run at least one cycle of a paused simulation. The request is done after the last cycle."""
+        """Run at least one cycle of a paused simulation. The request is complete after its last cycle."""
         request = Request[None](lambda: None)
         with self._lock:
             if self._ended:
@@ -132,7 +132,7 @@ class Pace:
         self._ran_at_s = self._wall.now()
 
     def end(self) -> None:
-        """Refuse all remaining steps after the last cycle."""
+        """Reject all remaining step requests after the last cycle."""
         with self._lock:
             self._ended = True
             while self._steps:
@@ -171,7 +171,7 @@ class Pace:
             self._running_s += self._wall.now() - before_s
 
     def _count(self, time_s: float) -> None:
-        """Count the cycle that ran since the last call."""
+        """Update the simulated and real time after a cycle."""
         if self._ran_at_s is None:
             self._begun_s = time_s
         else:

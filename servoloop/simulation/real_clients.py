@@ -41,7 +41,7 @@ class SimulatedTime:
         files: Files,
         tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
     ) -> HardwareSetup:
-        """Build the hardware for simulated time without opening it.
+        """Build the hardware for simulated time without opening any device.
 
         Raises DriverError if a component could depend on real time.
         """
@@ -57,7 +57,7 @@ class SimulatedTime:
         return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
     def connect(self, loop: ControlLoop, surface: RosInterface) -> None:
-        """Connect the paced loop and the ROS interface that publishes the states of this loop."""
+        """Connect the paced loop to the ROS interface that publishes the loop's states."""
         self._loop, self._surface = loop, surface
         self.pace.on_done = surface.wake
         loop.on_cycle = self._on_cycle
@@ -74,7 +74,7 @@ class SimulatedTime:
         self._surface.post(state)
 
     def _serve(self) -> bool:
-        """Serve requests while the simulation is paused, so that controllers can be loaded before the first step."""
+        """Serve requests while the simulation is paused, so that clients can load controllers before the first step."""
         if self.pace.paused and self._loop.requests.inbox:
             self._loop.requests.serve()
             self._surface.wake()

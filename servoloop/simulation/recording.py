@@ -11,7 +11,7 @@ from servoloop.recording.following_error import FollowingError, between_cycles
 
 @dataclass(slots=True)
 class Trace:
-    """Actual positions of the arm in every millisecond, and its references in every cycle."""
+    """Actual joint positions in every millisecond, and reference positions in every cycle."""
 
     world_s: list[float] = field(default_factory=list)
     actual: list[FloatArray] = field(default_factory=list)

@@ -23,26 +23,26 @@ class ScheduleError(DriverError):
 
 
 class Schedule(BaseModel):
-    """Schedule of one run: arm, jobs, faults and actions of clients."""
+    """Schedule of one run: arm, jobs, faults and client actions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: str = OWN
     seed: Seed | None = None
-    """Seed of the arm's friction, motors, masses and supply; None for nominal values."""
+    """Random seed for the arm's friction, motors, masses and supply; None for nominal values."""
     backlash_deg: Backlash = 1.0
     job: tuple[str, ...] = ()
     """Grade of each job."""
     seconds: Time = 0.0
     """Time the arm stays active after its last job, in seconds."""
     faults: tuple[FaultEvent, ...] = ()
-    """Faults of the run. The time of each fault, in seconds, counts from the event that the fault specifies."""
+    """Faults of the run. The time of each fault, in seconds, is relative to the event that the fault specifies."""
     clients: tuple[Act, ...] = ()
-    """Actions of clients other than the jobs. Their times count from the activation of the arm."""
+    """Client actions other than the jobs. Action times are relative to the activation of the arm."""
     limits: dict[str, tuple[Position, Position]] = {}
     """Narrower lower and upper joint limits, in rad or m, like those set by a ``<command_interface>`` of the URDF."""
     on_exit: ExitPolicy | None = None
-    """Exit policy of the arm; None for the robot file's policy for virtual servos."""
+    """Exit policy of the arm; None to use the robot file's policy for virtual servos."""
 
 
 def read_schedule(path: Path) -> Schedule:
@@ -61,9 +61,9 @@ def read_schedule(path: Path) -> Schedule:
 
 
 def after_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
-    """Return the keys and a message for each fault or action that starts after the end of the run.
+    """Return the keys and a message for each fault or action that is scheduled to start after the run ends.
 
-    Return nothing for schedules with jobs, because the length of their runs is unknown.
+    Return nothing for schedules with jobs, because the duration of these runs is not known in advance.
     """
     if schedule.job:
         return []

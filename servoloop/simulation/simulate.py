@@ -54,8 +54,8 @@ class Digest:
 
 @contextmanager
 def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
-    """Record all cycles in a new file. Enter this context before the stack is active. Raises RecordingError."""
-    from servoloop.recording.messages import Messages  # this import takes 0.1 s, and few runs are recorded
+    """Record all cycles in a new file. Enter this context before activating the stack. Raises RecordingError."""
+    from servoloop.recording.messages import Messages  # this import takes 0.1 s, and most runs are not recorded
     from servoloop.recording.recorder import RecordingFile
     from servoloop.recording.sampler import scene_poses
 
@@ -81,27 +81,27 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
 
 
 SETTLED_S = 2.5
-"""Time a limp arm needs to sink, and to rise again after its activation, in seconds."""
+"""Time for a limp arm to sink, and to rise again after it is activated, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
+    """Result of one run. All times except for ``cpu_s`` are in simulated seconds."""
 
     joints: dict[str, tuple[str, ...]]
-    """Joints of each arm controller. All values per joint are in this order."""
+    """Joints of each arm controller. All per-joint values are in this order."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int
     missed_cycles: int
     unmeasured_cycles: int
     faulty_cycles: dict[str, int]
-    """Number of cycles with a fault, keyed by joint and kind of fault."""
+    """Number of cycles with a fault, keyed by joint and fault type."""
     following: dict[str, FollowingError]
     """Following error of each arm controller."""
     digest: str
     cpu_s: float
-    """Processor time, in seconds. The digest does not depend on this time."""
+    """CPU time, in seconds. The digest does not depend on this time."""
 
     @property
     def success(self) -> bool:
@@ -110,18 +110,18 @@ class SimulationResult:
 
 
 def simulated(files: Files) -> Inventory:
-    """Return the possible targets of faults in ``simulate``. Faults during the shutdown are not possible."""
+    """Return the components that faults in ``simulate`` can target. Faults cannot occur during the shutdown."""
     return replace(inventory_of(files), end_s=None)
 
 
 def simulate(
     files: Files, settings: Mapping[str, JobSettings], schedule: Schedule, record: Path | None = None
 ) -> SimulationResult:
-    """Activate the arm on virtual servos, run the jobs in order, then stay active for ``seconds`` of the schedule.
+    """Activate the arm on virtual servos, run the jobs in order, then stay active for the schedule's ``seconds``.
 
-    All arms of a robot with several arms do the jobs at the same time.
+    If a robot has several arms, all arms do the jobs at the same time.
 
-    Equal arguments give equal digests, with or without a recording.
+    Equal arguments produce equal digests, with or without a recording.
 
     Args:
         files: Files of the schedule's arm.

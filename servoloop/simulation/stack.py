@@ -1,4 +1,4 @@
-"""Run controllers, loop, driver, virtual servos and physics in one thread on a simulated clock."""
+"""Run the controllers, loop, driver, virtual servos and physics in one thread on a simulated clock."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -42,7 +42,7 @@ MOVE_S = 2.0
 
 
 class SimulatedStack:
-    """Stack in simulated time. The stack is inactive until ``up`` is called.
+    """Control stack that runs in simulated time. The stack is inactive until ``up`` is called.
 
     Clients react to cycles in ``after_cycle``.
     """
@@ -60,7 +60,7 @@ class SimulatedStack:
         """Build the stack.
 
         Args:
-            files: Files of the robot; None for the default arm.
+            files: Files of the robot; None to use the default arm.
             start: Initial joint positions, in rad or m. If None, the arm rests in the scene's keyframe until driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
@@ -105,10 +105,10 @@ class SimulatedStack:
         self.on_state: Callable[[JointState], None] = lambda state: None
         """Function called with the joint state of each cycle."""
         self.on_step: Callable[[float], None] = lambda time_s: None
-        """Function called after each step of the physics."""
+        """Function called after each physics step."""
 
     def add_controller(self, controller: Controller) -> None:
-        """Load a controller. The controller stays inactive until ``up`` is called or the controller is switched."""
+        """Load a controller. The controller stays inactive until it is switched on or ``up`` is called."""
         self.manager.registry.add(self.wrapped(controller))
 
     def wrapped(self, controller: Controller) -> Controller:
@@ -134,11 +134,11 @@ class SimulatedStack:
         """Controller of the hand. Raises ControllersFileError if the arm has no hand."""
         return _first(self._built, ForwardCommandController, self.files)
 
-    # The following properties suit arms with one component on one bus.
+    # The following properties are for arms with one component on one bus.
 
     @property
     def hardware(self) -> ServoHardware:
-        """First component with servos."""
+        """First component that has servos."""
         return self.made[0]
 
     @property
@@ -209,7 +209,7 @@ class _ArmTrace:
         self.trace = Trace()
         places = [list(world.joints).index(joint) for joint in arm.joints]
         self._at = np.array(world.arrays.position_at)[places]
-        """Indices of the arm joints, without the hand, in the position array of the world."""
+        """Indices of the arm joints, without the hand, in the world's position array."""
         self._arrays = world.arrays
 
     def after_step(self, time_s: float) -> None:
@@ -226,9 +226,9 @@ class _ArmTrace:
 
 
 def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
-    """Return the first controller of a class. Raises ControllersFileError if there is no such controller."""
+    """Return the first controller of a given class. Raises ControllersFileError if there is no such controller."""
     for controller in built:
         if isinstance(controller, kind):
             return controller
     path = files.controllers.path
-    raise ControllersFileError(f"{path}:1: simulated motions need a {kind.kind}: add such a controller")
+    raise ControllersFileError(f"{path}:1: simulated motions require a {kind.kind}: add such a controller")

@@ -27,13 +27,14 @@ ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.0169}
 """Time to configure and activate one servo, in seconds, keyed by make."""
 
 GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tolerances")
-"""Attributes of a controller that accepts trajectory goals."""
+"""Attributes that identify a controller that accepts trajectory goals."""
 
 
 def inventory_of(files: ServoFiles) -> Inventory:
     """Return the servos and the controllers of an arm.
 
-    Buses and controllers are sorted by name, so that a seed gives the same faults regardless of the order in the files.
+    Buses and controllers are sorted by name, so that a seed produces the same faults regardless of the order in the
+    files.
     """
     robot = files.robot
     servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
@@ -46,7 +47,8 @@ def inventory_of(files: ServoFiles) -> Inventory:
 
 
 def _parking_s(files: ServoFiles) -> float:
-    """Return the maximum duration of parking in seconds, or 0 if the robot file makes the arm hold its position."""
+    """Return the maximum time that parking can take in seconds, or 0 if the robot file makes the arm hold its
+    position."""
     park = files.robot.file.park
     if park is None or files.robot.file.on_exit.virtual != "relax":
         return 0.0
@@ -58,13 +60,13 @@ def _parking_s(files: ServoFiles) -> float:
 def require_possible_in(
     path: Path, events: Iterable[FaultEvent], there: Inventory, within: Sequence[str] = ("faults",)
 ) -> None:
-    """Check that the fault events of a file are possible.
+    """Check that the fault events in a file are possible on this arm.
 
     Args:
         path: Path of the file.
         events: Fault events of the file.
         there: Possible targets.
-        within: Keys of the list of events in the file.
+        within: Keys of the event list in the file.
 
     Raises:
         FaultError: An event is impossible. The message has the file and line of every impossible event.
@@ -74,13 +76,13 @@ def require_possible_in(
 
 
 class Upsettable:
-    """Wrapper that makes a controller fail on request. All other calls go to the controller."""
+    """Wrapper that makes a controller fail on request. All other calls are forwarded to the controller."""
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
-        """Kind and command offset of each active fault."""
+        """Type and command offset of each active fault."""
         self.newest: GoalHandle | None = None
-        """Latest goal, if the controller has goals that finish."""
+        """Latest goal, if the controller accepts goals that end."""
         self.forwarded: tuple[float, ...] | None = None
         """Latest accepted values, if the controller forwards values to its joints."""
         self._controller: Any = controller
@@ -104,7 +106,7 @@ class Upsettable:
         return True
 
     def check(self, goal: Any) -> str | None:
-        """Return the controller's reason to refuse a goal, or None. Log refused goals."""
+        """Return the controller's reason for rejecting a goal, or None. Log refused goals."""
         reason: str | None = self._controller.check(goal)
         if reason is not None:
             self._goals.refused.append((goal, reason))
@@ -134,7 +136,8 @@ class Upsettable:
 
 
 class StackFaults:
-    """Stack as a target of a ``FaultPlayer``: the computer, the controllers and the arm's client."""
+    """Stack as a target of a ``FaultPlayer``, which can inject faults into the computer, the controllers and the arm's
+    client."""
 
     def __init__(
         self,
@@ -146,13 +149,13 @@ class StackFaults:
         """Create the target.
 
         Args:
-            clock: Clock of the stack.
+            clock: The stack's clock.
             controllers: All controllers of the stack, keyed by name.
             arm: Name of the controller whose client misbehaves.
             client_dies: Function that removes the client.
         """
         self.answers: list[str | None] = []
-        """Reason for refusing each invalid goal, or None if the goal was accepted."""
+        """Reason for rejecting each invalid goal, or None if the goal was accepted."""
         self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
 
     @property
@@ -228,4 +231,4 @@ NONSENSE: tuple[Callable[[tuple[str, ...], Random], TrajectoryGoal], ...] = (
     _back_in_time,
     _without_joints,
 )
-"""Functions that create goals which every arm must refuse."""
+"""Functions that create invalid goals, which every arm must reject."""

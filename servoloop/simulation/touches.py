@@ -13,7 +13,7 @@ FACTORY_ID = 1
 
 
 class Touches:
-    """Kinds and times of the faults that affected each joint. Call ``update`` at least once per cycle."""
+    """Types and times of the faults that have affected each joint. Call ``update`` at least once per cycle."""
 
     def __init__(self, joints: Sequence[Joint], player: FaultPlayer, clock: Clock) -> None:
         self._joints, self._player, self._clock = tuple(joints), player, clock
@@ -33,9 +33,10 @@ class Touches:
                 self._last_s[joint, event.kind] = now_s
 
     def since_s(self, joint: str, kinds: Iterable[str] | None = None) -> float:
-        """Return the time since a fault last affected a joint, in seconds; infinity if no fault has affected it.
+        """Return the time since a fault last affected a joint, in seconds, or infinity if no fault has affected the
+        joint.
 
-        ``kinds`` are the kinds of faults to consider; None for all kinds.
+        ``kinds`` are the fault types to consider; None for all types.
         """
         self.update()
         wanted = None if kinds is None else set(kinds)
@@ -45,13 +46,14 @@ class Touches:
         return self._clock.now() - max(times, default=-math.inf)
 
     def kinds(self, joint: str) -> set[str]:
-        """Return the kinds of faults that have affected a joint so far."""
+        """Return the types of faults that have affected a joint so far."""
         self.update()
         return {kind for name, kind in self._last_s if name == joint}
 
 
 def touched_joints(event: Event, joints: Sequence[Joint]) -> set[str]:
-    """Return the joints whose servo, bus or replies an event affects. Faults of the computer affect no joint."""
+    """Return the joints whose servo, bus or replies an event affects. Faults of the computer do not affect any
+    joint."""
     servo_id, bus = getattr(event, "servo_id", None), getattr(event, "bus", None)
     if servo_id is None and not hasattr(event, "bus"):
         return set()

@@ -15,11 +15,11 @@ from sim_backend.packets import sts as sts_wire
 from sim_backend.packets.instructions import Instruction
 
 ANY_SIZE = frozenset(range(1, 256))
-"""Allowed numbers of data bytes in a reply."""
+"""Number of data bytes allowed in a reply."""
 
 
 class PacketText:
-    """Converter from the packets of one bus to text. Packets must be passed in order."""
+    """Converter that formats the packets of one bus as text. Packets must be passed in order."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
         """``joints`` are the joints with a servo on the bus; there must be at least one."""
@@ -31,12 +31,12 @@ class PacketText:
         self._decoder = v1.ReplyDecoder(0, ANY_SIZE) if self._v1 else v2.ReplyDecoder(0, ANY_SIZE)
 
     def sent(self, data: bytes) -> str:
-        """Return the text of one write by the stack."""
+        """Format one write by the stack as text."""
         found = [self._instruction(one) for one in self._parser.feed(data)]
         return "; ".join(found) if found and not self._parser.pending else data.hex(" ")
 
     def received(self, data: bytes) -> str:
-        """Return the text of one read, with its bytes if they are not all valid replies."""
+        """Format one read as text, including the raw bytes if they are not all valid replies."""
         replies = self._decoder.feed(data)
         texts = [_reply(reply) for reply in replies]
         texts += [f"broken reply of {servo_id}" for servo_id in self._decoder.corrupt_ids]
@@ -89,7 +89,8 @@ def trace_text(recording: CycleRecording, joints: Sequence[Joint]) -> str:
 
 
 def packet_texts(recording: CycleRecording, joints: Sequence[Joint]) -> list[list[str]]:
-    """Return the packets of each cycle as text with their times in s. ``>`` marks sent and ``<`` received packets."""
+    """Format the packets of each cycle as text, with their times in seconds. ``>`` marks sent packets, and ``<`` marks
+    received packets."""
     buses = {joint.bus for joint in joints}
     texts = {bus: PacketText([joint for joint in joints if joint.bus == bus]) for bus in sorted(buses)}
 

@@ -18,7 +18,7 @@ PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place", "pick_pla
 
 
 class ArmFile(BaseModel):
-    """Contents of ``arm.yaml``. Paths are relative to the folder of the file."""
+    """Contents of ``arm.yaml``. Paths are relative to the folder that contains this file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -89,7 +89,7 @@ def arms(folder: Path = ARMS) -> list[ArmFolder]:
 
 def find_arm(name: str = OWN) -> ArmFolder:
     """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
-    # A name with a slash, such as ./so101, is a folder of the user.
+    # A name that contains a slash, such as ./so101, is the path of a user's own folder.
     for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
@@ -98,7 +98,7 @@ def find_arm(name: str = OWN) -> ArmFolder:
 
 
 def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
-    """Return the arm that the file at ``path`` specifies under the key ``arm``.
+    """Return the arm specified under the key ``arm`` in the file at ``path``.
 
     Args:
         path: Path of the file, for error messages.
@@ -164,7 +164,7 @@ def read_arm_servos(
     """Read and check the files of an arm, except for its controllers file.
 
     If ``urdf`` is given without ``robot``, the URDF specifies the robot file. If ``urdf`` is not the arm's own URDF,
-    the poses are in the folder of ``urdf``. Raises the same errors as read_servo_files.
+    poses are read from the folder of ``urdf``. Raises the same errors as read_servo_files.
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments)

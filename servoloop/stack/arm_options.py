@@ -1,4 +1,4 @@
-"""Options that select an arm and its files, as fields of the dataclasses that commands take."""
+"""Options that select an arm and its files, as dataclass fields shared by the commands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ NamespaceOption = Annotated[
         "--namespace",
         metavar="NAME",
         callback=_checked_namespace,
-        help="Namespace of all ROS nodes, so that several stacks can share one domain.",
+        help="Namespace of all ROS nodes, so that several stacks can share one ROS domain.",
     ),
 ]
 RunningArm = Annotated[
@@ -71,7 +71,7 @@ RunningNamespace = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class RunningChoice:
-    """Options that choose a running arm. The value None matches every arm or namespace."""
+    """Options that choose a running arm. The value None matches any arm or namespace."""
 
     arm: str | None = None
     namespace: str | None = None

@@ -6,7 +6,7 @@ from time import monotonic
 from typing import Final
 
 JOIN_S: Final = 10.0
-"""Maximum time for all tasks to end, in seconds. Setting up a bus takes a few seconds if its servos do not answer."""
+"""Maximum time for all tasks to end, in seconds. Setting up a bus takes a few seconds if its servos do not respond."""
 
 
 class BackgroundWorker:

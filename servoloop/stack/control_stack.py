@@ -41,14 +41,14 @@ class ControlStack:
         worker: BackgroundWorker | None = None,
         keep_alive: bool = False,
     ) -> "ControlStack":
-        """Create a control loop for the hardware, without controllers, at the update rate of the controllers file.
+        """Create a control loop for the hardware at the update rate of the controllers file, without any controllers.
 
         Args:
             setup: Hardware, not yet configured.
             files: Files of the robot.
             clock: Clock of the loop.
-            worker: Worker for tasks that take longer than a cycle. The default runs them in the loop thread.
-            keep_alive: Whether the loop continues when it loses a component.
+            worker: Worker for tasks that take longer than a cycle. By default, they run in the loop thread. keep_alive:
+            Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()
         manager = ControllerManager(setup.hardware, files.limits, files.component.outputs)
@@ -92,8 +92,8 @@ class ControlStack:
         Args:
             leave_out: Names of the components that stay unconfigured.
             keep_alive: Whether to skip a component that cannot be configured.
-            hangs: Function that returns whether a thread still waits for the hardware at the end. If it returns true,
-                the hardware stays configured.
+            hangs: Function that returns whether a thread is still waiting for the hardware when the context exits. If
+                it returns true, the hardware stays configured.
 
         Raises:
             DriverError: A port cannot be opened, a servo is missing, or a bus is too slow for the update rate.
@@ -108,7 +108,8 @@ class ControlStack:
                 clean_up_all(self.loop.hardware)
 
     def end(self, hurry: Callable[[], bool] = lambda: False, return_to: Mapping[str, float] | None = None) -> list[str]:
-        """Stop the arm. Then hold its position, or park it and disable its torque, as the robot file requires.
+        """Stop the arm. Then the arm holds its position, or it parks and disables its torque, as the robot file
+        requires.
 
         Args:
             hurry: Function that returns whether to skip the motion to the park pose.

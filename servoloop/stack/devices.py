@@ -1,4 +1,4 @@
-"""Device paths of the buses, from the command line or from an emulator."""
+"""Select the device paths of the buses from the command line or from an emulator."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
         buses: Names of the buses in the robot file.
 
     Raises:
-        DriverError: The options do not fit the buses.
+        DriverError: The options do not match the buses.
     """
     names = list(buses)
     if list(values) in ([], [VIRTUAL]):
@@ -28,7 +28,7 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
             raise DriverError(f"--port needs the path of a device, such as /dev/ttyACM0, not {path!r}")
         return {names[0]: path}
     if len(names) == 1:
-        raise DriverError("the robot has only one bus: give only one --port")
+        raise DriverError("the robot has only one bus: pass only one --port")
     devices: dict[str, str] = {}
     problems: list[str] = []
     for value in values:
@@ -48,7 +48,7 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
 
 
 def device_paths(link: Path, buses: Iterable[str]) -> dict[str, Path]:
-    """Return the path at which an emulator serves each bus: ``link``, or ``link``.NAME if the buses have names."""
+    """Return the path at which an emulator serves each bus: ``link``, or ``link``.NAME if the buses are named."""
     return {name: link.with_name(f"{link.name}.{name}") if name else link for name in buses}
 
 

@@ -1,4 +1,4 @@
-"""Scene of an emulator: latest poses of the objects around the arm. This module does not import the simulation."""
+"""Emulator scene: latest poses of the objects around the arm. This module does not import the simulation."""
 
 import threading
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ Pose = tuple[Vector, Quaternion]
 
 
 class EmulatedScene:
-    """Latest poses published by an emulator. Safe to call from any thread."""
+    """Latest poses published by an emulator. All methods are safe to call from any thread."""
 
     def __init__(self, client: WorldFeedClient) -> None:
         self._client = client

@@ -46,11 +46,11 @@ from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.sts.servo import VirtualServo
 
 _Wiring = tuple[dict[str, ServoLine[Any]], Handler]
-"""Virtual lines, keyed by bus name, and the handler of commands from the control socket."""
+"""Virtual buses, keyed by bus name, and the handler for commands from the control socket."""
 
 
 def couplings(robot: Robot) -> list[Coupling]:
-    """Return the couplings of the virtual servos to the joints of the robot file."""
+    """Return the couplings between the virtual servos and the joints of the robot file."""
     return [
         Coupling(
             servo_id=joint.servo_id,
@@ -108,7 +108,7 @@ def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any
 
 
 def _count_as_calibrated(servo: Any, joint: Joint) -> None:
-    """Write the joint's calibrated homing offset and operating mode to a virtual servo."""
+    """Write the calibrated homing offset and the operating mode of a joint to its virtual servo."""
     if joint.homing_offset and isinstance(servo, VirtualServo):
         servo.memory.save(sts.homing_offset, joint.homing_offset)
     if isinstance(servo, VirtualXServo):
@@ -132,7 +132,7 @@ def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[
 
 
 def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> VirtualBox:
-    """Return the servos of the arm with factory settings, already mounted on its joints. Raises RobotFileError."""
+    """Return factory-new servos for the arm, already mounted on its joints. Raises RobotFileError."""
     models = [joint.model for joint in robot.joints]
     if len(robot.file.lines()) > 1 or any(series_of(model).protocol is PROTOCOL_2 for model in models):
         raise RobotFileError("a virtual box supports only one bus, and no Dynamixel protocol 2.0 servos yet")
@@ -140,7 +140,7 @@ def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> Virtual
 
 
 def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
-    """Return the couplings of servos that still have their factory ID."""
+    """Return the joint couplings with every servo set to its factory ID."""
     return [replace(one, servo_id=FACTORY_ID) for one in ways]
 
 
@@ -163,7 +163,7 @@ class EmulatedArm:
         # Servos with factory settings share one ID, so a fault cannot target a single servo.
         self.player = FaultPlayer(FaultTargets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
-        """Function that executes requests from clients of the control socket."""
+        """Function that handles requests from clients of the control socket."""
 
     def serve(
         self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
@@ -178,12 +178,13 @@ class EmulatedArm:
         serve_all(buses, stop=stop, on_tick=on_tick, on_ready=on_ready)
 
     def _wired(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """Return the lines with configured servos, and the handler of control commands."""
+        """Return the virtual buses with configured servos, and the handler of control commands."""
         lines = virtual_lines(files.robot, WorldPlant(self.world, ways, self._after_step), build.spread)
         return lines, self._obeyed
 
     def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """Return the line with factory-new servos, and a handler that can also connect and disconnect them."""
+        """Return the virtual bus with factory-new servos, and a handler that can also connect and disconnect these
+        servos."""
         box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
         lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
         return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
@@ -208,13 +209,14 @@ def emulate(
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
-    """Serve every bus until ``stop`` returns true. A single bus is at ``link``; several buses are at ``link``.NAME.
+    """Serve every bus until ``stop`` returns true. If there is one bus, its path is ``link``; otherwise, the path of
+    each bus is ``link``.NAME.
 
     Args:
         files: Files of the robot.
         link: Path of the bus.
         options: Options of the virtual arm.
-        faults: Faults to inject, timed from when the emulator is ready.
+        faults: Faults to inject; their times are relative to when the emulator is ready.
         stop: Function that returns whether to stop.
         on_ready: Function called when clients can open the buses.
 

@@ -1,4 +1,4 @@
-"""Options of ``servoloop emulate`` other than the arm: build of the virtual arm, faults, and files that it writes."""
+"""Options of ``servoloop emulate``, except for the arm: build of the virtual arm, faults and output files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EmulatorOptions:
-    """Options of ``servoloop emulate`` other than the arm."""
+    """Options of ``servoloop emulate``, except for the arm."""
 
     backlash_deg: BacklashOption = BACKLASH_DEG
     seed: SeedOption = None

@@ -27,21 +27,21 @@ LOG = logging.getLogger("servoloop")
 START_S: Final = 300.0
 """Maximum time for the emulator to start, in seconds.
 
-The first start after an installation compiles the simulation. The compilation takes 20 s, or several minutes on a slow
-or busy machine.
+The simulation is compiled at the first start after an installation. The compilation takes 20 s, or several minutes on a
+slow or busy machine.
 """
 END_S: Final = 10.0
-"""Maximum time for the emulator to end, in seconds. An emulator in a child process draws no images."""
+"""Maximum time for the emulator to end, in seconds. An emulator in a child process does not render images."""
 
 
 def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:
-    """Return the ``servoloop`` arguments for a child process that serves the arm of these files."""
+    """Return the ``servoloop`` arguments for a child process that emulates the arm described by these files."""
     return ("emulate", str(link), *files.servo_options)
 
 
 @contextmanager
 def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) -> Iterator[dict[str, str]]:
-    """Serve the servos of an arm from a child process that ends with this process.
+    """Run the servos of an arm in a child process that ends with this process.
 
     Args:
         files: Files of the arm.
@@ -63,7 +63,7 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
         process = subprocess.Popen(
             [sys.executable, "-m", "servoloop", *emulate_arguments(link, files)],
             stdout=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C must not end the emulator: the stack still needs it to stop the arm
+            start_new_session=True,  # Ctrl-C must not end the emulator, which the stack still needs to stop the arm
             preexec_fn=end_with_parent,
         )
         try:
@@ -101,7 +101,7 @@ def chosen_devices(
     """Provide the devices of a stack for the duration of the context.
 
     Args:
-        kind: Hardware of all components. If None, the ``<plugin>`` of each component decides.
+        kind: Hardware type of all components. If None, the ``<plugin>`` of each component selects its hardware.
         ports: Devices, keyed by bus name. If None, virtual servos are used if a component needs servos.
         files: Files of the robot.
         signals: Function that returns the number of signals received so far, as for ``virtual_servos``.

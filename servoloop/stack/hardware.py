@@ -1,4 +1,4 @@
-"""Choose and build the hardware components: servos on a port, an arm in MuJoCo, a mock or a user's plug-in."""
+"""Choose and build the hardware components: servos on a port, an arm in MuJoCo, a mock or a user-supplied plug-in."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -76,15 +76,15 @@ class HardwareSetup:
     buses: Mapping[str, RatedLine]
     """Buses opened so far, keyed by name."""
     rates_hz: Mapping[str, float]
-    """Rate of reads and writes on each bus, in Hz."""
+    """Read and write rate of each bus, in Hz."""
     compliances: Mapping[str, Compliance]
     """Known servo compliances, keyed by joint name."""
     outputs: Outputs = field(default_factory=Outputs)
-    """Outputs of all components. Outputs do not move joints."""
+    """Outputs of all components. Outputs are not joints and do not move anything."""
 
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
-    """Return the hardware kind from the command line, or else the ``<plugin>`` of the component."""
+    """Return the hardware type from the command line or, if it is not given, the ``<plugin>`` of the component."""
     plugin = SUCCESSORS.get(component.plugin, component.plugin)
     users = plugin_names()
     if kind is None and plugin not in PLUGINS and plugin not in users:
@@ -104,11 +104,11 @@ def build(
     """Build all hardware components without opening any device.
 
     Args:
-        kind: Kind of all components. If None, the ``<plugin>`` of each component decides.
+        kind: Hardware type of all components. If None, the ``<plugin>`` of each component decides.
         files: Files of the robot.
         devices: Device paths, keyed by bus name.
         clock: Clock of the hardware.
-        virtual: Virtual lines within this process. If given, ``devices`` has the names of these lines.
+        virtual: Virtual buses within this process. If given, ``devices`` maps each bus to the name of its virtual bus.
         tap: Function that wraps each port, for example to record its bytes.
     """
     components = files.description.components
@@ -147,7 +147,8 @@ def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
 
 
 def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
-    """Connect to the world feed of these devices. Return None for a real bus or an emulator that was killed."""
+    """Connect to the world feed of the emulator that serves these devices. Return None for a real bus or an emulator
+    that was killed."""
     path = world_feed(devices)
     try:
         return WorldFeedClient(path) if path else None
@@ -156,12 +157,12 @@ def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
 
 
 def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
-    """Return the divisor of the update rate that gives the component's ``rw_rate``, at least 1."""
+    """Return the divisor of the update rate that yields the component's ``rw_rate``; at least 1."""
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
 def _rates_hz(files: Files, divisors: Sequence[int]) -> dict[str, float]:
-    """Return the rate of reads and writes on each bus, in Hz."""
+    """Return the read and write rate of each bus, in Hz."""
     return {
         joint.bus: files.controllers.update_rate_hz / divisor
         for component, divisor in zip(files.description.components, divisors, strict=True)
@@ -213,19 +214,19 @@ class _ComponentBuilder:
 
 
 def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
-    """Return the gravity compensation of these joints, or None if the robot file does not enable it.
+    """Return the gravity compensation for these joints, or None if the robot file does not enable gravity compensation.
 
-    Joints with servos of unknown stiffness are listed in the log.
+    The log lists the joints whose servo stiffness is unknown.
 
     Args:
         joints: Joints of one component.
-        description: Robot description, with the masses of the links.
+        description: Robot description, including link masses.
     """
     if not any(joint.gravity_compensation for joint in joints):
         return None
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
-        LOG.info("%s: servo stiffness unknown; sag and lag are not compensated", names)
+        LOG.info("%s: the servo stiffness is unknown, so sag and lag are not compensated", names)
     return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
 
 
@@ -263,7 +264,7 @@ class _World:
 
 
 def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Bus:
-    """Return the bus with this name and its servos. If a robot has only one bus, its name is empty."""
+    """Return the bus with this name and its servos. If the robot has only one bus, the name of the bus is empty."""
     joints = robot.joints_on(bus).values()
     gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
     return Bus(port, clock, {joint.servo_id: MODELS[joint.model] for joint in joints}, position_p=gains)
@@ -276,7 +277,7 @@ def open_buses(
     names: Sequence[str] | None = None,
     open_port: OpenPort = SerialPort,
 ) -> dict[str, Bus]:
-    """Open buses on their devices. If a bus cannot be opened, close the other buses again.
+    """Open buses on their devices. If a bus cannot be opened, close the buses that are already open.
 
     Args:
         robot: The robot file.
@@ -296,7 +297,7 @@ def open_buses(
             buses[name] = _driven(robot, port, clock, name)
     except BaseException:
         for bus in buses.values():
-            with suppress(PortError):  # A device that was unplugged cannot be closed.
+            with suppress(PortError):  # Closing a device that was unplugged fails.
                 bus.close()
         raise
     return buses

@@ -27,12 +27,13 @@ def check_rates(buses: Mapping[str, RatedLine], rates_hz: Mapping[str, float], r
 
     Args:
         buses: Open buses, keyed by name.
-        rates_hz: Rate of reads and writes on each bus, in Hz.
+        rates_hz: Read and write rate of each bus, in Hz.
         robot: The robot file.
         file: Path of the controllers file, for the message.
 
     Raises:
-        ControllersFileError: A cycle takes longer on the wire than the period. The message shows the calculation.
+        ControllersFileError: The transfers of one cycle take longer than the cycle period. The message shows the
+            calculation.
     """
     problems = [_problem(bus, rates_hz[name], robot, name) for name, bus in buses.items()]
     if any(problems):

@@ -18,7 +18,7 @@ from servoloop.stack.signals import Signals
 LOG = logging.getLogger("servoloop")
 
 HANG_S: Final = 30.0
-"""Time without progress after which the loop thread counts as hanging, in seconds.
+"""Time without progress after which the loop thread is considered hanging, in seconds.
 
 The longest step of a shutdown is waiting for a hardware or controller change, which may take 10 s.
 """
@@ -66,7 +66,7 @@ class LoopThread:
         except DriverError as error:
             self.error = error
             LOG.error("the control loop has stopped: %s", error)
-        except Exception as error:  # the arm must be shut down after any defect
+        except Exception as error:  # the arm must be shut down after any error
             self.error = error
             LOG.exception("the control loop has stopped after an internal error")
         finally:
@@ -76,7 +76,7 @@ class LoopThread:
                 self.done = True  # the other thread waits for this flag, even after an error
 
     def hangs(self) -> bool:
-        """Return whether the thread made no progress for ``HANG_S`` after a request to end.
+        """Return whether the thread has made no progress for ``HANG_S`` after a shutdown request.
 
         All reads of servoloop's own hardware time out. A user's plug-in may wait forever.
         """
@@ -90,7 +90,7 @@ class LoopThread:
         return self._signaled(1)
 
     def _signaled(self, signals: int) -> bool:
-        """Return whether this number of signals has arrived.
+        """Return whether at least this number of signals has arrived.
 
         The loop calls this method in every cycle, even while parking.
         """

@@ -1,4 +1,4 @@
-"""Read and check the parameters of the pick-place node without ROS."""
+"""Read and check the parameters of the pick-place node; ROS is not required."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Self
@@ -30,7 +30,7 @@ class PickPlacePoses(BaseModel):
 
 
 class PickPlace(BaseModel):
-    """Parameters that depend on the arm and its cell. The node reads all other parameters itself."""
+    """Parameters that depend on the arm and its workcell. The node reads all other parameters itself."""
 
     joints: tuple[str, ...]
     """Joints of the arm, without the hand, in the order of all poses."""
@@ -52,7 +52,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} must have {len(self.joints)} numbers, one per joint" for name in short]
             raise ValueError("; ".join(problems))
-        self.settings()  # This raises ValueError if the node would reject the parameters.
+        self.settings()  # This method raises ValueError if the node would reject the parameters.
         return self
 
     def all_poses(self) -> dict[str, Pose]:
@@ -106,7 +106,7 @@ def load_pick_places(path: Path, namespace: str = "") -> dict[str, PickPlace]:
 
 
 def arm_jobs(path: Path, namespace: str = "") -> dict[str, PickPlace]:
-    """Read the parameters of all nodes, keyed by arm name, such as ``left``; the key of a single arm is "".
+    """Read the parameters of all nodes, keyed by arm name such as ``left``; if there is only one arm, its key is "".
 
     Raises ArmFileError.
     """

@@ -1,4 +1,4 @@
-"""Check that the pick-place parameters of an arm fit its controllers, limits, servos and scene."""
+"""Check that the pick-place parameters of an arm match its controllers, limits, servos and scene."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[s
 
 
 def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
-    """Yield a problem if the joints differ from the arm controller's, or if the hand would exceed its limits."""
+    """Yield a problem if the joints differ from those of the arm controller, or if the hand would exceed its limits."""
     driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
     if driven.get(pick_place.arm_controller) != pick_place.joints:
         yield f"joints must list the joints of {pick_place.arm_controller} in {controllers.path}, in the same order"

@@ -1,4 +1,4 @@
-"""Run child processes and set real-time priorities. No child process outlives this process."""
+"""Run child processes and set real-time priorities. Child processes never outlive this process."""
 
 import ctypes
 import logging
@@ -17,9 +17,9 @@ from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 
 END_S: Final = 60.0
-"""Maximum time for a process to end, in seconds. The emulator draws its images before it exits."""
+"""Maximum time for a process to end, in seconds. The emulator renders its images before it exits."""
 POLL_S: Final = 0.02
-"""Period of checks while waiting for a process, in seconds."""
+"""Interval between checks while waiting for a process, in seconds."""
 _PR_SET_PDEATHSIG: Final = 1
 LOG = logging.getLogger("servoloop")
 
@@ -34,7 +34,8 @@ def choose_ros_domain() -> None:
 
 
 def end_with_parent() -> None:
-    """Request SIGTERM for the calling process when its parent ends. A child process calls this before ``exec``."""
+    """Request that the calling process receive SIGTERM when its parent exits. A child process calls this before
+    ``exec``."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -46,7 +47,7 @@ def end(process: "subprocess.Popen[Any]", timeout_s: float = END_S, hurry: Calla
     clock = MonotonicClock()
     deadline_s = clock.now() + timeout_s
     process.terminate()
-    process.send_signal(signal.SIGCONT)  # a stopped process handles SIGTERM only after it continues
+    process.send_signal(signal.SIGCONT)  # a stopped process handles SIGTERM only after it is resumed
     while process.poll() is None:
         if hurry() or clock.now() > deadline_s:
             LOG.warning("process %d did not end and was killed", process.pid)
@@ -85,7 +86,7 @@ class Processes:
         return process.pid
 
     def check(self) -> None:
-        """Raise DriverError with the last lines of output if a process has ended."""
+        """Raise DriverError with the last lines of a process's output if that process has ended."""
         for name, process in self._running:
             if process.poll() is not None:
                 lines = (self._folder / f"{name}.log").read_text(errors="replace").splitlines()
@@ -93,10 +94,11 @@ class Processes:
                 raise DriverError(f"{name} ended unexpectedly (exit status {process.returncode}):\n  {output}")
 
     def wait_until(self, ready: Callable[[], bool], action: str, timeout_s: float) -> None:
-        """Wait for a condition. ``action`` describes the wait in messages, such as "starting the stack".
+        """Wait for a condition. ``action`` describes in messages what the program is waiting for, such as "starting the
+        stack".
 
         Raises:
-            DriverError: A process has ended, or the timeout has passed.
+            DriverError: A process has ended, or the timeout has expired.
             Interrupted: A signal has arrived.
         """
         clock = MonotonicClock()
@@ -110,7 +112,7 @@ class Processes:
             clock.sleep_until(clock.now() + POLL_S)
 
     def end(self) -> dict[str, int]:
-        """End all processes in reverse order of their start, and return their exit statuses."""
+        """End all processes in reverse start order, and return their exit statuses."""
         statuses: dict[str, int] = {}
         while self._running:
             name, process = self._running.pop()
@@ -146,12 +148,13 @@ def claim_realtime_priority(priority: int = PRIORITY) -> bool:
 def realtime_priority(priority: int = LOOP_PRIORITY) -> Iterator[None]:
     """Run with a real-time priority, if the system grants it, for the duration of the context.
 
-    Afterward, restore the previous priority, or ordinary priority if the system does not grant the previous priority.
-    Use this context for programs with long computations before or after their real-time part. At real-time priority,
-    these computations would block the loops of other programs. Threads that start in the context keep its priority.
+    Afterward, restore the previous priority; if the system does not grant it, use ordinary priority. Use this context
+    for programs with long computations before or after their real-time part. If they ran at real-time priority, these
+    computations would block the loops of other programs. Threads that start in the context keep its priority.
 
-    ``PRIORITY`` is too low for a real-time part in the calling thread. At that priority, the program would share the
-    processor with starting stacks in turns of 0.1 s, and servos whose replies are read so late count as lost.
+    ``PRIORITY`` is too low if the real-time part runs in the calling thread. At that priority, the program would share
+    the processor in time slices of 0.1 s with stacks that are starting. Servos whose replies are read that late are
+    considered lost.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     claim_realtime_priority(priority)
@@ -170,7 +173,8 @@ def at_ordinary_priority() -> None:
 
 
 def put_first() -> None:
-    """Raise the calling thread above the other threads of this process, if the process has real-time priority."""
+    """Raise the calling thread's priority above the other threads of this process, if the process has real-time
+    priority."""
     if os.sched_getscheduler(0) != os.SCHED_RR:
         return
     try:
@@ -181,17 +185,18 @@ def put_first() -> None:
 
 @contextmanager
 def on_one_processor() -> Iterator[None]:
-    """Keep the main thread, and the processes it starts, on its current processor. Call this in the main thread.
+    """Pin the main thread, and the processes it starts, to the current processor. Call this function in the main
+    thread.
 
     Use this context for a loop of ordinary priority that only waits for a bus. Otherwise, the system often moves the
-    loop to another processor, with cold caches. Do not use this context for a loop with other threads, which may have
-    to wait although another processor is free.
+    loop to another processor, with cold caches. Do not use this context for a loop with additional threads, because
+    they might have to wait even when another processor is free.
     """
     allowed = os.sched_getaffinity(0)
     try:
         os.sched_setaffinity(0, {psutil.Process().cpu_num()})
     except OSError as error:
-        LOG.info("the loop cannot be kept on one processor: %s", error)
+        LOG.info("the loop cannot be pinned to one processor: %s", error)
         yield
         return
     try:

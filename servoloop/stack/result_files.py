@@ -17,7 +17,8 @@ def make_folder(folder: Path) -> None:
 
 
 def require_file(path: Path) -> None:
-    """Raise DriverError if no file can be written at ``path``. Call this function before a run, not only at its end."""
+    """Raise DriverError if a file cannot be written at ``path``. Call this function before a run, not only at its
+    end."""
     if path.is_dir():
         raise DriverError(f"{path} is a folder: choose the name of a file")
     if path.exists() and not path.is_file():
@@ -26,7 +27,7 @@ def require_file(path: Path) -> None:
 
 
 def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
-    """Write a file. If ``keep`` is true, rename an existing file to NAME.1 first. Raises DriverError."""
+    """Write a file. If ``keep`` is true, first rename any existing file to NAME.1. Raises DriverError."""
     try:
         write_whole(path, content, keep)
     except OSError as error:

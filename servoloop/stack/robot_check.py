@@ -1,4 +1,4 @@
-"""Check the folder of an arm and report all errors at once."""
+"""Check the folder of an arm and report all errors together."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -81,7 +81,7 @@ class _Check:
                 self._report(self._arm.urdf, [str(error)])
 
     def _scene(self, urdf_xml: str | None, driven: Sequence[str]) -> None:
-        """Compare the scene with the URDF, or only read the scene if the URDF is unreadable."""
+        """Compare the scene with the URDF; if the URDF is unreadable, only read the scene."""
         path, cell = self._arm.scene, self._arm.pick_place.exists()
         if not self._has_mujoco or (not self._wanted("scene") and not cell):
             return
@@ -97,7 +97,7 @@ class _Check:
             self._failed(error)
 
     def _wanted(self, name: str) -> bool:
-        """Return whether to read an optional file. It is read if it exists or if ``arm.yaml`` lists it."""
+        """Return whether an optional file must be read. The file is read if it exists or if ``arm.yaml`` lists it."""
         return self._exists(name) or name in self._arm.file.model_fields_set
 
     def _exists(self, name: str) -> bool:
@@ -105,7 +105,7 @@ class _Check:
         return path.exists()
 
     def _needed(self, name: str) -> bool:
-        """Return whether to read a required file.
+        """Return whether a required file must be read.
 
         If the name of the file is unknown, a file with the default name must exist.
         """
@@ -180,7 +180,8 @@ class _Check:
 
 
 def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
-    """Yield a problem for each joint without a calibration entry, and for each calibration entry without a servo."""
+    """Yield a problem for each joint that lacks a calibration entry, and for each calibration entry that lacks a
+    servo."""
     plan, file = arm.file.calibration, compose(arm.folder / ARM_FILE, ArmFileError)
     place = file.place(("calibration", "joints"))
     yield from (f"{place}: calibration has no entry for {name}" for name in component.joints if name not in plan.joints)
@@ -192,7 +193,7 @@ def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
 
 
 def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:
-    """Return the joints of the robot file as a replacement for an unreadable URDF, or None without a robot file."""
+    """Return the joints of the robot file as a substitute for an unreadable URDF, or None if there is no robot file."""
     return None if robot_file is None else _component(robot_file.joints, ("position",))
 
 
@@ -217,12 +218,13 @@ def _joint_names(content: Any) -> Iterator[str]:
 
 
 def scene_unchecked() -> str:
-    """Return a sentence if scenes cannot be checked because the extra ``sim`` is missing, or an empty string."""
+    """Return a sentence if scenes cannot be checked because the extra ``sim`` is missing; otherwise, return an empty
+    string."""
     return missing_extras("the check of the scene", "sim")
 
 
 def check_arm(folder: Path) -> list[str]:
-    """Return all problems of the arm in a folder.
+    """Return all problems found in the folder of an arm.
 
     If ``arm.yaml`` has errors, the other files are checked under their default names.
     """

@@ -41,28 +41,28 @@ class ServoFiles:
     """Limits of every joint with a command interface."""
     urdf_path: Path
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
-    """Arguments of the URDF, keyed by name, if it is written in xacro."""
+    """Arguments of the URDF, keyed by name, if the URDF is written in xacro."""
     robot_paths: dict[str, Path]
-    """Robot file of each component that needs a robot file."""
+    """Robot file of each component that needs one."""
     scene: Path = SCENE
     """Scene of the simulated world."""
     arm: str = OWN
-    """Name of the arm. Other programs find the running stack by this name."""
+    """Name of the arm. Other programs use this name to find the running stack."""
     folder: Path | None = None
-    """Folder for the poses of the arm; None for files that do not belong to an arm."""
+    """Folder for the arm's poses; None if the files do not belong to an arm."""
     arm_folder: Path = ARMS / OWN
     """Folder of the arm to which the other files belong."""
 
     @property
     def robot_path(self) -> Path:
-        """Robot file of the first component that has a robot file."""
+        """Robot file of the first component that has one."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
     @property
     def servo_options(self) -> tuple[str, ...]:
-        """Options with which ``servoloop emulate`` reads these files in another process.
+        """Options that make ``servoloop emulate`` read the same files in another process.
 
-        If there are several robot files, the URDF lists them, and no option is needed for them.
+        If there are several robot files, the URDF lists them, so they need no option.
         """
         paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
         if len(self.robot_paths) == 1:
@@ -84,7 +84,7 @@ class Files(ServoFiles):
 
     @property
     def hand_joints(self) -> set[str]:
-        """Joints without a trajectory controller, such as those of grippers."""
+        """Joints without a trajectory controller, such as gripper joints."""
         driven = {
             joint
             for spec in self.controllers.controllers
@@ -95,7 +95,7 @@ class Files(ServoFiles):
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Options with which ``servoloop up`` reads these files in another process."""
+        """Options that make ``servoloop up`` read the same files in another process."""
         namespace = ("--namespace", self.namespace) if self.namespace else ()
         return (*self.servo_options, *_options({"controllers": self.controllers.path}), *namespace)
 
@@ -125,7 +125,7 @@ def read_files(
 
 
 def with_controllers(servos: ServoFiles, controllers: Path, namespace: str = "") -> Files:
-    """Read a controllers file and check that it fits these servos. Raises ControllersFileError.
+    """Read a controllers file and check that it matches these servos. Raises ControllersFileError.
 
     Args:
         servos: Files of the servos.
@@ -178,7 +178,8 @@ def read_description(urdf: Path, xacro_arguments: Mapping[str, str] = NO_ARGUMEN
 
 
 def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> dict[str, Path]:
-    """Return the robot file of each component that needs one: ``robot``, or else its ``robot`` parameter."""
+    """Return the path of each component's robot file, if it needs one: ``robot``, or its ``robot`` parameter if
+    ``robot`` is None."""
     needy = [c for c in description.components if "robot" in c.parameters or c.plugin in OWN_SERVOS]
     if robot is None:
         return {c.name: _found(c.parameters.get("robot", ROBOT), urdf) for c in needy}
@@ -215,7 +216,7 @@ def _place(file: YamlFile, mistake: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class InitialStates:
-    """Components that are not activated at the start, as set in the controllers file."""
+    """Components that are not activated at startup, as set in the controllers file."""
 
     unconfigured: Collection[str]
     inactive: Collection[str]
@@ -229,7 +230,7 @@ def initial_states(files: Files) -> InitialStates:
     lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
     for state, names in states.items() if isinstance(states, Mapping) else [("", states)]:
         if state == "shutdown_on_initial_state_failure":
-            LOG.warning("%s.%s has no effect: --keep-alive decides whether the stack continues", where, state)
+            LOG.warning("%s.%s has no effect: --keep-alive decides whether the stack keeps running", where, state)
             continue
         if state not in lists or not isinstance(names, list):
             raise ControllersFileError(

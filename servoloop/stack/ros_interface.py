@@ -7,7 +7,7 @@ from typing import Final, Protocol
 from hal.types import JointState
 
 POLL_S: Final = 0.02
-"""Period at which ``WithoutRos.spin`` checks for the end, in seconds."""
+"""Interval at which ``WithoutRos.spin`` checks whether to stop, in seconds."""
 
 
 class RosInterface(Protocol):
@@ -25,11 +25,12 @@ class RosInterface(Protocol):
         ...
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """Wait at most ``longest_s`` seconds until all cycles are published, and return whether they are."""
+        """Wait at most ``longest_s`` seconds for all cycles to be published, and return whether they were published."""
         ...
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve clients until ``stop`` returns True. Raises RosError if the stack must end because of another stack."""
+        """Serve clients until ``stop`` returns True. Raises RosError if this stack must stop because another stack is
+        running."""
         ...
 
     def finish(self) -> None:

@@ -24,14 +24,15 @@ def end_signals() -> list[signal.Signals]:
 
 
 class Signals:
-    """Counter of signals within its context. The previous handlers are restored at the end of the context.
+    """Context that counts signals. The previous handlers are restored at the end of the context.
 
-    A thread counts the signals. Signal handlers would run too late, when the main thread returns from a library to
-    Python. The thread reads the wakeup descriptor, to which Python writes the number of each signal immediately.
+    A thread counts the signals. Signal handlers would run too late, because Python runs them only when the main thread
+    returns from a library call. The thread reads the wakeup descriptor, to which Python writes the number of each
+    signal immediately.
     """
 
     def __init__(self, left: str = "") -> None:
-        """``left`` describes the state of the hardware after an immediate exit, for the message."""
+        """``left`` describes the state in which an immediate exit leaves the hardware; it is used in the message."""
         self.count = 0
         self._left = left
         self._former: dict[int, object] = {}
@@ -59,8 +60,8 @@ class Signals:
     def _watch(self, reader: int) -> None:
         """Count signals until the descriptor is closed.
 
-        After a second signal, the last second before the exit continues even if the context ends, because a library may
-        still hang.
+        After a second signal, the program still exits within a second even if the context has ended, because a library
+        may hang.
         """
         while number := os.read(reader, 1):
             if number[0] == signal.SIGHUP:
@@ -82,4 +83,4 @@ class Signals:
 
 
 def _wake(number: int, frame: FrameType | None) -> None:
-    """Interrupt a sleep of the main thread. The watching thread counts the signal."""
+    """Interrupt the main thread's sleep. The watching thread counts the signal."""

@@ -17,9 +17,10 @@ import typer
 from drivers.printable import PrintableFormatter
 
 FIRST_S: Final = 0.7
-"""Maximum time until the first repeat of a held key, in seconds. Most terminals repeat after 0.5 s."""
+"""Maximum time until a held key starts to repeat, in seconds. Most terminals repeat after 0.5 s."""
 REPEAT_S: Final = 0.25
-"""Maximum time between later repeats, in seconds. A released key counts as held for this time."""
+"""Maximum time between later repeats, in seconds. After a key is released, it is still considered held for this
+time."""
 _before: dict[int, list[Any]] = {}
 """Original settings of terminals in raw mode, keyed by file descriptor."""
 NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
@@ -28,11 +29,11 @@ NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "
 class HeldKey:
     """Key that is held down. All times are in seconds.
 
-    Terminals report presses and repeats, but not releases. A key counts as released when its repeats stop.
+    Terminals report presses and repeats, but not releases. A key is considered released when it stops repeating.
     """
 
     def __init__(self, tap_s: float) -> None:
-        """``tap_s`` is the time that a key counts as held after a single press, until its repeats start."""
+        """``tap_s`` is how long a key is considered held after a single press, before its repeats start."""
         self._tap_s = tap_s
         self._key = ""
         self._pressed_s = self._until_s = -1.0
@@ -49,16 +50,16 @@ class HeldKey:
         return not repeats
 
     def release(self) -> None:
-        """Ignore the current press. The key counts as held again only after it is released and pressed."""
+        """Ignore the current press. The key is considered held again only after it is released and pressed again."""
         self._until_s, self._over = -1.0, True
 
     def held(self, now_s: float) -> str:
-        """Return the held key, or an empty string."""
+        """Return the held key, or an empty string if no key is held."""
         return self._key if now_s <= self._until_s else ""
 
 
 def split_keys(text: str) -> Iterator[str]:
-    """Yield the names of the keys in terminal input. Arrow keys are up, down, right and left."""
+    """Yield the names of the keys in terminal input. Arrow keys are returned as up, down, right and left."""
     while text:
         for code, name in NAMES.items():
             if text.startswith(code):
@@ -71,7 +72,7 @@ def split_keys(text: str) -> Iterator[str]:
 
 
 def typed(wait_s: float) -> list[str]:
-    """Wait for keys, and return the pressed keys. A closed terminal returns q, the key to quit."""
+    """Wait for key presses, and return the pressed keys. For a closed terminal, return q, the key to quit."""
     descriptor = sys.stdin.fileno()
     if not select.select([descriptor], [], [], wait_s)[0]:
         return []
@@ -101,7 +102,7 @@ def raw_keys(keep: bool = False) -> Iterator[None]:
 
 def restore_terminals() -> None:
     """Restore all terminals changed by ``raw_keys``, in a program that exits without leaving its contexts."""
-    for descriptor, before in list(_before.items()):  # This is a copy, because the main thread may remove entries.
+    for descriptor, before in list(_before.items()):  # The list is a copy, because the main thread may remove entries.
         with suppress(termios.error, OSError):
             if os.tcgetpgrp(descriptor) == os.getpgrp():  # Changing the settings would stop a background program.
                 termios.tcsetattr(descriptor, termios.TCSANOW, before)
@@ -122,7 +123,8 @@ class _Lossy(io.FileIO):
 
 
 def outlive_terminal() -> None:
-    """Ignore errors on stdout and stderr if they are a terminal that was closed. Errors of files and pipes remain."""
+    """Ignore errors on stdout and stderr if their terminal has been closed. Errors on files and pipes are still
+    reported."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not None and stream.isatty():
@@ -136,7 +138,8 @@ def colors_wanted() -> bool:
 
 
 def print_styled(text: str, err: bool = False, **style: Any) -> None:
-    """Print a line with a style, such as ``fg="red"``, if its stream is a terminal and colors are wanted."""
+    """Print a line in a style, such as ``fg="red"``; the style is used only if the stream is a terminal and colors are
+    wanted."""
     typer.secho(text, err=err, color=None if colors_wanted() else False, **style)
 
 
@@ -200,7 +203,7 @@ class TerminalHandler(logging.Handler):
 
 
 def log_to_terminal() -> None:
-    """Print the log of the stack to the terminal."""
+    """Print the stack's log to the terminal."""
     handler = TerminalHandler()
     handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

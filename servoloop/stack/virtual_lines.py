@@ -1,4 +1,4 @@
-"""Virtual servos of a robot in simulated time, with their buses and their world, within this process."""
+"""Virtual servos of a robot in simulated time within this process, including their buses and world."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -16,7 +16,7 @@ from sim_backend.scene.world import World
 
 
 class VirtualLines:
-    """Virtual lines for all buses of a robot file, in one world. The device of a bus has the name of the bus."""
+    """Virtual buses for a robot file, all in one world. The device of each bus has the same name as the bus."""
 
     def __init__(
         self,
@@ -25,14 +25,14 @@ class VirtualLines:
         start: Sequence[float] | None = None,
         on_step: Callable[[float], None] = lambda time_s: None,
     ) -> None:
-        """Create the world and the lines.
+        """Create the world and the virtual buses.
 
         Args:
             files: Files of the robot.
             build: Build of the virtual servos.
             start: Initial joint positions, in rad or m. If None, the servos hold the positions of the scene until they
                 are driven.
-            on_step: Function called after each step of the physics.
+            on_step: Function called after each physics step.
 
         Raises:
             ArmFileError: The scene lacks joints of the robot.
@@ -49,7 +49,7 @@ class VirtualLines:
             on_step(time_s)
 
         self.lines = virtual_lines(files.robot, WorldPlant(self.world, ways, after_step), build.spread)
-        """Virtual lines, keyed by bus name."""
+        """Virtual buses, keyed by bus name."""
 
     @property
     def devices(self) -> dict[str, str]:
@@ -57,7 +57,7 @@ class VirtualLines:
         return {name: name for name in self.lines}
 
     def open(self, device: str, baud: int, clock: Clock) -> Port:
-        """Open a port to one of the lines."""
+        """Open a port to one of the virtual buses."""
         return VirtualPort(self.lines[device], clock, baud=baud, name=f"virtual {device}".rstrip())
 
     def advance(self, now_s: float) -> None:

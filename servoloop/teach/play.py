@@ -18,7 +18,7 @@ from servoloop.manual.dead_man import Permission
 from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 APPROACH: Final = 0.25
-"""Fraction of the velocity limits used on the way to the start of a motion and between poses."""
+"""Fraction of the velocity limits used when moving to the start of a motion and between poses."""
 AHEAD_S: Final = 1.0
 """Maximum time by which the arm can be ahead of the path's schedule, in seconds."""
 
@@ -34,10 +34,10 @@ class PlayPhase(StrEnum):
 
 
 class Play:
-    """Playback of one motion, used in the thread of the user interface.
+    """Playback of one motion, which runs in the user interface thread.
 
     When the key is released, the joints slow down within their limits and hold their positions. When the key is held
-    again, the arm moves slowly to the next point of the path and continues.
+    again, the arm moves slowly to the next point of the path and resumes.
     """
 
     def __init__(self, arm: Arm, motion: RecordedMotion, speed: float, permission: Permission) -> None:
@@ -45,7 +45,7 @@ class Play:
 
         Args:
             arm: The arm, connected or in this process.
-            motion: Motion of the arm's joints, in the order of the arm.
+            motion: Motion of the arm's joints, in the arm's joint order.
             speed: Fraction of the recorded speed, from 0 to 1.
             permission: Dead-man switch.
 
@@ -59,10 +59,10 @@ class Play:
         self._began_s = 0.0
 
     def update(self) -> bool:
-        """Move or stop the arm as the dead-man switch requires. Return False at the end of the motion.
+        """Move or stop the arm as the dead-man switch requires. Return False when the motion has ended.
 
         Raises:
-            TeachError: The arm has stopped before the end of the motion.
+            TeachError: The arm stopped before the end of the motion.
             ArmError: The arm cannot be moved.
         """
         now_s = self._arm.state.time_s
@@ -91,7 +91,7 @@ class Play:
         return True
 
     def _pause(self) -> None:
-        """Stop the arm, so that the motion can continue later from the position at which the arm comes to rest."""
+        """Stop the arm, so that the motion can be resumed later from the position where the arm comes to rest."""
         if self._running is None:
             return
         state = self._arm.state
@@ -102,16 +102,17 @@ class Play:
 
 
 class _Leg:
-    """Part of a motion from rest to rest: a path, or a slow motion to a single pose."""
+    """Segment of a motion from rest to rest: a path, or a slow motion to a single pose."""
 
     def __init__(self, joints: Sequence[str], times_s: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-        """Create a path with k points: times (k,), positions (k, n) and velocities (k, n)."""
+        """Create a path with k points, given their times (k,), positions (k, n) and velocities (k, n)."""
         self._joints = tuple(joints)
         self._times_s, self._position, self._velocity = times_s, position, velocity
         self.phase = PlayPhase.PLAYING
 
     def begin(self, arm: Arm, speed: float) -> ArmMotion:
-        """Start to move along the path, or slowly to the pose. The first point of a path is near the arm."""
+        """Start the motion: either follow the path, or move slowly to the pose. The arm must be near the first point of
+        a path."""
         if len(self._times_s) == 1:
             pose = dict(zip(self._joints, self._position[0].tolist(), strict=True))
             share = APPROACH if self.phase is PlayPhase.APPROACHING else APPROACH * speed
@@ -122,13 +123,13 @@ class _Leg:
         return arm.follow(ArmTrajectory(times_s, positions, velocities), approach=APPROACH, wait=False)
 
     def approached(self) -> "list[_Leg]":
-        """Return the slow motion to the first point of the path, and the path."""
+        """Return two segments: the slow motion to the first point of the path, and the path itself."""
         first = _Leg(self._joints, self._times_s[:1], self._position[:1], self._velocity[:1])
         first.phase = PlayPhase.APPROACHING
         return [first, self]
 
     def rest(self, at: FloatArray, passed_s: float) -> "list[_Leg]":
-        """Return the rest of the motion, from the path point nearest to a position (n,) on.
+        """Return the remaining motion, starting at the path point nearest to a position (n,).
 
         ``passed_s`` is the time since the start of the path.
         """
@@ -142,7 +143,7 @@ class _Leg:
 
 
 def _legs(arm: Arm, motion: RecordedMotion, speed: float) -> list[_Leg]:
-    """Plan a motion and return its parts. Raises TeachError if the motion cannot be played."""
+    """Plan a motion and return its segments. Raises TeachError if the motion cannot be played."""
     joints, limits = arm.joints, tuple(arm.limits[joint] for joint in arm.joints)
     if motion.path is None:
         rest = np.zeros((1, len(joints)))
@@ -154,7 +155,7 @@ def _legs(arm: Arm, motion: RecordedMotion, speed: float) -> list[_Leg]:
         first = Kinematics.at_rest(path.position[0])
         GoalPlanner(joints, limits, "ruckig").plan(TrajectoryGoal(joints, points), Allowed(), first)
     except GoalRejected as error:
-        raise TeachError(f"the motion cannot be played, and the arm has not moved: {error}") from error
+        raise TeachError(f"the motion cannot be played; the arm has not moved: {error}") from error
     times_s = np.array([0.0, *(point.time_from_start_s for point in points)])
     position = np.array([path.position[0], *(point.positions for point in points)])
     velocity = np.array([np.zeros(len(joints)), *(point.velocities for point in points)])

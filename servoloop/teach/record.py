@@ -1,4 +1,4 @@
-"""Record a motion while a person moves the arm by hand. At the end the arm holds its position."""
+"""Record a motion while a person moves the arm by hand. When the recording ends, the arm holds its position."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -21,17 +21,17 @@ SOFT: Final = (
     "you can move it. Continue?"
 )
 HANDS_S: Final = 2.0
-"""Time for the person to react to an instruction, in seconds."""
+"""Time that the person needs to react to an instruction, in seconds."""
 GAP_S: Final = 0.2
-"""Maximum gap in the measurements that causes no warning, in seconds."""
+"""Maximum gap between measurements without a warning, in seconds."""
 POSE_S: Final = 0.3
-"""Duration of the measurements whose median is a pose, in seconds."""
+"""Duration of the measurements whose median defines a pose, in seconds."""
 MARK_KEYS: Final = ("\n", "\r", "p")
 STOP_KEYS: Final = ("\n", "\r", "q")
 
 
 Keep = Callable[[RecordedMotion, Sequence[str]], None]
-"""Function that saves a motion and prints the warnings about it. Raises DriverError if it cannot be saved."""
+"""Function that saves a motion and prints its warnings. Raises DriverError if the motion cannot be saved."""
 
 
 class RecordPhase(StrEnum):
@@ -44,14 +44,14 @@ class RecordPhase(StrEnum):
 
 
 class TeachRecording:
-    """Recording of one motion, used in the thread of the user interface. The arm calls ``take`` after each cycle."""
+    """Recording of one motion, which runs in the user interface thread. The arm calls ``take`` after each cycle."""
 
     def __init__(self, arm: Arm, soft: bool, poses: bool, keep: Keep) -> None:
         """Prepare a recording.
 
         Args:
             arm: Arm to record, connected or in this process.
-            soft: Whether the servos carry the arm. If False, the torque is disabled.
+            soft: Whether the servos support the arm's weight. If False, the torque is disabled.
             poses: Whether to record poses marked with a key instead of the path.
             keep: Function that saves the motion.
         """
@@ -104,7 +104,7 @@ class TeachRecording:
         self._watching.close()
         try:
             self._keep(*self.shown())
-        except DriverError as error:  # The error is raised later, once the arm holds its position.
+        except DriverError as error:  # The error is raised later, after the arm holds its position.
             self.error = error
         try:
             self._by_hand.close()
@@ -123,7 +123,7 @@ class TeachRecording:
         return not (self.phase is RecordPhase.HELD and self._arm.state.time_s - self._held_s >= HANDS_S)
 
     def _is_full(self) -> bool:
-        """Return whether the path has reached the maximum length for playback."""
+        """Return whether the path has reached the maximum length that can be played."""
         return bool(self._samples) and self._samples[-1][0] - self._samples[0][0] >= LONGEST_GOAL_S - 1.0
 
     def shown(self) -> tuple[RecordedMotion, list[str]]:
@@ -145,7 +145,7 @@ class TeachRecording:
         return RecordedMotion(joints, path.position, path), self._gaps(times_s) + beyond(position, joints, limits)
 
     def _gaps(self, times_s: FloatArray) -> list[str]:
-        """Return a warning if the measurements at the times (k,) have long gaps."""
+        """Return a warning if there are long gaps between the measurements at the times (k,)."""
         longest_s = float(np.diff(times_s).max(initial=0.0))
         if longest_s < GAP_S:
             return []

@@ -23,11 +23,11 @@ def recorded_motion(
         followers: Mimic joints of the arm, which are ignored without a warning.
 
     Returns:
-        Motion of ``joints`` within ``limits``, and warnings about it.
+        Motion of ``joints`` within ``limits``, and the warnings about this motion.
 
     Raises:
         RecordingError: The file is not a recording.
-        TeachError: The recording lacks joints of the arm, or nothing moves in it.
+        TeachError: The recording lacks joints of the arm, or no joint moves in the recording.
     """
     run = read_recording(file)
     own = [name for name in run.joints if name in joints]

@@ -1,4 +1,4 @@
-"""Run a recording or a playback from start to end, in the thread of the user interface."""
+"""Run a recording or a playback from start to end, in the user interface thread."""
 
 from collections.abc import Sequence
 from typing import Final, Protocol
@@ -26,7 +26,7 @@ class TeachScreen(Protocol):
 
 
 class TeachOperator(TeachScreen, Protocol):
-    """User interface of a recording, which reads keys within its context."""
+    """User interface of a recording, which reads keys while its context is active."""
 
     def pressed(self) -> Sequence[str]:
         """Return the keys pressed since the last call, without waiting."""
@@ -47,7 +47,7 @@ def record(arm: Arm, limp: bool, poses: bool, person: TeachOperator, keep: Keep)
 
     Raises:
         TeachError: Nothing was recorded, or torque could not be enabled on all servos.
-        ArmError: The arm could not be made limp or soft, or can no longer be moved.
+        ArmError: The arm could not be made limp or soft, or it can no longer be moved.
     """
     recording = TeachRecording(arm, not limp, poses, keep)
     with Signals() as signals, person:
@@ -78,9 +78,9 @@ def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission,
         screen: Display of the arm.
 
     Raises:
-        TeachError: The motion cannot be played, or the arm has stopped before its end.
+        TeachError: The motion cannot be played, or the arm stopped before the end of the motion.
         ArmError: The arm cannot be moved.
-        Interrupted: A signal has ended the playback.
+        Interrupted: A signal stopped the playback.
     """
     with Signals() as signals, screen:
         playing = Play(arm, motion, speed, permission)

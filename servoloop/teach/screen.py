@@ -44,7 +44,7 @@ class Teacher(ArmScreen):
     def pressed(self) -> Sequence[str]:
         """Return the keys pressed since the last call.
 
-        Without a terminal, input is read line by line, and the end of the input counts as q.
+        If input is not a terminal, it is read line by line, and the end of the input is treated as q.
         """
         return typed(0.0)
 

@@ -30,13 +30,14 @@ class TeachError(DriverError):
 FOLDER: Final = "taught"
 NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
-"""Maximum joint velocity of a path recorded by hand, per second. A faster path contains a jump."""
+"""Maximum joint velocity of a path recorded by hand, in rad/s or m/s. If the path is faster than this, it contains a
+jump."""
 DIGITS: Final = 5
 """Decimal places of positions, velocities and times in a file. The encoders have a much lower resolution."""
 
 
 class PointFile(BaseModel):
-    """Point of a motion, in the order of the file's joints, in rad or m and per second.
+    """Point of a motion: values in the file's joint order, in rad or m and rad/s or m/s.
 
     Only points of a path have ``at_s`` and velocities.
     """
@@ -49,13 +50,13 @@ class PointFile(BaseModel):
 
 
 class MotionFile(BaseModel):
-    """Contents of a motion file. The order of keys in mappings has no meaning."""
+    """Contents of a motion file. The order of keys in mappings does not matter."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: Annotated[Literal[2], NoTruth]
     joints: list[str] = Field(min_length=1)
-    """Joints in the order of the positions and velocities of each point."""
+    """Joints, in the order in which each point lists its positions and velocities."""
     units: dict[str, Literal["rad", "m"]]
     """Position unit of each joint."""
     points: list[PointFile] = Field(min_length=1)
@@ -86,7 +87,9 @@ class MotionFile(BaseModel):
         times = [point.at_s for point in self.points if point.at_s is not None]
         velocities = len(self.joints) if times else 0
         if times and (len(times) != len(self.points) or len(times) < 2 or times[0] != 0.0):
-            raise ValueError("a path needs at least two points, all with at_s, the first at 0; poses must have no at_s")
+            raise ValueError(
+                "a path needs at least two points, all with at_s, the first at 0; poses must not have at_s"
+            )
         if any(later <= before for before, later in pairwise(times)):
             raise ValueError("at_s must increase from point to point")
         for number, point in enumerate(self.points):
@@ -97,12 +100,12 @@ class MotionFile(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """Recorded motion: joints and their positions (m, n) in rad or m, in order."""
+    """Recorded motion: joints, and their positions (m, n) in time order, in rad or m."""
 
     joints: tuple[str, ...]
     position: FloatArray
     path: HandPath | None = None
-    """Path through the positions; None for poses, with a stop at each pose."""
+    """Path through the positions; None if the motion consists of poses, with a stop at each pose."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Position unit of each joint, if the motion was read from a file."""
     file: YamlFile | None = None
@@ -111,20 +114,22 @@ class RecordedMotion:
     def of(self, joints: Sequence[str], source: str) -> "RecordedMotion":
         """Return the motion with its joints in this order.
 
-        Raises TeachError if the joints differ. ``source`` names the motion in the message.
+        Raises TeachError if the joints differ. ``source`` is how error messages refer to the motion.
         """
         missing = [name for name in joints if name not in self.joints]
         strange = [name for name in self.joints if name not in joints]
         if missing or strange:
             wrong = [f"it has no {', '.join(missing)}"] * bool(missing)
             wrong += [f"the arm has no {', '.join(strange)}"] * bool(strange)
-            raise TeachError(f"{source} was recorded on another arm: {'; '.join(wrong)}. Choose that arm with --arm")
+            raise TeachError(
+                f"{source} was recorded on a different arm: {'; '.join(wrong)}. Choose that arm with --arm"
+            )
         order = [self.joints.index(name) for name in joints]
         path = self.path and HandPath(self.path.times_s, self.path.position[:, order], self.path.velocity[:, order])
         return replace(self, joints=tuple(joints), position=self.position[:, order], path=path)
 
     def check(self, limits: Sequence[JointLimits], source: str) -> None:
-        """Check that all positions are within the limits, in the order of the joints.
+        """Check that all positions are within the limits, which are in joint order.
 
         Raises TeachError if the check fails.
         """
@@ -140,7 +145,7 @@ class RecordedMotion:
             _check_path(self, self.path, limits, source)
 
     def check_units(self, joints: Sequence[Joint], source: str) -> None:
-        """Check that the file has the units of these joints. Raises TeachError if the check fails."""
+        """Check that the file uses the units of these joints. Raises TeachError if the check fails."""
         wrong = [
             f"{joint.name} is in {self.units[joint.name]}, but the arm's joint is in {_unit(joint)}"
             f"{self._line('units', joint.name)}"
@@ -148,10 +153,12 @@ class RecordedMotion:
             if self.units.get(joint.name, _unit(joint)) != _unit(joint)
         ]
         if wrong:
-            raise TeachError(f"{source} was recorded on another arm: {'; '.join(wrong)}. Choose that arm with --arm")
+            raise TeachError(
+                f"{source} was recorded on a different arm: {'; '.join(wrong)}. Choose that arm with --arm"
+            )
 
     def points(self, first: int) -> str:
-        """Return a description of the point number ``first`` and the next point, for messages."""
+        """Return a description of point ``first`` and the next point, for error messages."""
         return f"points {first}{self._line('points', first)} and {first + 1}{self._line('points', first + 1)}"
 
     def _too_far(self, index: int, point: int, limit: JointLimits) -> str:
@@ -160,7 +167,8 @@ class RecordedMotion:
         return f"{self.joints[index]} would go to {far} at {place}, but its limits are {lower} to {upper}"
 
     def _line(self, *location: str | int) -> str:
-        """Return the line number of a part of the file as a suffix for messages, or an empty string without a file."""
+        """Return the line number of an element of the file as a suffix for messages, or an empty string if there is no
+        file."""
         return "" if self.file is None else f" (line {self.file.line(location)})"
 
 
@@ -193,7 +201,7 @@ def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLi
             at = path.knot_before(float(sampled.times_s[swings[:, index].argmax()]))
             raise TeachError(
                 f"{source}: {name} would exceed its limits {limit.lower:.4f} to {limit.upper:.4f} by {by:.3f} "
-                f"between {motion.points(at)}, whose velocities do not fit their positions: record the motion again"
+                f"between {motion.points(at)}, whose velocities do not match their positions: record the motion again"
             )
 
 

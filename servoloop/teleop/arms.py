@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 class TeleopError(DriverError):
-    """Raised when two arms cannot be leader and follower."""
+    """Raised when two arms cannot be used as leader and follower."""
 
 
 class Latency:
-    """Latency from the measurement of the leader to the goals of the follower, recorded at the end of each cycle."""
+    """Latency from the leader's measurement to the follower's goals, recorded at the end of each cycle."""
 
     def __init__(self, clock: Clock, measured_s: Callable[[], float]) -> None:
         """``measured_s`` returns the time of the leader's last measurement."""
@@ -41,7 +41,8 @@ class Latency:
         self.state: JointState | None = None
         """Latest joint state of both arms."""
         self.ages_s: list[float] = []
-        """Latency of each cycle in which the leader was measured, in seconds. An hour at 50 Hz gives 180,000 values."""
+        """Latency of each cycle in which the leader was measured, in seconds. One hour at 50 Hz produces 180,000
+        values."""
 
     def on_cycle(self, state: JointState) -> None:
         """Record the latency. The goals of this cycle have been sent."""
@@ -75,7 +76,7 @@ class Side:
 
     @property
     def open_port(self) -> OpenPort:
-        """Function that opens a device of this side."""
+        """Function that opens a device of this arm."""
         return self.lines.open if self.lines else SerialPort
 
 
@@ -102,7 +103,7 @@ class Teleop:
 
     @property
     def lost(self) -> list[Component]:
-        """Lost components of the follower."""
+        """Components of the follower that were lost."""
         return [component for component in self.loop.hardware.lost if component is not self.leader]
 
 
@@ -113,7 +114,8 @@ def build_teleop(
     worker: BackgroundWorker,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> Teleop:
-    """Create the hardware of both arms, the controller and the loop, at the rate of the follower's controllers file.
+    """Create the hardware of both arms, the controller, and the loop, which runs at the rate in the follower's
+    controllers file.
 
     Args:
         leader: Files and devices of the leader.
@@ -148,8 +150,8 @@ def build_teleop(
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
     """Make the leader limp.
 
-    If the torque of leader servos is enabled, ask ``confirm`` first, because the ports of leader and follower may be
-    swapped.
+    If torque is enabled on any leader servo, ask ``confirm`` first, because the ports of the leader and the follower
+    may be swapped.
 
     Args:
         both: Leader and follower.
@@ -165,10 +167,10 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 
 
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
-    """Map each joint of the follower to the leader's joint with the same name.
+    """Map each follower joint to the leader joint with the same name.
 
-    A hand follows the leader's trigger as a fraction of the range. All other joints follow the angle of the leader's
-    joint. Raises TeleopError if the leader lacks a joint.
+    A hand follows the leader's trigger as a fraction of the range. All other joints follow the angle of the
+    corresponding leader joint. Raises TeleopError if the leader lacks a joint.
     """
     leaders = {joint.name: joint for joint in leader.robot.joints}
     if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:

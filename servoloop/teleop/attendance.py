@@ -22,7 +22,7 @@ HANDS_FREE_HINT: Final = "press Ctrl-C and start teleop again to enable their to
 
 
 class TeleopOperator(Keys, Protocol):
-    """User interface with the keys and a display of both arms."""
+    """User interface that reads keys and displays both arms."""
 
     @property
     def hint(self) -> str:
@@ -35,7 +35,7 @@ class TeleopOperator(Keys, Protocol):
 
 
 class Attendance:
-    """Supervision of both arms in the thread of the user interface."""
+    """Supervisor of both arms, which runs in the user interface thread."""
 
     def __init__(self, both: Teleop, person: TeleopOperator, end: Callable[[], None]) -> None:
         """``end`` is a function that stops the loop."""
@@ -47,7 +47,7 @@ class Attendance:
         self._problem = ""
 
     def update(self, now_s: float) -> None:
-        """React to keys and faults without waiting."""
+        """Respond to keys and faults without blocking."""
         both, person = self._both, self._person
         both.controller.allowed = person.allowed(now_s)
         if person.ended() or both.lost:
@@ -61,7 +61,7 @@ class Attendance:
         person.show(both, list(self._notes()))
 
     def _limp(self) -> list[Component]:
-        """Return the follower components that have limp servos or are inactive after a failed attempt."""
+        """Return the follower components that have limp servos, or that are inactive after a failed reactivation."""
         state = self._both.latency.state
         limp = {joint for joint, fault in state.faults.items() if fault.kind == "no_torque"} if state else set()
         return [
@@ -71,7 +71,7 @@ class Attendance:
         ]
 
     def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
-        """Yield the requests of a reactivation one by one. Torque that is enabled stays enabled."""
+        """Yield the requests of a reactivation one by one. Servos whose torque is already enabled keep it enabled."""
         loop = self._both.loop
         for one in components:
             yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)
@@ -79,7 +79,7 @@ class Attendance:
         yield loop.requests.ask(lambda: loop.manager.switch(SwitchRequest(activate=(NAME,)), loop.command))
 
     def _continue_reactivation(self) -> None:
-        """Start the next step of a reactivation when the previous step is done."""
+        """Start the next step of a reactivation when the previous step is complete."""
         if self._reactivation is None or (self._step is not None and not self._step.done):
             return
         try:

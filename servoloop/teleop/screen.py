@@ -1,4 +1,4 @@
-"""Terminal user interface of teleoperation: state of the follower, joints of both arms, and faults."""
+"""Terminal user interface of teleoperation: follower state, joints of both arms, and faults."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -22,7 +22,7 @@ class TeleopScreen(LiveTable):
     """Terminal user interface with questions, a dead-man key and a live table of both arms."""
 
     summary = ""
-    """Statistics to print at the end."""
+    """Statistics to print when the teleoperation ends."""
 
     def __init__(
         self,
@@ -34,8 +34,8 @@ class TeleopScreen(LiveTable):
         """Create the user interface.
 
         Args:
-            console: Console of the terminal.
-            keys: Context in which the keys of the terminal are read.
+            console: Terminal console.
+            keys: Context in which keys are read from the terminal.
             confirm: Function that asks a question and raises an error unless the answer is yes.
             hint: Instruction for enabling torque again.
         """
@@ -58,7 +58,7 @@ class TeleopScreen(LiveTable):
         return self._keys is not None and self._keys.allowed(now_s)
 
     def ended(self) -> bool:
-        """Return whether the user wants to end the motion."""
+        """Return whether the user wants to stop teleoperation."""
         return self._keys is not None and self._keys.ended()
 
     def commands(self) -> Sequence[str]:
@@ -73,7 +73,7 @@ class TeleopScreen(LiveTable):
 
 
 def status_line(both: Teleop) -> str:
-    """Return the state of the follower and all problems in one line."""
+    """Return the follower's state and all problems in one line."""
     controller, state = both.controller, both.latency.state
     faults = [fault.text for fault in state.faults.values() if fault.text != controller.reason] if state else []
     reasons = [reason for reason in (controller.reason, *dict.fromkeys(faults), *controller.beyond.values()) if reason]
@@ -81,7 +81,8 @@ def status_line(both: Teleop) -> str:
 
 
 def _table(both: Teleop) -> Table:
-    """Return a table of both arms. The error is relative to the leader, even outside the follower's limits."""
+    """Return a table of both arms. The error is relative to the leader's position, even if that position is outside the
+    follower's limits."""
     table = Table("joint", "leader", "follower", "error")
     for joint, leader, follower, error in rows(both):
         state, red = both.latency.state, joint in both.controller.beyond
@@ -91,7 +92,7 @@ def _table(both: Teleop) -> Table:
 
 
 def rows(both: Teleop) -> list[tuple[str, float, float, float]]:
-    """Return each joint with the positions of leader and follower, and the error of the follower."""
+    """Return each joint with the leader position, the follower position and the follower's error."""
     state, controller = both.latency.state, both.controller
     if state is None:
         return []

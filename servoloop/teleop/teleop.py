@@ -1,4 +1,4 @@
-"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in the calling thread."""
+"""Run teleoperation from start to end. The loop has its own thread; the user interface runs in the calling thread."""
 
 import time
 from dataclasses import replace
@@ -16,7 +16,8 @@ from servoloop.teleop.attendance import Attendance, TeleopOperator
 
 
 class Leading(TeleopOperator, Protocol):
-    """Terminal user interface. Within the context of the interface, keys are read and the arms are displayed."""
+    """Terminal user interface. While the context of the interface is active, keys are read and the arms are
+    displayed."""
 
     def confirm(self, question: str) -> None:
         """Ask a question. Raise an error unless the answer is yes."""
@@ -27,11 +28,11 @@ class Leading(TeleopOperator, Protocol):
 
 
 def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
-    """Run a teleoperation until a signal, a key or a fault ends it.
+    """Run teleoperation until a signal, a key or a fault ends it.
 
-    If the leader's torque is enabled, it is disabled only after a confirmation. At the end, the follower holds its
-    position or parks, as its robot file requires, and the leader stays limp. The live feed shows both arms under the
-    follower's name.
+    If torque is enabled on the leader, it is disabled only after the user confirms. When teleoperation ends, the
+    follower holds its position or parks, as its robot file requires, and the leader stays limp. The live feed shows
+    both arms under the follower's name.
 
     Args:
         leader: Files and devices of the leader.
@@ -43,7 +44,7 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
         Exit status.
 
     Raises:
-        TeleopError: The arms cannot be leader and follower.
+        TeleopError: The arms cannot be used as leader and follower.
         DriverError, HalError: An arm cannot be activated.
     """
     files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
@@ -52,7 +53,7 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
     stack, loop, signals = both.stack, both.loop, Signals(LEFT)
     run = LoopThread(stack, signals)
     with stack.configured(hangs=run.hangs):
-        release_leader(both, person.confirm)  # a signal before this point ends the program at once
+        release_leader(both, person.confirm)  # until this point, a signal ends the program immediately
         with signals, person:
             claim_realtime_priority()
             with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, stack.setup.scene):

@@ -1,4 +1,4 @@
-"""Virtual arm for tests: the whole stack in simulated time, in the thread of the test and without ROS."""
+"""Virtual arm for tests: the whole stack in simulated time, running in the test's thread and without ROS."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -43,14 +43,14 @@ class VirtualArm:
 
         Args:
             files: Values of the options arm, urdf, robot and controllers of ``servoloop up``.
-            seed: Seed for random variations of the arm and for random faults; None for the nominal arm.
+            seed: Seed for random variations of the arm and for random faults; None to use the nominal arm.
             backlash_deg: Backlash of each servo, in degrees.
             also: Additional invariants.
             without: Names of invariants to omit.
             examined: Names of invariants whose condition must occur in the test.
 
         Raises:
-            ArmTestError: An invariant is unknown, or in both ``without`` and ``examined``.
+            ArmTestError: An invariant is unknown, or it is in both ``without`` and ``examined``.
         """
         paths = {name: Path(path) for name, path in files.items() if name != "arm"}
         self.stack = FaultyStack(
@@ -66,7 +66,7 @@ class VirtualArm:
         self._faults: list[Event] = []
         self._up = False
         self._up_s = 0.0
-        """Time of the world when the arm became active, in seconds."""
+        """Simulated time at which the arm became active, in seconds."""
         self.stack.on_state = self._on_state
         self._chosen = ChosenInvariants(also, without, examined)
         self._watch = self._chosen.watch(self.stack)
@@ -88,7 +88,7 @@ class VirtualArm:
 
     @property
     def examined(self) -> dict[str, int]:
-        """Number of times each invariant has examined its condition so far, keyed by invariant name."""
+        """How many times each invariant has examined its condition so far, keyed by invariant name."""
         return self._watch.examined
 
     @property
@@ -99,7 +99,7 @@ class VirtualArm:
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
 
     def up(self) -> "VirtualArm":
-        """Activate the hardware and the controllers. The times of planned faults count from this call.
+        """Activate the hardware and the controllers. The times of planned faults are relative to this call.
 
         Raises:
             DriverError, HalError: A fault prevents the activation.
@@ -130,25 +130,26 @@ class VirtualArm:
         return built
 
     def switch_controllers(self, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Switch controllers between two cycles. Raises SwitchError with the reason if the switch is refused."""
+        """Switch controllers between two cycles. Raises SwitchError with the reason if the controller switch is
+        rejected."""
         loop = self.stack.loop
         loop.manager.switch(SwitchRequest(activate=tuple(activate), deactivate=tuple(deactivate)), loop.within_limits)
 
     def send_goal(
         self, positions: Mapping[str, float], seconds: float = 2.0, controller: str | None = None
     ) -> GoalHandle:
-        """Send a goal with one point. Joints without a position hold their measured position.
+        """Send a goal with a single point. Joints for which no position is given hold their measured position.
 
         Args:
             positions: Target positions in rad or m, keyed by joint name.
             seconds: Time from the start of the goal to its point, in seconds.
-            controller: Name of a controller that accepts goals; None for the arm's joint trajectory controller.
+            controller: Name of a controller that accepts goals; None to use the arm's joint trajectory controller.
 
         Returns:
             Handle of the goal.
 
         Raises:
-            ArmTestError: The controller is unknown, does not accept goals, or refuses this goal.
+            ArmTestError: The controller is unknown, does not accept goals, or rejected this goal.
         """
         here, target = self.positions, self._goal_controller(controller)
         if unknown := [name for name in positions if name not in target.joints]:
@@ -156,7 +157,7 @@ class VirtualArm:
         point = GoalPoint(tuple(positions.get(name, here[name]) for name in target.joints), seconds)
         goal = TrajectoryGoal(tuple(target.joints), (point,))
         if reason := target.check(goal):
-            raise ArmTestError(f"{target.name} refuses the goal: {reason}")
+            raise ArmTestError(f"{target.name} rejects the goal: {reason}")
         handle: GoalHandle = target.submit(goal)
         return handle
 
@@ -176,7 +177,7 @@ class VirtualArm:
     def plan(self, *faults: str) -> None:
         """Plan faults. Call this method before ``up``.
 
-        The time of each fault counts from ``up``, from the start of the program or from its end.
+        The time of each fault is relative to ``up``, to the start of the program or to its end.
         """
         self._faults += map(parse, faults)
 
@@ -201,7 +202,7 @@ class VirtualArm:
         """Shut the arm down as ``servoloop up`` does. Later calls have no effect on the arm.
 
         Returns:
-            Report of the violations, the required invariants whose condition never occurred, and the faults.
+            Report that lists the violations, the required invariants whose condition never occurred, and the faults.
             The report is empty if there are no problems.
         """
         if self._up:

@@ -1,4 +1,4 @@
-"""Choose the invariants that check a virtual arm in a test."""
+"""Choose the invariants that are checked on a virtual arm in a test."""
 
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
@@ -15,12 +15,12 @@ OWN = "Your own invariants must count their examinations in `self.examined`."
 
 
 class ChosenInvariants:
-    """All invariants of campaigns except those in ``without``, plus the additional invariants in ``also``."""
+    """All campaign invariants except those in ``without``, plus the additional invariants in ``also``."""
 
     def __init__(self, also: tuple[type[Invariant], ...], without: tuple[str, ...], examined: tuple[str, ...]) -> None:
         """Choose the invariants.
 
-        Raises ArmTestError if an invariant is unknown, or in both ``without`` and ``examined``.
+        Raises ArmTestError if an invariant is unknown, or if it is in both ``without`` and ``examined``.
         """
         _require_known(without, ALL)
         _require_known(examined, (*ALL, *also))
@@ -30,13 +30,13 @@ class ChosenInvariants:
         self._examined = examined
 
     def watch(self, stack: FaultyStack) -> Watch:
-        """Return a watch that checks the invariants on a stack. The stack must not be active yet."""
+        """Return a monitor that checks the invariants on a stack. The stack must not be active yet."""
         return Watch(stack, self._kinds)
 
     def idle(self, counts: Mapping[str, int]) -> Iterator[str]:
         """Yield a message for each invariant in ``examined`` whose condition never occurred.
 
-        ``counts`` are the numbers of examinations, keyed by invariant name.
+        ``counts`` contains the number of times each invariant has examined its condition, keyed by invariant name.
         """
         for kind in self._kinds:
             if kind.name in self._examined and not counts[kind.name]:

@@ -1,7 +1,7 @@
-"""Pytest plugin with the fixtures ``virtual_arm``, ``virtual_bus`` and ``ros_stack`` and the markers for them.
+"""Pytest plugin with the fixtures ``virtual_arm``, ``virtual_bus`` and ``ros_stack``, and their markers.
 
-Pytest loads this plugin in every environment with servoloop. Therefore the plugin imports nothing until a fixture is
-used.
+Pytest loads this plugin in every environment in which servoloop is installed. Therefore the plugin imports nothing
+until a fixture is used.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ MARKERS = (
 )
 
 INVARIANTS = ("also", "without", "examined")
-"""Arguments of the marker ``invariants``."""
+"""Arguments of the ``invariants`` marker."""
 
 ARM: pytest.StashKey["VirtualArm"] = pytest.StashKey()
 """Virtual arm of a test."""
@@ -38,7 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run each test with the marker ``seeds`` once per seed."""
+    """Run each test that has the ``seeds`` marker once per seed."""
     marker = metafunc.definition.get_closest_marker("seeds")
     if marker is not None:
         count, first = _seeds(*marker.args, **marker.kwargs)
@@ -69,7 +69,7 @@ def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["V
         arm.draw(*marker.args, **marker.kwargs)
     node.stash[ARM] = arm
     yield arm
-    arm.end()  # A failed test has not shut down its arm yet. Other tests have.
+    arm.end()  # If the test failed, its arm has not been shut down yet. Other tests have.
 
 
 @pytest.hookimpl(wrapper=True)
@@ -96,7 +96,8 @@ def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any)
 
 @pytest.fixture
 def ros_stack(request: pytest.FixtureRequest, tmp_path: Any) -> Iterator["RosStack"]:
-    """Yield ``servoloop up`` with virtual servos, ready for goals, in a ROS domain that no other test run uses."""
+    """Yield a running ``servoloop up`` with virtual servos, ready for goals, in a ROS domain that no other test run
+    uses."""
     pytest.importorskip("rclpy", reason="the ROS stack needs rclpy: pip install servoloop[ros], or source ROS 2 Jazzy")
     _require_simulation("ros_stack")
     from servoloop.testing.processes import RosStack

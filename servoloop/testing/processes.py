@@ -19,7 +19,7 @@ from nodes.discovery import stay_on_this_machine
 DOMAINS = range(1, 98, 4)
 """ROS domain IDs for tests. A run may also use the two IDs that follow.
 
-Other programs may use the network ports of domains with IDs from 102 on.
+Other programs may use the network ports that belong to domain IDs of 102 and above.
 """
 
 
@@ -42,7 +42,8 @@ def free_domain() -> Iterator[int]:
 
 @contextmanager
 def own_domain(settings: Mapping[str, str]) -> Iterator[int]:
-    """Set the environment to a free ROS domain, limited to this computer, and to ``settings`` within the context."""
+    """Set the environment to a free ROS domain that is limited to this computer, and to ``settings``, until the context
+    exits."""
     with free_domain() as domain:
         environment = {"ROS_DOMAIN_ID": str(domain), **settings}
         stay_on_this_machine(environment)
@@ -68,11 +69,11 @@ class ProcessTestError(DriverError):
 
 
 class _Process:
-    """Process of ``servoloop`` that runs within a context."""
+    """A ``servoloop`` process that runs while its context is active."""
 
     def __init__(self, files: Mapping[str, Any], folder: Path) -> None:
         self.log = folder / "servoloop.log"
-        """File with the output of the process."""
+        """File that contains the output of the process."""
         self._files = [text for name, value in files.items() for text in (f"--{name}", str(value))]
         self._folder = folder
 
@@ -122,7 +123,7 @@ class VirtualBusProcess(_Process):
             yield self
 
     def fault(self, text: str) -> None:
-        """Inject a fault such as ``silent id=3 for=2s``. Raises ValueError if the fault is not possible."""
+        """Inject a fault such as ``silent id=3 for=2s``. Raises ValueError if the fault is not supported."""
         from sim_backend.control import ask, control_path
 
         ask(control_path(Path(self.port)), {"do": "fault", "text": text})

@@ -1,1 +1,1 @@
-"""Apples: their appearance, and how they lie on the stand of an arm."""
+"""Apples: their appearance and their position on an arm's stand."""

@@ -1,4 +1,4 @@
-"""Apples for the virtual camera: size, shape, color and defects, drawn by seed."""
+"""Apples for the virtual camera, whose size, shape, color and defects are drawn at random from a seed."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,27 +6,27 @@ from typing import Final
 import numpy as np
 
 DIAMETERS_MM: Final = (60.0, 90.0)
-"""Range of the diameters of orchard apples, in millimeters."""
+"""Range of orchard apple diameters, in millimeters."""
 HEIGHTS: Final = (0.88, 1.0)
-"""Range of the heights, as a fraction of the diameter."""
+"""Range of apple heights, as a fraction of the diameter."""
 SOUND_SHARE: Final = 0.45
 """Fraction of apples without any defect."""
 MOST_SPOTS: Final = 5
 SPOTS_RAD: Final = (0.1, 0.5)
-"""Range of spot radii, as angles seen from the apple's center."""
+"""Range of spot radii, as angles measured at the apple's center."""
 DARK_SHARE: Final = 0.35
 """Fraction of spots that are dark. The other spots are brown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """One defect of the skin: a round spot with an irregular edge."""
+    """One skin defect: a round spot with an irregular edge."""
 
     direction: tuple[float, float, float]
     """Unit vector from the apple's center to the spot's center."""
     radius_rad: float
     dark: bool
-    """Whether the spot is almost black. If not, the spot is brown."""
+    """Whether the spot is almost black. If false, the spot is brown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Apple:
     """Fraction of the skin that is red, not counting spots. The rest is green."""
     spots: tuple[Spot, ...]
     seed: int
-    """Seed of the pattern and of the exact colors."""
+    """Random seed for the pattern and the exact colors."""
 
     @property
     def radii_m(self) -> tuple[float, float, float]:

@@ -14,13 +14,13 @@ from sim_backend.apples.apple import Apple, draw_apple
 from sim_backend.arm_names import ARMS
 
 DIAMETERS: Final = "apple_diameter_m"
-"""Name of the scene element with the smallest and the largest apple diameter, in meters."""
+"""Name of the scene element that contains the smallest and largest apple diameters, in meters."""
 DENSITY_KG_M3: Final = 850.0
 FRICTION: Final = (0.8, 0.01, 0.002)
-"""Sliding friction (a coefficient), and torsional and rolling friction in meters. The rolling friction accounts for
+"""Coefficient of sliding friction, and torsional and rolling friction in meters. The rolling friction accounts for
 the imperfect roundness of an apple."""
 STAND_FRICTION: Final = (0.2, 0.005, 0.004)
-"""Friction on the stand. Rolling friction determines how far from the middle of the stand an apple can come to rest."""
+"""Friction on the stand. Rolling friction determines how far from the center of the stand an apple can come to rest."""
 ALL_FRICTION: Final = 6
 """MuJoCo's contact dimension (``condim``) that includes rolling friction."""
 BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
@@ -30,7 +30,7 @@ BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
 def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
     """Return the smallest and the largest diameter.
 
-    Raises ArmFileError if the scene declares no diameters, or if it has several arms.
+    Raises ArmFileError if the scene does not declare diameters, or if it has several arms.
     """
     if any(text.name == ARMS for text in spec.texts):
         raise ArmFileError(f"{scene}: apples need a scene with one arm, such as robot_arm or so101")
@@ -44,7 +44,7 @@ def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
 
 
 def apple_of_tray(seed: int, number: int, diameters_mm: tuple[float, float]) -> Apple:
-    """Return one apple of a tray. Apples are numbered from 0. In the simulated world, the apples are spheres."""
+    """Return one apple from a tray. Apples are numbered from 0. In the simulated world, the apples are spheres."""
     return replace(draw_apple(seed * 1_000_003 + number, diameters_mm), height=1.0)
 
 

@@ -1,1 +1,1 @@
-"""Virtual buses: lines of servos that a program accesses through an in-process port or a pseudo-terminal."""
+"""Virtual buses with servos, which a program accesses through an in-process port or a pseudo-terminal."""

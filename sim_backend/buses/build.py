@@ -1,4 +1,4 @@
-"""Options of one virtual arm: backlash of its gears, and deviations of its parts from their nominal values."""
+"""Options of one virtual arm: gear backlash, and deviations of its components from their nominal values."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ class Build:
     """Options of one virtual arm."""
 
     backlash_deg: float = 0.0
-    """Angle by which each servo's shaft can move without its motor, in degrees."""
+    """Angle by which each servo's shaft can move without moving its motor, in degrees."""
     seed: int | None = None
-    """Seed for the arm's friction, motors, masses and supply; None for nominal values."""
+    """Random seed for the arm's friction, motors, masses and supply; None for nominal values."""
     practice_seed: int | None = None
-    """Seed for the zeros and directions of the servos; None for the zeros and directions of the robot file.
+    """Random seed for the servo zeros and directions; None to use those of the robot file.
 
-    An emulator with this seed clears the table, because its arm is meant to be calibrated."""
+    An emulator with this seed leaves the table empty, because its arm is meant to be calibrated."""
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
     apples: int | None = None
-    """Seed of the apples that replace the cube; None for the cube."""
+    """Random seed for the apples that replace the cube; None to use the cube."""
 
     @property
     def spread(self) -> Spread:
-        """Deviations of the arm's parts."""
+        """Deviations of the arm's components."""
         return Spread(self.seed)
 
     def mounted(self, designed: Sequence[Coupling]) -> list[Coupling]:

@@ -1,21 +1,21 @@
-"""Virtual Dynamixel servos on one wire. The servos convert timed instructions to timed replies.
+"""Virtual Dynamixel servos on one bus. The servos convert timed instructions to timed replies.
 
-According to the e-manual, ping is the only broadcast with replies; all servos reply to it in turn. The servos answer a
-sync read or a bulk read in the order in which the instruction lists them. The reply to a fast read is a single packet
-to which each servo adds its block. The checksums of the blocks confirm "integrity between Dynamixels".
+According to the e-manual, ping is the only broadcast instruction that servos reply to; all servos reply in turn. The
+servos reply to a sync read or a bulk read in the order in which the instruction lists them. The reply to a fast read is
+a single packet to which each servo adds its block. The checksums of the blocks confirm "integrity between Dynamixels".
 
-According to ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer), each servo waits until it has heard
-the reply of the servo listed before it. A silent servo therefore silences all servos that are listed after it. Assumed:
-a reply with a wrong checksum counts as heard.
+According to ROBOTIS (DynamixelSDK issues 331 and 364, observed with a logic analyzer), each servo waits until it has
+received the reply of the servo listed before it. A silent servo therefore prevents all servos listed after it from
+replying. Assumed: a reply with a wrong checksum is treated as received.
 
 A servo also executes writes to its secondary ID, but sends no reply. Assumed: the servo ignores other instructions to
 that ID, and a new protocol type takes effect immediately.
 
-Assumed for a fast read:
-- A servo adds its block only after it has received the whole block before its own. After a silent servo, or after a
-  servo whose firmware does not support fast reads, the packet ends.
+Assumptions for a fast read:
+- A servo adds its block only after it has received the entire preceding block. The packet ends after a silent servo, or
+  after a servo whose firmware does not support fast reads.
 - The first servo waits for its return delay, and the other servos add their blocks immediately.
-- No servo replies if the length of the packet does not fit into two bytes.
+- No servo replies if the packet length does not fit into two bytes.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -47,14 +47,14 @@ _ID_AT: Final = 4
 
 
 class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
-    """A line of X series servos and XL-320.
+    """A bus with X series and XL-320 servos.
 
-    Times are on the caller's clock. The time of the rig starts at the first call.
+    Times are on the caller's clock. The rig's time starts at the first call.
     """
 
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
-        """Create the line. If ``paced`` is true, bytes take time on the wire. If not, they take no time, which is
-        useful for measuring software."""
+        """Create the line. If ``paced`` is true, transferring bytes takes time. If false, transfers take no time, which
+        is useful for measuring software."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
 
     @classmethod
@@ -71,7 +71,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
 
         The servos are set up for an arm: 1 Mbit/s and no return delay. If ``supply`` is None, servos with the same
         rated voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` contains the
-        firmware versions that differ from the usual version, keyed by ID.
+        firmware versions, keyed by ID, that differ from the usual version.
         """
         ids = [coupling.servo_id for coupling in plant.couplings]
         servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]
@@ -138,7 +138,8 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
 
 
 def _reads(spans: Iterable[Span], servos: Sequence[Protocol2Servo]) -> Iterator[Turn]:
-    """Yield the reply turns of a sync read or a bulk read. A turn without a reply belongs to a silent servo."""
+    """Yield each servo's turn to reply to a sync read or a bulk read. A turn without a reply is the turn of a silent
+    servo."""
     for servo_id, address, size in spans:
         asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
         delay_s = max((servo.return_delay_s for servo in asked), default=0.0)
@@ -157,7 +158,7 @@ def _overlaid(blocks: Sequence[bytes]) -> bytes:
 
 
 def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[DelayedReply]:
-    """Let each servo write its part of a group write. There is no reply."""
+    """Let each servo write its share of a group write. There is no reply."""
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):
             servo.write(address, data)
@@ -166,7 +167,7 @@ def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[D
 
 
 def _write_by_secondary_id(servo_id: int, address: int, data: bytes, servos: Sequence[Protocol2Servo]) -> None:
-    """Write to all servos that have this secondary ID, unless it is also their ID."""
+    """Write to all servos that have this ID as their secondary ID but not as their primary ID."""
     for servo in servos:
         if servo.secondary_id == servo_id != servo.servo_id:
             servo.write_by_secondary_id(address, data)

@@ -1,17 +1,17 @@
-"""Virtual Feetech servos and Dynamixels of protocol 1.0 on one wire. The servos convert timed instructions to timed
+"""Virtual Feetech servos and Dynamixel protocol 1.0 servos on one bus. The servos convert timed instructions to timed
 replies.
 
-STS servos behave as in docs/simulation.md:
-- They wait until the line is silent, and then reply to all packets that arrived in one piece.
+STS servos behave as described in docs/simulation.md:
+- They wait until the bus is idle, and then reply to all packets that arrived in one piece.
 - In a sync read and a broadcast ping, each servo replies in its own time slot and does not listen to the others.
 - All servos reply to a broadcast read at the same time.
 
 According to the manuals of the other servos:
-- A broadcast gets no reply.
-- The servos answer a bulk read in the order in which the instruction lists them. Each servo waits for the previous
-  reply, so a silent servo hides the servos after it.
+- Servos do not reply to a broadcast.
+- The servos reply to a bulk read in the order in which the instruction lists them. Each servo waits for the previous
+  reply, so a silent servo prevents the servos after it from replying.
 
-Assumed for the other servos: the servos answer a broadcast ping one after the other, in order of ID.
+Assumed for the other servos: they reply to a broadcast ping one after the other, in ID order.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,13 +39,13 @@ _ID_AT = 2
 _SLOT_PAUSE = 3
 """Pause between two replies to a sync read, in byte times."""
 _PING_SLOT = 9
-"""Length of a slot in the replies to a broadcast ping, in byte times. An STS servo uses the slot of its ID."""
+"""Length of a slot for a reply to a broadcast ping, in byte times. An STS servo uses the slot of its ID."""
 _LONGEST_ENTRY = 125
 """Maximum number of bytes per servo in a sync write. A longer instruction is ignored."""
 
 
 class VirtualBus(ServoLine[PacketServo]):
-    """A line of servos with one packet format.
+    """A bus of servos that share a packet format.
 
     Times are on the caller's clock. The time of the rig starts at the first call.
     """
@@ -56,7 +56,7 @@ class VirtualBus(ServoLine[PacketServo]):
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
         self._waiting: dict[VirtualServo, bytes] = {}
-        """Replies of STS servos, queued until the line is silent."""
+        """Replies of STS servos, queued until the bus is idle."""
 
     @classmethod
     def of(
@@ -103,7 +103,8 @@ class VirtualBus(ServoLine[PacketServo]):
         return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
 
     def _keep_back(self, servos: Sequence[PacketServo], instruction: Instruction) -> None:
-        """Queue replies of STS servos until the line is silent. A read discards the replies that are already queued."""
+        """Queue the replies of STS servos until the bus is idle. A read discards the replies that are already
+        queued."""
         for servo in servos:
             packet = servo.answer(instruction) if isinstance(servo, VirtualServo) else None
             if isinstance(servo, VirtualServo) and packet is not None:
@@ -120,7 +121,7 @@ class VirtualBus(ServoLine[PacketServo]):
     def _sync_read(
         self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]
     ) -> list[DelayedReply]:
-        """Answer a sync read (address, size, IDs).
+        """Reply to a sync read (address, size, IDs).
 
         Each ID has a time slot; a servo that is listed twice replies once.
         """
@@ -162,7 +163,7 @@ class VirtualBus(ServoLine[PacketServo]):
 def servo_of(
     model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
 ) -> PacketServo:
-    """Create a servo of ``model``. An STS servo has the given firmware variant, and a motor of the given spread."""
+    """Create a servo of ``model``. An STS servo has the given firmware variant and a motor with the given spread."""
     if isinstance(model, dynamixel1.AxMxModel):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.save(dynamixel1.baud_rate, 1)
@@ -175,12 +176,12 @@ def servo_of(
 
 
 def _timed_byte_s(byte_s: float) -> float:
-    """Return the duration of a byte as measured by an STS servo's timer, rounded up to whole microseconds."""
+    """Return the duration of one byte as an STS servo's timer measures it, rounded up to whole microseconds."""
     return ceil(byte_s * 1e6 - 1e-6) * 1e-6
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Turn]:
-    """Yield the replies to a bulk read: a zero, then size, ID and address of each servo.
+    """Yield the replies to a bulk read, whose parameters are a zero, then the size, ID and address for each servo.
 
     A servo that follows a silent servo does not reply. A servo does not reply if the
     requested bytes do not fit into one reply (assumed).
@@ -194,10 +195,10 @@ def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Tur
 
 
 def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
-    """Execute a sync write: address, size, then an ID and ``size`` bytes for each servo. If an ID has several entries,
-    the last entry counts.
+    """Execute a sync write: an address, a size, then an ID and ``size`` bytes for each servo. If there are several
+    entries for an ID, the last one is used.
 
-    An STS servo also executes an incomplete entry as far as it is complete.
+    If an entry is truncated, an STS servo executes the part that arrived.
     """
     if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return

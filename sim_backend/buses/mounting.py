@@ -1,4 +1,4 @@
-"""Assembly of an arm: the angle of each servo's horn, and the direction in which its shaft turns the joint."""
+"""Assembly of an arm: the angle of each servo's horn, and the direction in which the servo's shaft turns the joint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
-"""Virtual bus that implements ``drivers.port.Port``, without an operating system between its two ends.
+"""Virtual bus that implements ``drivers.port.Port`` without using the operating system.
 
-On a simulated clock, a read advances the time to the arrival of the bytes. The real driver therefore runs in one
-thread, faster than real time, and every run produces the same bytes.
+On a simulated clock, a read advances the time to when the bytes arrive. The real driver therefore runs in one thread,
+faster than real time, and every run produces the same bytes.
 """
 
 from collections import deque
@@ -51,7 +51,7 @@ class VirtualPort:
         return data
 
     def discard_input(self) -> None:
-        """Discard the bytes that have arrived. Bytes that are still on the wire arrive later, as on a real line."""
+        """Discard the bytes that have arrived. Bytes that are still on the wire arrive later, as on a real bus."""
         self._alive()
         self._collect()
         self._arrived.clear()
@@ -85,7 +85,8 @@ class VirtualPort:
 
 
 class VirtualAdapter:
-    """The adapter at the end of a line. The adapter can be opened by name, unplugged, and plugged in under any name."""
+    """The adapter at the computer's end of a bus. The adapter can be opened by name, unplugged, and plugged in under
+    any name."""
 
     def __init__(self, bus: ServoLine[Any], clock: Clock, name: str = "virtual") -> None:
         self.name = name
@@ -94,7 +95,7 @@ class VirtualAdapter:
         self._ports: list[VirtualPort] = []
 
     def open(self, name: str, baud: int = 1_000_000) -> VirtualPort:
-        """Open a port to the line. Raises PortMissing if no adapter has this name now."""
+        """Open a port to the bus. Raises PortMissing if no adapter has this name now."""
         if name != self._there:
             there = self._there or "none"
             raise PortMissing(f"there is no {name}: plug in the adapter or choose another port (present: {there})")

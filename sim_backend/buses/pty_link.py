@@ -22,15 +22,15 @@ _ANY_SPEED: Final = 0o010000
 
 
 class PtyLink:
-    """Both ends of a pseudo-terminal and the symlink to the clients' end; a context manager.
+    """Context manager that holds both ends of a pseudo-terminal and the symlink to the clients' end.
 
-    An open handle on the clients' end keeps the line open while clients connect and disconnect.
+    An open handle on the clients' end keeps the pseudo-terminal open while clients connect and disconnect.
     """
 
     def __init__(self, link: Path, baud: int = 1_000_000) -> None:
         """Create the pseudo-terminal at ``link``. ``baud`` is the baud rate until a client sets a different one.
 
-        Raises PortBusy if ``link`` exists and was not left behind by an emulator that has exited.
+        Raises PortBusy if ``link`` exists, unless it was left behind by an emulator that has exited.
         """
         self.link = link
         self._make_room()
@@ -56,7 +56,7 @@ class PtyLink:
             raise PortBusy(f"{link} exists and is not an emulator's link: choose another path")
 
     def fileno(self) -> int:
-        """Return the servos' end of the pseudo-terminal, for select."""
+        """Return the file descriptor of the servos' end of the pseudo-terminal, for select."""
         return self._master
 
     @property
@@ -82,12 +82,12 @@ class PtyLink:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the clients. If the buffer is full, the bytes are lost, as on any serial line."""
+        """Send bytes to the clients. If the buffer is full, the bytes are lost, as on any serial port."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
     def close(self) -> None:
-        """Close the pseudo-terminal, and remove the link if it is still the one that was created."""
+        """Close the pseudo-terminal, and remove the link if it has not been replaced since it was created."""
         if self.link.is_symlink() and os.readlink(self.link) == self._target:
             self.link.unlink()
         os.close(self._master)
@@ -101,23 +101,23 @@ class PtyLink:
 
 
 class PtyAdapter:
-    """The adapter of a virtual line: a pseudo-terminal that can be unplugged and plugged in; a context manager."""
+    """Context manager for the adapter of a virtual bus: a pseudo-terminal that can be unplugged and plugged in."""
 
     def __init__(self, link: Path) -> None:
-        """Create an adapter. ``link`` is the path of the line while the adapter is plugged in."""
+        """Create an adapter. ``link`` is the path of the pseudo-terminal while the adapter is plugged in."""
         self.link = link
         self.line: PtyLink | None = None
         """The open pseudo-terminal; None while the adapter is unplugged."""
 
     def unplug(self) -> None:
-        """Unplug the adapter. Clients lose the line, and the link is removed."""
+        """Unplug the adapter. Clients are disconnected, and the link is removed."""
         if self.line is not None:
             self.line.close()
             self.line = None
 
     def plug(self, name: str | None = None) -> None:
-        """Plug the adapter in at its link, or next to it as ``name``. If the path is taken, the adapter stays
-        unplugged."""
+        """Plug in the adapter at its own link, or in the same folder as ``name``. If the path is already in use, the
+        adapter stays unplugged."""
         self.unplug()
         try:
             self.line = PtyLink(self.link if name is None else self.link.with_name(name))

@@ -1,1 +1,1 @@
-"""Virtual camera: images of a MuJoCo scene, and the true contents of the images."""
+"""Virtual camera: images of a MuJoCo scene, and ground truth for these images."""

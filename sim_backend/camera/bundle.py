@@ -17,8 +17,8 @@ class Bundle:
     """Rays from one point, sorted into the cells of a grid that is perpendicular to their mean direction."""
 
     def __init__(self, origin: FloatArray, rays: FloatArray) -> None:
-        """Sort unit vectors (n, 3) into the cells of the grid. Raises ValueError if a ray and the mean direction
-        of the rays differ by 90 degrees or more."""
+        """Sort unit vectors (n, 3) into the cells of the grid. Raises ValueError if the angle between a ray and the
+        mean direction of the rays is 90 degrees or more."""
         self.origin, self.rays = origin, rays
         self._axes = _axes(rays.mean(axis=0) if len(rays) else np.array([0.0, 0.0, 1.0]))
         turned = np.einsum("ni,ij->nj", rays, self._axes)
@@ -32,7 +32,7 @@ class Bundle:
         self._cells = rows * CELLS + columns
 
     def near(self, model: Any, data: Any, geoms: Any) -> NDArray[np.int64]:
-        """Return the indices of all rays that can hit one of the geoms. A few other rays may be included."""
+        """Return the indices of all rays that can hit one of the geoms. A few additional rays may be included."""
         mask = np.zeros((CELLS, CELLS), np.bool_)
         middles = np.einsum("ni,ij->nj", data.geom_xpos[geoms] - self.origin, self._axes)
         for (x, y, z), radius in zip(middles.tolist(), model.geom_rbound[geoms].tolist(), strict=True):
@@ -46,7 +46,8 @@ class Bundle:
         return np.flatnonzero(mask.ravel()[self._cells])
 
     def _span(self, side: int, middle: float, depth: float, radius: float) -> tuple[int, int]:
-        """Return the first cell and the cell after the last one that a sphere covers along one side of the grid."""
+        """Return the range of cells that a sphere covers along one side of the grid: the first cell, and the cell after
+        the last."""
         depths = (depth - radius, depth + radius)
         low, high = min((middle - radius) / z for z in depths), max((middle + radius) / z for z in depths)
         first, last = ((end - self._low[side]) / self._cell[side] for end in (low, high))

@@ -1,4 +1,4 @@
-"""Light on a scene: brightness, color and direction."""
+"""Lighting of a scene: brightness, color and direction."""
 
 from dataclasses import dataclass
 from math import cos, pi, radians, sin
@@ -17,13 +17,13 @@ TO_RGB: Final = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415],
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A distant lamp with sharp shadows, and light from all sides."""
+    """A distant lamp that casts sharp shadows, and ambient light from all sides."""
 
     toward: tuple[float, float, float] = (0.35, -0.45, 0.82)
     """Direction from the scene to the lamp, of any length."""
     illuminance_lux: float = 500.0
     temperature_k: float = 5500.0
-    """Color temperature. A light bulb has 2700 K, daylight 5500 K and shade 7500 K."""
+    """Color temperature. A light bulb has a color temperature of 2700 K, daylight 5500 K and shade 7500 K."""
     ambient: float = 0.45
     """Fraction of the light that comes from all sides and reaches into the shadows, from 0 to 1."""
 
@@ -36,7 +36,7 @@ class Light:
 
 
 def draw_light(seed: int) -> Light:
-    """Return a random light, as in a room with lamps or windows. The same seed returns the same light."""
+    """Return random lighting, as in a room with lamps or windows. The same seed returns the same light."""
     random = np.random.default_rng((seed, 2))
     turn, height = random.uniform(-pi, pi), random.uniform(radians(40.0), radians(80.0))
     toward = (cos(height) * cos(turn), cos(height) * sin(turn), sin(height))
@@ -45,9 +45,10 @@ def draw_light(seed: int) -> Light:
 
 
 def rgb_of_temperature(temperature_k: float) -> FloatArray:
-    """Return linear RGB (3,) of a black body, with luminance 1. The temperature is limited to ``TEMPERATURES_K``.
+    """Return the linear RGB color (3,) of a black body, with luminance 1. The temperature is limited to
+    ``TEMPERATURES_K``.
 
-    The chromaticity is the cubic approximation of Kim et al. (2002).
+    The chromaticity is computed with the cubic approximation of Kim et al. (2002).
     """
     t = 1000.0 / min(max(temperature_k, TEMPERATURES_K[0]), TEMPERATURES_K[1])
     if t > 0.25:

@@ -19,11 +19,12 @@ class PinholeCamera:
     position_m: FloatArray
     """Position in the world, in meters, shape (3,)."""
     axes: FloatArray
-    """Axes x (right), y (down) and z (forward) of the optical frame in the world, as columns, shape (3, 3)."""
+    """Axes x (right), y (down) and z (forward) of the optical frame in world coordinates, as columns, shape (3, 3)."""
 
     @staticmethod
     def of(model: Any, data: Any, name: str, width: int = 640, height: int = 480) -> "PinholeCamera":
-        """Return a camera of a MuJoCo scene whose poses are up to date. MuJoCo's cameras look along their -z axis."""
+        """Return a camera of a MuJoCo scene whose poses must be up to date. MuJoCo's cameras look along their -z
+        axis."""
         focal_px = 0.5 * height / np.tan(0.5 * np.radians(float(model.cam(name).fovy[0])))
         camera = data.cam(name)
         axes = camera.xmat.reshape(3, 3) * np.array([1.0, -1.0, -1.0])
@@ -42,21 +43,21 @@ class PinholeCamera:
 
     @property
     def matrix(self) -> FloatArray:
-        """The camera matrix K, shape (3, 3). Integer coordinates are the centers of pixels, as in OpenCV."""
+        """The camera matrix K, shape (3, 3). Integer coordinates are pixel centers, as in OpenCV."""
         cx, cy = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
         return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
 
     def pixels(self, points_m: FloatArray) -> FloatArray:
-        """Return the pixels (n, 2) of points (n, 3) of the world, x to the right and y down."""
+        """Return the pixel coordinates (n, 2) of world points (n, 3), with x to the right and y down."""
         seen = (points_m - self.position_m) @ self.axes
         middle = 0.5 * np.array([self.width - 1, self.height - 1])
         pixels: FloatArray = middle + self.focal_px * seen[:, :2] / seen[:, 2:]
         return pixels
 
     def rays(self, right: float = 0.0, down: float = 0.0) -> FloatArray:
-        """Return unit vectors through all pixels in the world, row by row, shape (height * width, 3).
+        """Return unit vectors in world coordinates through all pixels, row by row, shape (height * width, 3).
 
-        ``right`` and ``down`` shift the rays, in pixels.
+        ``right`` and ``down`` shift the rays by this number of pixels.
         """
         x, y = np.meshgrid(np.arange(self.width) + right, np.arange(self.height) + down)
         middle_x, middle_y = 0.5 * (self.width - 1), 0.5 * (self.height - 1)

@@ -1,4 +1,4 @@
-"""Camera of a scene: images of the arm and the apple, computed from the messages of a world feed."""
+"""Scene camera: images of the arm and the apple, rendered from world feed messages."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,21 +23,21 @@ from sim_backend.scene.world import World, place_followers
 CAMERA: Final = "camera"
 """Name of the camera in the scene."""
 MOVED: Final = 1e-4
-"""Change of a joint (rad, m) or of the apple's pose that requires a new image. The noise is always new."""
+"""Change of a joint (rad, m) or of the apple's pose that requires a new image. The noise is new in every image."""
 FIRST_APPLE: Final = Apple(diameter_mm=50.0, height=1.0, red_share=0.5, spots=(), seed=0)
-"""Apple that determines the skin of the sphere before the first message of the feed."""
+"""Apple that determines the skin of the sphere until the first message of the feed arrives."""
 
 
 class SceneCamera:
-    """Camera of one scene with apples. Links have the simple shapes of the scene, which are fast to draw."""
+    """Camera of one scene with apples. Links are rendered as the simple shapes of the scene, which are fast to draw."""
 
     def __init__(self, scene: Path, light: Light | None = None, sensor: Sensor | None = None, seed: int = 0) -> None:
         """Prepare the camera.
 
         Args:
-            scene: The MuJoCo file, which must have a camera ``camera`` and apples.
-            light: The light; by default daylight in a room.
-            sensor: Settings of the sensor.
+            scene: The MuJoCo file, which must contain apples and a camera named ``camera``.
+            light: Lighting of the scene; by default, indoor daylight.
+            sensor: Sensor settings.
             seed: Seed of the noise.
 
         Raises:
@@ -59,13 +59,13 @@ class SceneCamera:
         mujoco.mj_kinematics(self._model, self._data)
         x, y, z = (float(value) for value in self._data.geom("stand").xpos)
         self.stand_m = (x, y, z + float(self._model.geom("stand").size[2]))
-        """Center of the stand's top in the world, in m."""
+        """Center of the top surface of the stand in world coordinates, in m."""
         self._apple: Apple | None = None
         self._cast_at: FloatArray | None = None
         self._sights: list[Sight] = []
 
     def see(self, publication: Mapping[str, Any]) -> None:
-        """Update the state of the world from a message of its feed (``sim_backend.scene.world_feed``)."""
+        """Update the world state from a message of the world feed (``sim_backend.scene.world_feed``)."""
         for joint, position in publication["joints"].items():
             self._data.joint(joint).qpos = position
         place_followers(self._model, self._data.qpos)
@@ -80,7 +80,7 @@ class SceneCamera:
             self._cast_at = None
 
     def picture(self) -> Picture:
-        """Return an image (480, 640, 3) of the state that ``see`` has stored."""
+        """Return an image (480, 640, 3) of the state stored by ``see``."""
         if self._cast_at is None or np.abs(self._data.qpos - self._cast_at).max() > MOVED:
             mujoco.mj_kinematics(self._model, self._data)
             self._sights = list(self._view.sights(self._data))
@@ -89,7 +89,7 @@ class SceneCamera:
         return self._film.picture(mean_radiance(self._sights), self._light, self._seed * 1_000_003 + self._taken)
 
     def truth(self) -> AppleTruth | None:
-        """Return the true state of the apple in the last image, or None before the first image with an apple."""
+        """Return the true state of the apple in the last image, or None if no image has contained an apple yet."""
         if self._apple is None or not self._sights:
             return None
         return truth_of(self._view, self.camera, self._data, self._sights, self._geom, self._apple.diameter_mm)

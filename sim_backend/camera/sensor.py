@@ -13,7 +13,7 @@ from sim_backend.compiled import compiled
 FloatArray = NDArray[np.float64]
 
 FULL_WELL_E: Final = 8000.0
-"""Number of electrons in a saturated pixel, as in a small sensor of a webcam."""
+"""Number of electrons in a saturated pixel of a small webcam sensor."""
 ELECTRONS_LUX_S: Final = 400.0
 """Electrons per second that a white surface causes in a pixel, per lux."""
 READ_NOISE_E: Final = 4.0
@@ -26,7 +26,7 @@ METERED: Final = 0.35
 BRIGHT: Final = 0.9
 """Maximum brightness of the 98th percentile with automatic exposure."""
 METER_STEP: Final = 16
-"""Step between the pixels that automatic exposure reads: every 16th pixel."""
+"""Step between the pixels that automatic exposure samples: every 16th pixel."""
 CURVE_STEPS: Final = 4096
 NOISE_VALUES: Final = 1 << 20
 """Number of random values. The number must be a power of 2 and larger than the number of values in an image."""
@@ -35,19 +35,19 @@ NOISE_SEED: Final = 7
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Settings of the sensor."""
+    """Sensor settings."""
 
     exposure_s: float | None = None
     """Fixed exposure time, with gain 1; None for automatic exposure."""
     white_k: float = 5500.0
-    """Color temperature of the light in which a gray surface appears gray in the image."""
+    """Color temperature of light under which a gray surface appears gray in the image."""
     vignetting: float = 0.15
-    """Relative loss of light in the corners of the image."""
+    """Relative loss of light in the image corners."""
     noisy: bool = True
 
 
 class Film:
-    """Converter from the light on the pixels of one camera to images."""
+    """Converter from the light that reaches a camera's pixels to images."""
 
     def __init__(self, sensor: Sensor, width: int, height: int) -> None:
         self._sensor = sensor
@@ -60,7 +60,7 @@ class Film:
         self._curve = (255.0 * encoded + 0.5).astype(np.uint8)
 
     def picture(self, radiance: FloatArray, light: Light, seed: int) -> NDArray[np.uint8]:
-        """Convert radiances (n, 3), relative to a white surface in full light, to an image (height, width, 3)."""
+        """Convert radiances (n, 3), which are relative to a fully lit white surface, to an image (height, width, 3)."""
         balance = rgb_of_temperature(light.temperature_k) / rgb_of_temperature(self._sensor.white_k)
         exposure, full_e = self._exposure(radiance[::METER_STEP], light, balance)
         offset = int(np.random.default_rng((seed, 3)).integers(NOISE_VALUES))
@@ -94,7 +94,8 @@ def _expose(
     radiance: FloatArray, vignette: FloatArray, gains: FloatArray, noise: tuple[float, float], values: Any,
     offset: int, curve: Any, picture: Any,
 ) -> None:  # fmt: skip
-    """Store the values of all pixels. ``noise`` is the variance per unit of brightness and the constant variance."""
+    """Store the values of all pixels. ``noise`` consists of the variance per unit of brightness and the constant
+    variance."""
     shot, read = noise
     mask, last = len(values) - 1, len(curve) - 1
     for n in range(len(radiance)):

@@ -46,10 +46,10 @@ def albedo(colors: FloatArray, kinds: Any, geom: Any, point: FloatArray) -> Floa
 def shade(
     color: FloatArray, kind: Any, normal: FloatArray, ray: FloatArray, lit: Any, lamp: tuple[FloatArray, float]
 ) -> FloatArray:
-    """Return the radiance (n, 3) of points, relative to a white surface in full light.
+    """Return the radiance (n, 3) of points, relative to a fully lit white surface.
 
-    ``lit`` (n,) states whether the lamp reaches each point. ``lamp`` contains the direction to the lamp and the ambient
-    fraction.
+    ``lit`` (n,) specifies whether the lamp's light reaches each point. ``lamp`` contains the direction to the lamp and
+    the ambient fraction.
     """
     toward, ambient = lamp
     found = np.empty((len(color), 3))
@@ -67,7 +67,7 @@ def shade(
 
 @compiled
 def _reflected(normal: FloatArray, ray: FloatArray, toward: FloatArray) -> float:
-    """Return the cosine between a normal and the direction halfway between the eye and the lamp."""
+    """Return the cosine of the angle between a normal and the direction halfway between the eye and the lamp."""
     x, y, z = toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2]
     cosine: float = (normal[0] * x + normal[1] * y + normal[2] * z) / sqrt(x * x + y * y + z * z)
     return max(0.0, cosine)

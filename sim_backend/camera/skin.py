@@ -1,6 +1,6 @@
-"""Skin of an apple: color and kind of each point, in compiled code.
+"""Apple skin: color and type of each point, in compiled code.
 
-Colors are the reflected fractions of the light, in linear RGB.
+Colors are the fractions of light reflected, in linear RGB.
 """
 
 from math import cos, exp, sin, sqrt
@@ -18,41 +18,41 @@ NO_SKIN: Final = 0
 GREEN: Final = 1
 RED: Final = 2
 DEFECT: Final = 3
-"""Kinds of a point. A spot counts as a defect, whether it is brown or dark."""
+"""Types of skin points. A spot is treated as a defect, whether it is brown or dark."""
 GREENS: Final = np.array([[0.24, 0.40, 0.05], [0.46, 0.50, 0.09]])
 REDS: Final = np.array([[0.30, 0.022, 0.025], [0.50, 0.045, 0.035]])
 BROWNS: Final = np.array([[0.115, 0.062, 0.024], [0.19, 0.105, 0.042]])
 DARKS: Final = np.array([[0.018, 0.012, 0.009], [0.04, 0.027, 0.02]])
-"""Both ends of each color's range."""
+"""Lower and upper end of each color's range."""
 WAVES: Final = 12
 """Number of waves that form the pattern."""
 WAVE_RAD: Final = (1.5, 9.0)
-"""Range of the wave numbers, in radians per radius of the apple."""
+"""Range of wave numbers, in radians per apple radius."""
 BLUSH_EDGE: Final = 0.06
-"""Half width of the transition from green to red, in units of the pattern."""
+"""Half the width of the transition from green to red, in units of the pattern."""
 SPOT_EDGE: Final = 0.012
-"""Half width of a spot's edge, in rad."""
+"""Half the width of a spot's edge, in rad."""
 FRAYED: Final = 0.12
 """Amount by which the pattern shifts the edge of a spot, as a fraction of its radius."""
 MOTTLED: Final = 0.1
 """Variation of the skin's brightness."""
 SAMPLES: Final = 4000
-"""Number of points of the skin from which the level of the pattern is computed."""
+"""Number of points on the skin from which the pattern's level is computed."""
 
 
 class Skin(NamedTuple):
     """Arrays that describe one skin, with w waves and s spots."""
 
     green: FloatArray
-    """Color of the green skin, shape (3,)."""
+    """Color of the green part of the skin, shape (3,)."""
     red: FloatArray
-    """Color of the red skin, shape (3,)."""
+    """Color of the red part of the skin, shape (3,)."""
     side: FloatArray
     """Direction of the side that faced the sun and turns red first, shape (3,)."""
     waves: FloatArray
     """Shape (w, 5): wave vector, phase and amplitude."""
     level: float
-    """Value of the pattern above which the skin is red."""
+    """Pattern value above which the skin is red."""
     spots: FloatArray
     """Shape (s, 7): direction, radius (rad) and color."""
 
@@ -81,7 +81,7 @@ def _between(ends: FloatArray, random: np.random.Generator) -> FloatArray:
 
 @compiled
 def _pattern(skin: Skin, x: float, y: float, z: float) -> float:
-    """Return the value of the pattern in one direction (unit vector)."""
+    """Return the pattern value in one direction, which is given as a unit vector."""
     value: float = 0.7 * (skin.side[0] * x + skin.side[1] * y + skin.side[2] * z)
     for wave in skin.waves:
         value += wave[4] * sin(wave[0] * x + wave[1] * y + wave[2] * z + wave[3])
@@ -90,7 +90,7 @@ def _pattern(skin: Skin, x: float, y: float, z: float) -> float:
 
 @compiled
 def _patterns(skin: Skin, directions: FloatArray) -> FloatArray:
-    """Return the values of the pattern in directions (n, 3)."""
+    """Return the pattern values in directions (n, 3)."""
     values = np.empty(len(directions))
     for n in range(len(directions)):
         values[n] = _pattern(skin, directions[n, 0], directions[n, 1], directions[n, 2])
@@ -99,13 +99,13 @@ def _patterns(skin: Skin, directions: FloatArray) -> FloatArray:
 
 @compiled
 def _share(value: float, edge: float) -> float:
-    """Return the mixing ratio: 0.5 at zero, and almost 0 or 1 at a distance of twice the edge."""
+    """Return the mixing ratio: 0.5 at a distance of zero, and almost 0 or 1 at a distance of twice the edge width."""
     return 1.0 / (1.0 + exp(-min(max(2.0 * value / edge, -40.0), 40.0)))
 
 
 @compiled
 def paint(skin: Skin, points: FloatArray, color: FloatArray, kind: Any) -> None:
-    """Store the color (n, 3) and the kind (n,) of points (n, 3), which are given in the apple's frame in units of its
+    """Store the color (n, 3) and the type (n,) of points (n, 3), which are given in the apple's frame, in units of its
     radii."""
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]

@@ -1,4 +1,4 @@
-"""Draw images of apples on a table without an arm, with ``render``."""
+"""Render images of apples on a table, without an arm, by calling ``render``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from sim_backend.scene.picture import Picture
 
 GRAY: Final = (0.80, 0.80, 0.78)
 AREA_M: Final = (0.16, 0.12)
-"""Half sizes, along x and y, of the area in which apples lie, in meters."""
+"""Half sizes, along x and y, of the area in which apples are placed, in meters."""
 GAP_M: Final = 0.005
 """Minimum distance between two apples, in meters."""
 TRIES: Final = 1000
@@ -33,12 +33,12 @@ class LyingApple:
     x_m: float
     y_m: float
     turn: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """Orientation as a quaternion, w x y z."""
+    """Orientation as a quaternion in the order w, x, y, z."""
 
 
 @dataclass(frozen=True, slots=True)
 class AppleTable:
-    """The table with everything on it. The table is 0.6 m in front of the camera of ``table_camera``."""
+    """The table with everything on it. The table is 0.6 m in front of the camera that ``table_camera`` returns."""
 
     apples: Sequence[LyingApple]
     rgb: tuple[float, float, float] = GRAY
@@ -46,7 +46,7 @@ class AppleTable:
     sensor: Sensor = field(default_factory=Sensor)
     """Settings of the camera's sensor."""
     smooth: bool = True
-    """Whether edges are smooth. Smooth images take four times as long."""
+    """Whether to smooth edges. Rendering images with smooth edges takes four times as long."""
 
 
 def table_camera(focal_px: float = 600.0) -> PinholeCamera:
@@ -57,7 +57,7 @@ def table_camera(focal_px: float = 600.0) -> PinholeCamera:
 def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
     """Return random apples at random places on the table. The same seed returns the same apples.
 
-    Raises ValueError if the table has no room for this number of apples.
+    Raises ValueError if this number of apples does not fit on the table.
     """
     random = np.random.default_rng((seed, 4))
     apples = [draw_apple(int(number), DIAMETERS_MM) for number in random.integers(1 << 31, size=count)]
@@ -75,12 +75,11 @@ def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
 
 
 def render(table: AppleTable, camera: PinholeCamera, light: Light, seed: int) -> tuple[Picture, list[AppleTruth]]:
-    """Return an image (height, width, 3) of a table, and the true values of each apple in the order of
-    ``table.apples``.
+    """Return an image (height, width, 3) of a table, and the true values of each apple, ordered as in ``table.apples``.
 
     Args:
         table: The table and its apples.
-        camera: The camera, above the table.
+        camera: The camera, which must be above the table.
         light: The light.
         seed: Seed of the noise. The same arguments return the same image.
     """
@@ -104,7 +103,7 @@ def _apart(apple: Apple, x_m: float, y_m: float, other: LyingApple) -> float:
 
 
 def _model(table: AppleTable) -> tuple[Any, list[int]]:
-    """Return a model of the table, and the geoms of the apples."""
+    """Return a model of the table and its apple geoms."""
     spec: Any = mujoco.MjSpec()
     spec.worldbody.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1], rgba=[*table.rgb, 1.0]
@@ -123,7 +122,7 @@ def _model(table: AppleTable) -> tuple[Any, list[int]]:
 
 
 def _height_m(radii_m: FloatArray, turn: tuple[float, float, float, float]) -> float:
-    """Return the center height of an ellipsoid that lies on the table."""
+    """Return the height of the center of an ellipsoid that is resting on the table."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, np.array(turn))
     return float(np.linalg.norm(radii_m * axes.reshape(3, 3)[2]))

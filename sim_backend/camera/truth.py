@@ -12,7 +12,7 @@ from sim_backend.camera.skin import DEFECT, RED
 from sim_backend.camera.view import FixedView, Sight
 
 OCCLUDED: Final = 0.98
-"""Visible fraction below which an apple counts as occluded."""
+"""Visible fraction below which an apple is considered occluded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,23 +20,23 @@ class AppleTruth:
     """Apple in an image. Fractions refer to the pixels that show the apple."""
 
     position_m: tuple[float, float, float]
-    """Position of the center in the world, in meters."""
+    """Position of the apple's center in world coordinates, in meters."""
     diameter_mm: float
     red_ratio: float
-    """Fraction that is red, that is, neither green nor a defect."""
+    """Fraction of the skin that is red, meaning neither green nor a defect."""
     defect_score: float
-    """Fraction that is brown or dark."""
+    """Fraction of the skin that is brown or dark."""
     visible_share: float
-    """Fraction of the apple's outline that no other object hides; 0.0 if the apple is not in the image."""
+    """Fraction of the apple's outline that is not hidden by other objects; 0.0 if the apple is not in the image."""
     cut: bool
     """Whether the edge of the image cuts the apple off."""
     box_px: tuple[int, int, int, int]
-    """First column, first row, last column and last row of the pixels that show the apple (inclusive); all 0 if no
-    pixel shows it."""
+    """First column, first row, last column and last row of the pixels that show the apple (inclusive); all 0 if the
+    apple is not visible."""
 
     @property
     def occluded(self) -> bool:
-        """Whether a part of the apple is hidden by another object or cut off."""
+        """Whether part of the apple is cut off or hidden by another object."""
         return self.cut or self.visible_share < OCCLUDED
 
 

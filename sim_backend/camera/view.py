@@ -1,6 +1,6 @@
-"""View of the virtual camera onto a MuJoCo model. n is the number of pixels.
+"""View of a MuJoCo model through the virtual camera. n is the number of pixels.
 
-Parts that never move are traced and shaded once for all images.
+Geoms that never move are traced and shaded only once for all images.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +20,9 @@ from sim_backend.scene.rays import FloatArray, Hits, cast, visible
 LAMP_M: Final = 20.0
 """Distance of the lamp, in meters. The rays of the lamp are almost parallel."""
 TOUCH_M: Final = 1e-4
-"""Maximum distance between a ray's hit and a point at which the ray still counts as reaching the point, in meters."""
+"""Maximum distance between a ray's hit and a point for the ray to be considered as reaching the point, in meters."""
 SKY: Final = np.array([0.75, 0.78, 0.82])
-"""Color of pixels that show no geom."""
+"""Color of pixels that do not show any geom."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 SHARP: Final = ((0.0, 0.0),)
 
@@ -32,15 +32,15 @@ class Sight:
     """Ray hits of one image."""
 
     radiance: FloatArray
-    """Linear RGB relative to a white surface in full light, shape (n, 3)."""
+    """Linear RGB relative to a fully lit white surface, shape (n, 3)."""
     geom: NDArray[np.int64]
-    """Geom hit by each ray, shape (n,); -1 for none."""
+    """Geom that each ray hits, shape (n,); -1 if the ray does not hit a geom."""
     kind: NDArray[np.int8]
-    """Kind of skin at each hit, shape (n,)."""
+    """Skin type at each hit, shape (n,)."""
 
 
 def mean_radiance(sights: Sequence[Sight]) -> FloatArray:
-    """Return the radiances (n, 3) of an image, computed from the radiances of its passes."""
+    """Return the radiances (n, 3) of an image as the mean of the radiances of its passes."""
     total = sights[0].radiance.copy()
     for sight in sights[1:]:
         total += sight.radiance
@@ -49,7 +49,7 @@ def mean_radiance(sights: Sequence[Sight]) -> FloatArray:
 
 
 class FixedView:
-    """View of a fixed camera in constant light."""
+    """View of a fixed camera under constant lighting."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class FixedView:
             camera: The camera.
             light: The light.
             skins: Skins of the apples, keyed by geom. The apples can move.
-            smooth: Whether four rays form each pixel, which takes four times as long.
+            smooth: Whether to use four rays per pixel, which takes four times as long.
         """
         self.skins = dict(skins)
         self._model, self._camera, self._light = model, camera, light
@@ -80,14 +80,14 @@ class FixedView:
         return (one.sight(data) for one in self._passes)
 
     def alone(self, data: Any, geom: int) -> int:
-        """Return the number of rays that would hit a geom if no other geom were present."""
+        """Return the number of rays that would hit a geom if it were the only geom in the scene."""
         eye = self._camera.position_m
         return sum(int((cast(self._model, data, eye, one.rays, [geom])[0] >= 0).sum()) for one in self._passes)
 
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """Camera, light and the shift of the rays, in pixels."""
+    """Camera, light and ray shift, which is in pixels."""
 
     camera: PinholeCamera
     light: Light
@@ -120,7 +120,7 @@ class _Pass:
         self._dark = self._shade(data, self._bright, _of_rows(hits, lit), unlit)[0]
 
     def sight(self, data: Any) -> Sight:
-        """Return the hits of all rays."""
+        """Return all ray hits."""
         radiance, geom = self._radiance.copy(), self._hits[0].copy()
         kind = np.zeros(len(radiance), np.int8)
         self._darken(data, radiance)
@@ -146,9 +146,10 @@ class _Pass:
         return points
 
     def _lit_points(self, data: Any, rows: Any, hits: Hits, geoms: Any) -> tuple[FloatArray, FloatArray, Any]:
-        """Return unit vectors from the lamp to the hits of some rays, the distances, and whether the lamp reaches them.
+        """Return the unit vectors from the lamp to the hits of some rays, the distances, and whether the lamp's light
+        reaches each hit.
 
-        Points on the far side of a geom count as lit only if they face the lamp.
+        Points on the far side of a geom are considered lit only if they face the lamp.
         """
         away = self._points(rows, hits) - self._lamp
         reach = np.linalg.norm(away, axis=1)
@@ -158,7 +159,7 @@ class _Pass:
         return toward, reach, facing & (first > reach - TOUCH_M)
 
     def _shade(self, data: Any, rows: Any, hits: Hits, lit: Any) -> tuple[FloatArray, NDArray[np.int8]]:
-        """Return the radiance and the kind of skin at the hits of some rays."""
+        """Return the radiance and the skin type at the hits of some rays."""
         geom, points = hits[0], self._points(rows, hits)
         color = albedo(self._colors, self._model.geom_type, geom, points)
         kind = np.full(len(rows), NO_SKIN, np.int8)
@@ -167,7 +168,7 @@ class _Pass:
             if not len(own):
                 continue
             away = points[own] - data.geom_xpos[number]
-            # MuJoCo gives only the first size of a sphere. For a sphere, only the direction of a point matters.
+            # For a sphere, MuJoCo sets only the first size. For a sphere, only the direction of a point matters.
             size = self._model.geom_size[number]
             local = np.einsum("ni,ij->nj", away, data.geom_xmat[number].reshape(3, 3))
             color[own], kind[own] = _painted(skin, local / np.where(size > 0.0, size, size[0]))

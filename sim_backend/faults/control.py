@@ -14,8 +14,8 @@ def handle_fault_command(
 ) -> Mapping[str, Any]:
     """Start a fault, or end faults, and return the active and the scheduled faults.
 
-    Times of the fault count from now on. The function ``other`` handles all other commands. Raises ValueError for an
-    unknown fault, or for a fault that these servos do not support.
+    The times of the fault are relative to the current time. The function ``other`` handles all other commands. Raises
+    ValueError if a fault is unknown or is not supported by these servos.
     """
     if command.get("do") != "fault":
         return other(command)
@@ -40,8 +40,8 @@ def handle_fault_command(
 
 
 def _cancel(player: FaultPlayer, text: str) -> list[str]:
-    """End the faults that match ``text``, or all faults, and return their texts. Raises FaultError if no fault
-    matches."""
+    """End the faults that match ``text``, or all faults, and return the descriptions of these faults. Raises FaultError
+    if no fault matches."""
     events = player.cancel(matching(text))
     if text and not events:
         raise FaultError(f"no fault {text} is active or scheduled")

@@ -1,6 +1,7 @@
-"""Draw random schedules of faults before a run. Each kind of fault has its own sequence of random numbers.
+"""Draw random fault schedules before a run. Each fault type has its own sequence of random numbers.
 
-Start times are uniform. Durations, delays, probabilities and sizes are log-uniform (``sim_backend.faults.tails``).
+Start times are uniform. Durations, delays, probabilities and sizes follow a log-uniform distribution
+(``sim_backend.faults.tails``).
 """
 
 from collections.abc import Collection, Iterator
@@ -13,23 +14,24 @@ from sim_backend.faults.events import KINDS
 from sim_backend.faults.targets import Inventory, Since
 
 AT_THE_START: Final = 1 / 6
-"""Fraction of the faults whose times count from the start of the stack."""
+"""Fraction of the faults whose times are relative to the start of the stack."""
 AT_THE_END: Final = 1 / 6
-"""Fraction of the faults whose times count from the moment when the program begins to exit."""
+"""Fraction of the faults whose times are relative to the moment when the program begins to exit."""
 TRIES: Final = 200
-"""Number of draws after which a kind of fault is considered impossible."""
+"""Number of draws after which a fault type is considered impossible."""
 
 
 def draw(
     seed: int | str, there: Inventory, seconds: float, how_many: int, kinds: Collection[str] | None = None
 ) -> tuple[Event, ...]:
-    """Draw ``how_many`` random faults over the whole life of a stack, in order of time.
+    """Draw ``how_many`` random faults over the entire life of a stack, in chronological order.
 
-    By default, the faults are of all kinds; ``kinds`` limits the kinds. A fault that starts while the arm is up starts
+    By default, all fault types are drawn; ``kinds`` limits the types. If a fault starts while the arm is up, it starts
     within ``seconds``.
 
-    Each kind draws random bids from its own sequence, and the events with the lowest bids are used. The draws of one
-    kind therefore do not change the events of another kind; an additional kind can only displace some of them.
+    Random bids for each fault type are drawn from a separate sequence, and the events with the lowest bids are used.
+    The draws of one type therefore do not change the events of another type; an additional type can only displace some
+    of them.
     """
     for name in kinds or ():
         if name not in KINDS:
@@ -41,7 +43,7 @@ def draw(
 
 
 def impossible(kind: str, there: Inventory) -> str:
-    """Return the reason why no target in the inventory can have a fault of this kind, or an empty string if the fault
+    """Return the reason why no target in the inventory can have a fault of this type, or an empty string if the fault
     is possible."""
     why = ""
     for number in range(TRIES):
@@ -57,11 +59,12 @@ def impossible(kind: str, there: Inventory) -> str:
 def _bids(
     seed: int | str, kind: str, there: Inventory, seconds: float, how_many: int
 ) -> Iterator[tuple[float, str, int, Event]]:
-    """Yield the events of one kind, each with its bid. No more events are drawn than could be used. Yield nothing if
-    the kind is impossible."""
+    """Yield the events of one fault type, each with its bid. At most as many events are drawn as can be used. Yield
+    nothing if this fault type is impossible."""
     random = Random(f"{seed}/{kind}")
     for number in range(how_many):
-        # Each event has its own stream, so that an additional draw within one event does not change the others.
+        # Each event has its own random stream, so that an additional draw within one event does not change other
+        # events.
         own = Random(random.getrandbits(64))
         bid, (since, at_s) = own.random(), _moment(own, there, seconds)
         try:
@@ -71,7 +74,7 @@ def _bids(
 
 
 def _moment(random: Random, there: Inventory, seconds: float) -> tuple[Since, float]:
-    """Draw the time of a fault in seconds, and the moment from which the time counts."""
+    """Draw the time of a fault in seconds, and the moment to which this time is relative."""
     share = random.random()
     since: Since = "start" if share < AT_THE_START else "end" if share < AT_THE_START + AT_THE_END else "up"
     if since not in there.moments:

@@ -4,5 +4,5 @@ from drivers.errors import DriverError
 
 
 class FaultError(DriverError):
-    """Error for faults that cannot be read or cannot be played. The message lists all faulty entries, each with a
-    remedy."""
+    """Raised when faults cannot be read or cannot be played. The message lists all faulty entries and how to fix each
+    of them."""

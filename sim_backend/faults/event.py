@@ -1,4 +1,4 @@
-"""Base classes of all faults, with the start time, the duration, and the affected servo or line."""
+"""Base classes of all faults, with the start time, the duration, and the affected servo or bus."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -14,7 +14,7 @@ from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import FaultPlace, FaultTargets, Inventory, Since
 
 DRAWN_S: Final = (0.001, 20.0)
-"""Range of durations of drawn faults, in seconds: from one packet to a whole run with a job."""
+"""Range of drawn fault durations, in seconds: from one packet to an entire run with a job."""
 USUAL_S: Final = (0.05, 2.0)
 """Range of durations for half of the drawn faults, in seconds: from one cycle to longer than every time-out of
 the stack."""
@@ -23,15 +23,16 @@ STAYS: Final = 0.1
 
 
 class Event(BaseModel):
-    """A fault at one time. ``kind`` is the name of the fault, and the other fields are its parameters."""
+    """A fault that starts at a given time. ``kind`` is the name of the fault, and the other fields are its
+    parameters."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: str
     at_s: Time = 0.0
-    """Time from the moment ``since`` to the start of the fault, in seconds."""
+    """Time from the moment specified by ``since`` to the start of the fault, in seconds."""
     since: Since = "up"
-    """Moment from which the start time counts. An emulator supports only ``up``, the moment when it is ready."""
+    """Moment to which the start time is relative. An emulator supports only ``up``, the moment when it is ready."""
     for_s: Duration | None = None
     """Duration in seconds; None if the fault does not end."""
 
@@ -42,7 +43,7 @@ class Event(BaseModel):
             raise FaultError(f"no stack {does} here: omit `since`, or play the fault with servoloop campaign")
 
     def acting(self, targets: FaultTargets) -> AbstractContextManager[None]:
-        """Return a context in which the fault is active. The fault starts on entry and ends on exit."""
+        """Return a context manager that keeps the fault active. The fault starts on entry and ends on exit."""
         raise NotImplementedError
 
     @property
@@ -51,12 +52,12 @@ class Event(BaseModel):
         return self.for_s
 
     def stream(self) -> Random:
-        """Return the event's own random generator, which is independent of the generators of other events."""
+        """Return the random generator of this event, which is independent of those of other events."""
         return Random(f"{getattr(self, 'seed', 0)}/{self.kind}")
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """Draw an event of this kind with random parameters. Raises FaultError if no target can have such an event."""
+        """Draw an event of this type with random parameters. Raises FaultError if no target can have such an event."""
         parameters = cls.draw_parameters(random, there)
         event = cls.model_validate({"at_s": at_s, "since": since, **parameters})
         event.refuse(there)
@@ -78,7 +79,7 @@ class Lasting(Event):
 
 
 class Momentary(Event):
-    """A fault that ends as soon as it has started. Its effects remain."""
+    """A fault that ends immediately after it starts. Its effects remain."""
 
     for_s: None = None
 
@@ -98,7 +99,7 @@ class OfServo(Event):
 
     servo_id: ServoId
     bus: str | None = None
-    """Name of the line, needed only if a servo with this ID exists on several buses."""
+    """Name of the bus, needed only if several buses have a servo with this ID."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -112,7 +113,7 @@ class OfServo(Event):
         return there.servos[there.bus_of(self.servo_id, self.bus)][self.servo_id]
 
     def place(self, targets: FaultTargets) -> FaultPlace:
-        """Return the place of the servo on its line."""
+        """Return the position of the servo on its bus."""
         return targets.place(self.servo_id, self.bus)
 
     def cannot(self, model: ServoModel, why: str) -> FaultError:
@@ -125,10 +126,10 @@ class OfServo(Event):
 
 
 class OfBus(Event):
-    """A fault of one line, or of all lines."""
+    """A fault of one bus or of all buses."""
 
     bus: str | None = None
-    """Name of the line; None for all lines."""
+    """Name of the bus; None for all buses."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -148,7 +149,7 @@ class Replies(OfBus, Lasting):
     chance: Chance = 1.0
     """Probability for each reply."""
     seed: Seed = 0
-    """Seed of the random numbers."""
+    """Random seed."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -162,7 +163,7 @@ class Replies(OfBus, Lasting):
 
 
 def model_of(drawn: Mapping[str, Any], there: Inventory) -> ServoModel:
-    """Return the model of the servo in the drawn parameters."""
+    """Return the model of the servo that the drawn parameters select."""
     return there.servos[there.bus_of(drawn["servo_id"], drawn["bus"])][drawn["servo_id"]]
 
 

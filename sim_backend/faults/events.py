@@ -1,5 +1,4 @@
-"""All kinds of faults. The type ``FaultEvent`` is the union of all fault classes; the field ``kind`` distinguishes
-them."""
+"""All fault types. The type ``FaultEvent`` is the union of all fault classes; the field ``kind`` distinguishes them."""
 
 from typing import Annotated, Any, Final
 
@@ -56,4 +55,4 @@ KINDS: Final[dict[str, type[Event]]] = {
     kind.model_fields["kind"].default: kind
     for kind in FaultEvent.__origin__.__args__  # type: ignore[attr-defined]
 }
-"""Class of each kind of fault, keyed by name."""
+"""Class of each fault type, keyed by name."""

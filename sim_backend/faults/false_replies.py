@@ -1,4 +1,4 @@
-"""False values in replies with a correct checksum. One of 256 corrupted replies has a valid checksum by chance."""
+"""False values in replies with a correct checksum. By chance, one in 256 corrupted replies has a valid checksum."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,16 +21,16 @@ READ_IN_CYCLES: Final = (
     *("present_velocity", "present_speed", "present_load", "present_pwm", "present_current"),
     *("present_voltage", "present_temperature", "torque_enable", "status", "hardware_error_status"),
 )
-"""Registers, other than the position, that the stack reads in each cycle. No model has all of them."""
+"""Registers, other than the position, that the stack reads in each cycle. No model has all of these registers."""
 AT_THE_START: Final = 1 / 2
-"""Fraction of the drawn false positions that are in every second or third reply while the stack starts."""
+"""Fraction of drawn false-position faults that affect every second or third reply while the stack starts."""
 LEAP_COUNTS: Final = (400, 2000)
-"""Range of the distance between a true and a false position while the stack starts, in counts."""
+"""Range of the difference between a true and a false position while the stack starts, in counts."""
 
 
 class _FalseReplies(OfServo, Lasting):
-    """Base class of faults in which a servo reports a false value once, in every n-th reply that contains the value, or
-    in each such reply."""
+    """Base class of faults in which a servo reports a false value once, in every reply that contains the value, or in
+    every n-th such reply."""
 
     every: Annotated[Number, Field(ge=1)] = 1
     """Every n-th reply that contains the value is false, starting with the first reply."""
@@ -38,7 +38,7 @@ class _FalseReplies(OfServo, Lasting):
     """Number of false replies; None for no limit."""
 
     def _turns(self) -> Callable[[], bool]:
-        """Return a function that decides whether the next reply with the value is false.
+        """Return a function that decides whether the value in the next reply is false.
 
         Call this function once for each reply.
         """
@@ -88,8 +88,8 @@ class FalsePosition(_FalseReplies):
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """Draw a fault. In half of the faults, the position jumps back and forth while the stack starts, because a
-        false reading at the start could become the first goal."""
+        """Draw a fault. In half of these faults, the position jumps back and forth while the stack starts, because a
+        false reading at startup could become the first goal."""
         fault = super().drawn(random, there, at_s, since)
         if there.start_s is None or "start" not in there.moments or random.random() >= AT_THE_START:
             return fault
@@ -108,7 +108,7 @@ class FalseValue(_FalseReplies):
 
     kind: Literal["false_value"] = "false_value"
     register_name: str
-    """Name of the register in `servoloop register list`. The value of `status` is also sent as the error byte of each
+    """Register name, as in `servoloop register list`. The value of `status` is also sent as the error byte of each
     reply."""
     value: RegisterValue
     """Raw value of the register, without a unit."""
@@ -141,7 +141,7 @@ class FalseValue(_FalseReplies):
 
 
 def _with(servo: Any, register: Register, value: int, part: tuple[int, int]) -> bytes:
-    """Return a part (address, size) of the servo's table as if the register had this value."""
+    """Return a segment (address, size) of the servo's control table as if the register had this value."""
     memory = servo.memory
     true = memory.get(register)
     memory.put(register, value)

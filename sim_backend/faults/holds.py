@@ -6,7 +6,7 @@ from typing import Any
 
 
 class Holds:
-    """Changes of shared values by faults.
+    """Changes that faults make to shared values.
 
     The latest change is in effect. After the last change has ended, the usual value is restored.
     """

@@ -1,4 +1,4 @@
-"""Faults of a whole line: its cable, its supply, its adapter, and other programs that use the line."""
+"""Faults of an entire bus: its cable, its supply, its adapter, and other programs that use the bus."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,7 +22,8 @@ READ, WRITE = 2, 3
 
 
 class CableCut(OfBus, Lasting):
-    """The cable breaks after a servo. All servos after the break lose data and power, so their joints go limp."""
+    """The daisy-chain cable breaks after a servo. All servos after the break lose data and power, so their joints go
+    limp."""
 
     kind: Literal["cable_cut"] = "cable_cut"
     after: ServoId | None = None
@@ -32,11 +33,11 @@ class CableCut(OfBus, Lasting):
         super().refuse(there)
         if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
             raise FaultError(
-                f"servo {self.after} is the last one on its line, so there is no servo after it: choose another servo"
+                f"servo {self.after} is the last one on its bus, so there is no servo after it: choose another servo"
             )
 
     def _cut(self, there: Inventory) -> dict[str, int]:
-        """Return the index of the first servo that is cut off, for each line."""
+        """Return the index of the first disconnected servo on each bus."""
         if self.after is None:
             return dict.fromkeys(there.buses(self.bus), 0)
         bus = there.bus_of(self.after, self.bus)
@@ -75,13 +76,14 @@ def _after(random: Random, there: Inventory) -> dict[str, Any]:
 
 
 class WeakSupply(OfBus, Lasting):
-    """The supply has a wrong voltage or thin leads. A servo whose controller has too little voltage restarts."""
+    """The supply has the wrong voltage, or its leads are too thin. A servo restarts if the voltage at its controller is
+    too low."""
 
     kind: Literal["weak_supply"] = "weak_supply"
     voltage_v: Volts | None = None
-    """Voltage without load; None to leave it unchanged."""
+    """No-load voltage; None to leave it unchanged."""
     resistance_ohm: Ohms | None = None
-    """Resistance of the leads; None to leave it unchanged."""
+    """Lead resistance; None to leave it unchanged."""
 
     @model_validator(mode="after")
     def _weak(self) -> Self:
@@ -118,7 +120,7 @@ def _fed(targets: FaultTargets, line: ServoLine[Any], supply: tuple[float | None
 
 
 class Echo(OfBus, Lasting):
-    """The adapter's transmit and receive wires are joined, so each instruction comes back before the reply."""
+    """The adapter's transmit and receive wires are connected, so each instruction is echoed before the reply."""
 
     kind: Literal["echo"] = "echo"
 
@@ -140,7 +142,7 @@ def _echoing(targets: FaultTargets, line: ServoLine[Any]) -> Iterator[None]:
 
 
 class AdapterUnplugged(OfBus, Lasting):
-    """The adapter is unplugged, and plugged in again under the same or another name. The servos keep their power."""
+    """The adapter is unplugged, and plugged in again under the same or another name. The servos remain powered."""
 
     kind: Literal["adapter_unplugged"] = "adapter_unplugged"
     back_as: str | None = None
@@ -166,7 +168,7 @@ class AdapterUnplugged(OfBus, Lasting):
                 def pull(out: str | None, adapter: Any = adapter) -> None:
                     adapter.unplug() if out == "" else adapter.plug(out)
 
-                # If two faults have unplugged the adapter, the last one to end plugs it in again.
+                # If two faults have unplugged the adapter, it is plugged in again when the last of them ends.
                 pulled.enter_context(targets.holds.hold(("adapter", adapter), pull, "", self.back_as))
             yield
 
@@ -178,7 +180,7 @@ class AdapterUnplugged(OfBus, Lasting):
 
 
 class ForeignPackets(OfServo, Lasting):
-    """Another program uses the line between the packets of the stack. The other program reads a servo or disables its
+    """Another program uses the bus between the stack's packets. The other program reads a servo or disables its
     torque."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"

@@ -66,7 +66,8 @@ class Overload(OfServo, Lasting):
 
 
 class SlippedHorn(Momentary, OfServo):
-    """The horn slips on the shaft. From then on, the encoder reports ``counts`` more at the same joint position."""
+    """The horn slips on the shaft. From then on, the encoder reading is ``counts`` higher at the same joint
+    position."""
 
     kind: Literal["slipped_horn"] = "slipped_horn"
     counts: Counts
@@ -92,7 +93,7 @@ class SlippedHorn(Momentary, OfServo):
 
 def _require_world(there: Inventory, kind: str) -> None:
     if not there.world:
-        raise FaultError(f"there is no simulated arm here, only servos on a line: no joint can have {kind!r}")
+        raise FaultError(f"there is no simulated arm here, only servos on a bus: no joint can have {kind!r}")
 
 
 def _world(targets: FaultTargets) -> Mechanics:

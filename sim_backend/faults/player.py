@@ -1,4 +1,4 @@
-"""Start and end faults on time, at the time steps of the simulated world."""
+"""Start and end faults on time, synchronized with the time steps of the simulated world."""
 
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
@@ -16,7 +16,7 @@ ROUNDING_S: Final = 1e-6
 
 
 class FaultPlayer:
-    """Starts and ends faults. Call ``update`` with the time of the world after every step of the world."""
+    """Player that starts and ends faults. Call ``update`` with the world's time after each world step."""
 
     def __init__(self, targets: FaultTargets) -> None:
         self.active: dict[int, Event] = {}
@@ -24,20 +24,20 @@ class FaultPlayer:
         self.happened: list[Event] = []
         """Log of the faults that have begun or ended. A fault that has begun and ended appears twice."""
         self.targets = targets
-        """Lines, world, adapters and stack that faults affect."""
+        """Buses, world, adapters and stack that faults affect."""
         self._due: list[tuple[float, int, int, Event]] = []
         self._waiting: list[Event] = []
-        """Events whose times count from a moment that has not been reached yet."""
+        """Events whose times are relative to a moment that has not been reached yet."""
         self._reached: set[Since] = set()
         self._running: dict[int, ExitStack] = {}
         self._number = 0
 
     def play(self, events: Iterable[Event], since_s: float = 0.0) -> None:
-        """Schedule ``events`` for a stack that is already up. The times of the events count from time ``since_s`` of
-        the world.
+        """Schedule ``events`` for a stack that is already up. The event times are relative to the world time
+        ``since_s``.
 
-        Events that count from the end of the program wait for that moment. Raises FaultError with a list of all events
-        that are impossible here; in that case, no event is scheduled.
+        Events whose times are relative to the end of the program wait for that moment. Raises FaultError with a list of
+        all events that are not supported here; in that case, no event is scheduled.
         """
         events = tuple(events)
         over: list[Since] = ["start", "end"] if "end" in self._reached else ["start"]
@@ -49,8 +49,8 @@ class FaultPlayer:
                 self._waiting.append(event)
 
     def plan(self, events: Iterable[Event]) -> None:
-        """Schedule ``events`` for a stack that has not been started yet. Call ``reach`` to report the moments from
-        which times count.
+        """Schedule ``events`` for a stack that has not been started yet. Call ``reach`` to report each moment to which
+        event times are relative.
 
         Raises FaultError with a list of all events that are impossible here; in that case, no event is scheduled.
         """
@@ -59,7 +59,7 @@ class FaultPlayer:
         self._waiting += events
 
     def reach(self, moment: Since, time_s: float) -> None:
-        """Report that the stack starts, is up, or begins to exit, at time ``time_s`` of the world."""
+        """Report that the stack starts, is up, or begins to exit at the world time ``time_s``."""
         self._reached.add(moment)
         for event in self._waiting:
             if event.since == moment:
@@ -68,7 +68,8 @@ class FaultPlayer:
         self.begin_due(time_s)
 
     def _require(self, events: tuple[Event, ...], over: Collection[Since]) -> None:
-        """Raise FaultError if an event is impossible here, or if it counts from a moment that has passed."""
+        """Raise FaultError if an event is not supported here, or if its time is relative to a moment that has
+        passed."""
         require_possible(events, self.targets.inventory)
         if late := [event for event in events if event.since in over]:
             texts = (f"{one.kind} at {one.at_s:g} s since {one.since}: this time has already passed" for one in late)
@@ -100,8 +101,8 @@ class FaultPlayer:
         return due + self._waiting
 
     def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
-        """End all active faults that match, most recent first, and cancel the scheduled faults that match. Return the
-        ended and canceled faults."""
+        """End all matching active faults, most recent first, and cancel all matching scheduled faults. Return the ended
+        and canceled faults."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
         coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}
@@ -135,9 +136,9 @@ class FaultPlayer:
 def require_possible(
     events: Iterable[Event], there: Inventory, place: Callable[[int], str] = lambda number: ""
 ) -> None:
-    """Raise FaultError with one sentence for each event that is impossible in this inventory.
+    """Raise FaultError with one sentence for each event that this inventory does not support.
 
-    ``place`` returns the beginning of the sentence about the event with this index.
+    ``place`` returns the beginning of that sentence for the event with a given index.
     """
     wrong = []
     for number, event in enumerate(events):

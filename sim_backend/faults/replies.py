@@ -18,7 +18,7 @@ class _OnTheWire(Replies):
     """A fault that affects each reply with a probability."""
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
-        """Return the reply as changed by the fault."""
+        """Return the reply after the fault has changed it."""
         raise NotImplementedError
 
     @contextmanager
@@ -33,9 +33,9 @@ class _OnTheWire(Replies):
             yield
 
     def hit(self, random: Random, servo_id: int) -> Random | None:
-        """Return the random generator for the effect on this reply, or None if the reply is not affected.
+        """Return the random generator for this reply's effect, or None if the reply is not affected.
 
-        Each reply that could be affected takes one number from ``random``. The effect on the next reply is therefore
+        Each reply that could be affected consumes one number from ``random``. The effect on the next reply is therefore
         independent of other faults of this reply.
         """
         if self.servo_id not in (None, servo_id):
@@ -111,14 +111,14 @@ class Collision(_OnTheWire):
         parameters = super().draw_parameters(random, there)
         shared = [name for name, servos in there.servos.items() if len(servos) > 1]
         if not shared:
-            raise FaultError("no line has two servos whose replies could collide")
+            raise FaultError("no bus has two servos whose replies could collide")
         bus = random.choice(shared)
         one, other = random.sample(list(there.servos[bus]), 2)
         return {**parameters, "bus": bus if len(there.servos) > 1 else None, "servo_id": one, "other_id": other}
 
 
 class LateReplies(Replies):
-    """The adapter delays replies, and with them all later replies."""
+    """The adapter delays some replies, which also delays all replies after them."""
 
     kind: Literal["late_replies"] = "late_replies"
     by_s: Delay = 0.02
@@ -157,7 +157,7 @@ class MissedInstructions(Replies):
 
 @contextmanager
 def _listed(targets: FaultTargets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
-    """While the context is active, add ``act`` to a list of faults of each line."""
+    """While the context is active, add ``act`` to one of the fault lists of each bus."""
     lists: list[list[Any]] = [getattr(line.faults, where) for line in targets.lines_of(bus)]
     for each in lists:
         each.append(act)

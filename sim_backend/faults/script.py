@@ -14,7 +14,7 @@ from sim_backend.faults.events import FaultEvent
 
 
 class _Script(RootModel[list[FaultEvent]]):
-    """Contents of the file."""
+    """Contents of the fault file."""
 
 
 def read_script(path: Path) -> tuple[FaultEvent, ...]:

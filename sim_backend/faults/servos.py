@@ -37,8 +37,8 @@ class Silent(OfServo, Lasting):
 
 
 class BrownOut(Momentary, OfServo):
-    """The voltage at a servo drops for a moment, and the servo restarts. The contents of the RAM are lost, the torque
-    is disabled, and the EEPROM is kept."""
+    """The voltage at a servo drops briefly, and the servo restarts. The RAM contents are lost, the torque is disabled,
+    and the EEPROM keeps its values."""
 
     kind: Literal["brown_out"] = "brown_out"
 
@@ -49,7 +49,7 @@ class BrownOut(Momentary, OfServo):
 
 
 class LoosePlug(OfServo, Lasting):
-    """The plug of a servo has a loose contact. The servo repeatedly loses power for a moment."""
+    """A servo's plug has a loose contact. The servo repeatedly loses power for a short time."""
 
     kind: Literal["loose_plug"] = "loose_plug"
     every_s: Duration = 1.0
@@ -73,7 +73,8 @@ class LoosePlug(OfServo, Lasting):
 
 
 class Hot(OfServo, Lasting):
-    """A servo's motor has at least this temperature, as in a closed box. The motor cools down after the fault."""
+    """A servo's motor is at this temperature or hotter, as if it were running in a closed box. The motor cools down
+    after the fault."""
 
     kind: Literal["hot"] = "hot"
     temperature_c: Celsius = 90.0
@@ -95,7 +96,8 @@ class Hot(OfServo, Lasting):
 
 
 class Overcurrent(OfServo, Lasting):
-    """A winding is partly shorted. Only a part of the turns remains, so the same torque needs more current."""
+    """A winding is partly shorted. Only some of the turns remain, so the motor needs more current for the same
+    torque."""
 
     kind: Literal["overcurrent"] = "overcurrent"
     turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05
@@ -140,7 +142,8 @@ class DeadEncoder(OfServo, Lasting):
 
 
 class HardwareError(Momentary, OfServo):
-    """A Dynamixel X detects a failure of its motor encoder or its circuit, and reports it until the servo restarts."""
+    """A Dynamixel X detects a failure of its motor encoder or its circuit, and reports the failure until the servo
+    restarts."""
 
     kind: Literal["hardware_error"] = "hardware_error"
     error: Literal["motor_encoder", "electrical_shock"] = "electrical_shock"
@@ -161,7 +164,7 @@ class HardwareError(Momentary, OfServo):
 
 
 class StuckEncoder(OfServo, Lasting):
-    """The encoder reports the same angle from then on, because its magnet has come off."""
+    """From then on, the encoder always reports the same angle, because its magnet has come off."""
 
     kind: Literal["stuck_encoder"] = "stuck_encoder"
 

@@ -23,15 +23,15 @@ from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
-"""Values of ``operating_mode``, keyed by series. Other series have no such register."""
+"""Values of ``operating_mode``, keyed by series. Other series do not have this register."""
 WRONG_SETTING: Final = "wrong_setting"
-"""Fault kind for wrong values of EEPROM registers that have no separate fault kind."""
+"""Fault type for wrong values of EEPROM registers that have no dedicated fault type."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
-"""Separate kind of fault for wrong values of a register, keyed by register name."""
+"""Dedicated fault type for wrong values of a register, keyed by register name."""
 
 
 class _WrongSetting(OfServo, Lasting):
-    """Base class of faults in which a register of the EEPROM has a wrong value."""
+    """Base class of faults in which an EEPROM register has a wrong value."""
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
         """Return the name of the register and its wrong value."""
@@ -66,7 +66,7 @@ class WrongId(_WrongSetting):
 
 
 class WrongRate(_WrongSetting):
-    """The baud rate of a servo differs from the baud rate of the line."""
+    """A servo's baud rate differs from the baud rate of the bus."""
 
     kind: Literal["wrong_rate"] = "wrong_rate"
     baud: Baud
@@ -105,7 +105,7 @@ class WrongMode(_WrongSetting):
 
 
 class WrongSetting(_WrongSetting):
-    """A register of a servo's EEPROM has a wrong value, such as a gain, a limit or the homing offset."""
+    """A register in a servo's EEPROM has a wrong value, such as a wrong gain, limit or homing offset."""
 
     kind: Literal["wrong_setting"] = "wrong_setting"
     register_name: str
@@ -155,14 +155,14 @@ def _factory_new(servo: Any) -> Any:
 
 
 def _settings(model: ServoModel) -> list[Register]:
-    """Return the writable registers of the EEPROM, except for those whose wrong values have a separate kind of
-    fault."""
+    """Return the writable EEPROM registers, except for those whose wrong values have a dedicated fault type."""
     kept = (one for one in registers_of(model) if one.persistent and one.access is Access.READ_WRITE)
     return [register for register in kept if register.name not in OWN_KINDS]
 
 
 def _put(servo: Any, register: Register, value: int) -> None:
-    """Write and save a value regardless of lock and torque, and apply the side effects of the write."""
+    """Write and save a value even if the EEPROM is locked or torque is enabled, and apply the side effects of the
+    write."""
     if isinstance(servo, VirtualServo):
         servo.write(register.address, register.encode(value, "little"))
     elif series_of(servo.model).make == "dynamixel":  # The EEPROM of a Dynamixel is locked while the torque is enabled.
@@ -173,7 +173,7 @@ def _put(servo: Any, register: Register, value: int) -> None:
 
 
 def _rates(model: ServoModel) -> Mapping[int, int]:
-    """Return the values of ``baud_rate``, keyed by baud rate."""
+    """Return the values of the register ``baud_rate``, keyed by baud rate."""
     series = series_of(model)
     if series is AX_MX:
         return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}

@@ -18,7 +18,7 @@ class _OfStack(Event):
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if not there.stack:
-            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack in simulated time")
+            raise FaultError(f"there is no stack here, only servos: {self.kind!r} requires a stack in simulated time")
 
     def stack(self, targets: FaultTargets) -> StackTarget:
         assert targets.stack is not None, "``refuse`` has checked this"
@@ -26,7 +26,8 @@ class _OfStack(Event):
 
 
 class LoopStall(_OfStack):
-    """The computer stalls, as if another program used the processor. Cycles are missed while the world continues."""
+    """The computer stalls, as if another program used the processor. Cycles are missed, but the world continues to
+    run."""
 
     kind: Literal["stall"] = "stall"
     for_s: Duration
@@ -145,7 +146,7 @@ class ClientCancels(_OfClient):
 
 
 class ClientDies(_OfClient):
-    """A client dies. Its goal continues, and the client sends no other goal."""
+    """A client dies. Its goal continues to run, but the client does not send another goal."""
 
     kind: Literal["client_dies"] = "client_dies"
     DOES = "dies"

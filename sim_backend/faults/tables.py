@@ -1,4 +1,4 @@
-"""Look up registers of all models by name, and draw values for the registers."""
+"""Look up registers of all models by name, and draw random register values."""
 
 from random import Random
 from typing import Final
@@ -28,7 +28,7 @@ def require_value(register: Register, value: int) -> None:
 
 
 def any_value(random: Random, register: Register) -> int:
-    """Draw a value that fits the register: 0, or a small or large number of either sign."""
+    """Draw a value that fits in the register: 0, or a small or large number of either sign."""
     if random.random() < ZERO:
         return 0
     size = round(log_uniform(random, 1.0, float(register.largest)))

@@ -1,4 +1,4 @@
-"""Targets of faults: lines of servos, the world, adapters, and the stack above them."""
+"""Targets of faults: servo buses, the world, adapters, and the stack above them."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -12,23 +12,24 @@ from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 
 ControllerFault = Literal["raises", "nan", "jumps"]
-"""Kind of controller failure."""
+"""Type of controller failure."""
 ClientFault = Literal["nonsense", "cancels", "dies"]
-"""Kind of client misbehavior."""
+"""Type of client misbehavior."""
 Since = Literal["start", "up", "end"]
-"""Moment from which the time of a fault counts: before the hardware is configured, when the arm is active, or when the
-program begins to exit."""
+"""Moment to which the time of a fault is relative: before the hardware is configured, when the arm is active, or when
+the program begins to exit."""
 START_S: Final = 0.1
-"""Time to configure and activate the included arms, in seconds: 0.04 s with STS servos, 0.1 s with Dynamixels."""
+"""Time to configure and activate the arms that ship with servoloop, in seconds: 0.04 s with STS servos, 0.1 s with
+Dynamixels."""
 HOLD_S: Final = 0.2
 """Time an arm takes to come to rest if it holds its position when the program exits, in seconds."""
 
 
 class FaultyAdapter(Protocol):
-    """The adapter between a line and the computer."""
+    """The adapter between a bus and the computer."""
 
     def unplug(self) -> None:
-        """Unplug the adapter. Every program that has opened the adapter loses it."""
+        """Unplug the adapter. Every program that has opened the adapter loses the connection."""
 
     def plug(self, name: str | None) -> None:
         """Plug the adapter in again, under the same name or a different name."""
@@ -52,16 +53,16 @@ class StackTarget(Protocol):
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Names of the controllers, with whether each controller commands joints."""
+        """Controller names, each with whether the controller commands joints."""
 
     def stall(self, seconds: float) -> None:
-        """Stall the computer once for this time. The servos and the world continue."""
+        """Stall the computer once for this time. The servos and the world continue to run."""
 
     def disturb_controller(
         self, controller: str | None, how: ControllerFault, jump: float
     ) -> AbstractContextManager[None]:
         """While the context is active, make a controller raise an exception in its update, or add NaN or ``jump`` (rad
-        or m) to its commands.
+        or m) to the controller's commands.
 
         ``controller`` is a name, or None for the arm's controller.
         """
@@ -72,24 +73,24 @@ class StackTarget(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """Description of the servos, lines and other targets of a cell. Schedules are drawn and checked from this
-    description, without the targets themselves."""
+    """Description of the servos, buses and other fault targets. Schedules are drawn and checked from this description,
+    without the targets themselves."""
 
     servos: Mapping[str, Mapping[int, ServoModel]]
-    """Servo models of each line, keyed by ID, in the order of the daisy chain."""
+    """Servo models on each bus, keyed by ID, in daisy-chain order."""
     world: bool = True
     adapters: bool = True
     stack: bool = True
     controllers: Mapping[str, bool] = field(default_factory=dict)
-    """Known controllers of the stack, with whether each controller commands joints."""
+    """Known controllers of the stack, each with whether it commands joints."""
     start_s: float | None = START_S
-    """Time the stack needs to start, in seconds; None if it is already up."""
+    """Time the stack needs to start, in seconds; None if the stack is already up."""
     end_s: float | None = HOLD_S
-    """Time the program needs to exit, in seconds; None if the end is not part of the run."""
+    """Time the program needs to exit, in seconds; None if the program's exit is not part of the run."""
 
     @property
     def moments(self) -> tuple[Since, ...]:
-        """Moments from which the times of faults can count here, in chronological order."""
+        """Moments to which fault times can be relative here, in chronological order."""
         there: dict[Since, bool] = {
             "start": self.stack and self.start_s is not None,
             "up": True,
@@ -98,8 +99,8 @@ class Inventory:
         return tuple(moment for moment, known in there.items() if known)
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
-        """Return the name of the line that has this servo. Raises FaultError if no line or more than one line has the
-        servo."""
+        """Return the name of the bus that has this servo. Raises FaultError if the servo is not on any bus, or if it is
+        on more than one bus."""
         self.require_bus(bus)
         found = [name for name, servos in self.servos.items() if servo_id in servos and bus in (None, name)]
         if not found:
@@ -110,14 +111,14 @@ class Inventory:
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:
-        """Raise FaultError if the line does not exist. None means all lines."""
+        """Raise FaultError if the bus does not exist. None means all buses."""
         if not self.servos:
             raise FaultError("servos cannot be selected here, because all servos of a box have the same ID")
         if bus is not None and bus not in self.servos:
             raise FaultError(f"there is no bus {bus!r}; known buses: {', '.join(map(repr, self.servos))}")
 
     def buses(self, bus: str | None) -> list[str]:
-        """Return the names of the lines that ``bus`` refers to."""
+        """Return the names of the buses that ``bus`` refers to."""
         return list(self.servos) if bus is None else [bus]
 
 
@@ -131,7 +132,7 @@ class FaultPlace:
 
     line: ServoLine[Any]
     number: int
-    """Index of the servo on the line."""
+    """Index of the servo on the bus."""
 
     @property
     def servo(self) -> Any:
@@ -143,7 +144,7 @@ class FaultPlace:
 
     @property
     def ratio(self) -> float:
-        """Signed joint displacement per radian of the shaft."""
+        """Signed joint displacement per radian of shaft rotation."""
         return self.line.rig.plant.couplings[self.number].ratio
 
 
@@ -172,13 +173,13 @@ class FaultTargets:
         return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None, controllers)
 
     def place(self, servo_id: int, bus: str | None) -> FaultPlace:
-        """Return the place of a servo."""
+        """Return the position of a servo."""
         line = self.lines[self.inventory.bus_of(servo_id, bus)]
         ids = [coupling.servo_id for coupling in line.rig.plant.couplings]
         return FaultPlace(line, ids.index(servo_id))
 
     def lines_of(self, bus: str | None) -> list[ServoLine[Any]]:
-        """Return one line, or all lines."""
+        """Return one bus, or all buses."""
         return [self.lines[name] for name in self.inventory.buses(bus)]
 
     @contextmanager

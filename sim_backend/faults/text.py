@@ -1,4 +1,5 @@
-"""Faults as command-line text, such as ``silent id=3 for=2s``: the kind, followed by its parameters in any order."""
+"""Faults as command-line strings, such as ``silent id=3 for=2s``: the type of the fault, followed by its parameters in
+any order."""
 
 import shlex
 from collections.abc import Callable
@@ -15,28 +16,28 @@ from sim_backend.faults.events import EVENT, KINDS
 _WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as", "register_name": "register"}
 _UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")
 _TIMES: Final = ("at_s", "since", "for_s")
-"""Parameters that all kinds have. These parameters come last in the usage text."""
+"""Parameters that all fault types have. These parameters come last in the usage text."""
 
 
 def words(kind: type[Event]) -> dict[str, str]:
-    """Return the parameters of a kind, as a mapping from the word in the text to the field."""
+    """Return the parameters of a fault type, as a mapping from the word used on the command line to the field."""
     fields = [name for name in kind.model_fields if name != "kind" and not _never(kind, name)]
     fields.sort(key=lambda name: (name in _TIMES, not kind.model_fields[name].is_required()))
     return {word_of(name): name for name in fields}
 
 
 def word_of(field: str) -> str:
-    """Return the word for a field, which is the field's name without the unit."""
+    """Return the command-line word for a field, which is usually the field's name without the unit."""
     return _WORDS.get(field) or next((field.removesuffix(u) for u in _UNITS if field.endswith(u)), field)
 
 
 def _never(kind: type[Event], field: str) -> bool:
-    """Whether the kind never uses the field. A momentary fault, for example, has no duration."""
+    """Return whether this fault type never uses the field. A momentary fault, for example, has no duration."""
     return kind.model_fields[field].annotation in (None, type(None))
 
 
 def usage(kind: type[Event]) -> str:
-    """Return the usage text of a kind, with optional parameters in brackets."""
+    """Return the usage text of a fault type, with optional parameters in brackets."""
     parts = [kind.model_fields["kind"].default]
     for word, field in words(kind).items():
         text = f"{word}={'SECONDS' if field.endswith('_s') else word.upper()}"
@@ -51,7 +52,7 @@ def parse(text: str) -> Any:
 
 
 def matching(text: str) -> Callable[[Event], bool]:
-    """Return a function that checks whether an event has the kind and the parameters of ``text``.
+    """Return a function that checks whether an event has the type and parameters specified in ``text``.
 
     An empty string matches every event. Raises FaultError.
     """
@@ -77,7 +78,7 @@ def _equal(held: Any, wanted: Any) -> bool:
 
 
 def _split(text: str) -> tuple[type[Event], str, list[str]]:
-    """Return the class of the kind, its name and the parameters. Raises FaultError."""
+    """Return the class of the fault type, its name and the parameters. Raises FaultError."""
     try:
         name, *parameters = shlex.split(text) or [""]
     except ValueError as error:
@@ -123,7 +124,7 @@ def _seconds(value: str) -> Any:
 
 
 def text_of(event: Event) -> str:
-    """Return the text from which ``parse`` creates this event."""
+    """Return the string from which ``parse`` creates this event."""
     parts = [event.kind]
     for word, field in words(type(event)).items():
         value = getattr(event, field)

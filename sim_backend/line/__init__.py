@@ -1,1 +1,1 @@
-"""A line of virtual servos: the servos, their power supply and the mechanics that they move."""
+"""A bus of virtual servos: the servos, their power supply and the mechanics that they drive."""

@@ -1,9 +1,9 @@
-"""Several lines of servos on one plant. The lines share one world and one time.
+"""Several servo buses on one plant. The buses share one world and one time.
 
-Each line advances the plant to the line's own time. The first line that needs a step advances the whole plant: first
-the firmware of all lines, then the mechanics. When the other lines need this step, it is already done. The servos of a
-line can therefore be slightly ahead of the line's own packet. The difference is at most the time of another line's
-packet on the wire, which is less than a millisecond.
+Each bus advances the plant to its own time. The first bus that needs a step advances the whole plant: first the
+firmware on all buses, then the mechanics. When the other buses need this step, it has already been done. Therefore, the
+servos on a bus can be slightly ahead of the packet on that bus. The difference is at most the duration of a packet on
+another bus, which is less than a millisecond.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,8 @@ from sim_backend.mechanics.plant import Plant
 
 
 class PlantPart(Plant):
-    """Part of a plant's shafts. ``advance`` does nothing; the plant moves after all parts have set their torques."""
+    """A subset of a plant's shafts. ``advance`` does nothing, because the plant advances only after all parts have set
+    their torques."""
 
     def __init__(self, plant: Plant, places: Sequence[int]) -> None:
         couplings = [plant.couplings[i] for i in places]
@@ -34,7 +35,7 @@ class PlantPart(Plant):
 
 
 class CommonPlant:
-    """A plant that several lines share. Create a ``part`` for each line, and then let the line ``join`` the plant."""
+    """A plant shared by several buses. Create a ``part`` for each bus, and then let the bus ``join`` the plant."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -47,15 +48,15 @@ class CommonPlant:
         return PlantPart(self._plant, places)
 
     def join(self, line: ServoLine[Any]) -> None:
-        """From now on, advance the line's servos together with those of all other lines.
+        """From now on, advance the servos on this bus together with those on all other buses.
 
-        Call this method before the line's time begins.
+        Call this method before the first time step of the bus.
         """
         line.rig = _JoinedRig(line.rig, self)
         self._rigs.append(line.rig)
 
     def reach(self, steps: int) -> None:
-        """Advance the whole plant to this step, unless this has already been done."""
+        """Advance the whole plant to this step, unless it has already been advanced."""
         while self._steps < steps:
             for rig in self._rigs:
                 rig.step_servos()
@@ -64,8 +65,8 @@ class CommonPlant:
 
 
 class _JoinedRig(Rig[AnyServo]):
-    """The servos of one line, with a count of the line's steps. The first line that requests a step advances all
-    lines."""
+    """The servos on one bus, with a count of the steps taken by the bus. The first bus that requests a step advances
+    all buses."""
 
     def __init__(self, rig: Rig[AnyServo], common: CommonPlant) -> None:
         super().__init__(rig.servos, rig.plant, rig.supply)
@@ -77,5 +78,5 @@ class _JoinedRig(Rig[AnyServo]):
         self._common.reach(self._asked)
 
     def step_servos(self) -> None:
-        """Advance this line's servos by one step."""
+        """Advance the servos on this bus by one step."""
         super().step()

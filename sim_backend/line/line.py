@@ -1,9 +1,9 @@
-"""Servos of any make on one half-duplex wire: timing, faults, and the order of replies.
+"""Servos of any make on one half-duplex bus: timing, faults, and the order of replies.
 
-No work is done in the background. When a packet is complete, physics and firmware are advanced to its time, and then
-the packet is answered. A servo therefore reports its state at the end of the packet. Assumed:
+No work is done in the background. When a packet is complete, the physics and firmware are advanced to its time, and
+then the servo replies to the packet. A servo therefore reports its state at the end of the packet. Assumed:
 - Two servos with the same ID drive the same wire, so their replies are combined by a bitwise AND.
-- A pause of 20 ms discards a half-received packet.
+- After a pause of 20 ms, a partially received packet is discarded.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ packets."""
 
 
 class Wired(Stepped, Protocol):
-    """The part of a servo that a line uses."""
+    """The part of the servo interface that a bus uses."""
 
     @property
     def baud(self) -> int: ...
@@ -45,12 +45,12 @@ AnyServo = TypeVar("AnyServo", bound=Wired)
 
 @dataclass(frozen=True, slots=True)
 class DelayedReply:
-    """Bytes that have all reached the master at ``due_s``."""
+    """Bytes that have fully arrived at the master at ``due_s``."""
 
     due_s: float
     data: bytes
     held_s: float = 0.0
-    """Additional delay of the bytes in the adapter, during which the wire is free, in seconds."""
+    """Additional delay of the bytes in the adapter, in seconds; the wire is free during this delay."""
 
 
 class ServoLine(ABC, Generic[AnyServo]):
@@ -59,8 +59,8 @@ class ServoLine(ABC, Generic[AnyServo]):
     def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
         """Create a line.
 
-        If ``paced`` is true, bytes take time on the wire. If not, bytes take no time; use this to measure software.
-        ``id_at`` is the index of the servo ID within a reply.
+        If ``paced`` is true, bytes take time on the wire. If false, bytes take no time, which is useful for measuring
+        software. ``id_at`` is the index of the servo ID within a reply.
         """
         self.rig = rig
         self.paced = paced
@@ -104,14 +104,14 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     @property
     def reached_s(self) -> float:
-        """Time that physics and firmware have reached, on the caller's clock."""
+        """Time that the physics and firmware have reached, on the caller's clock."""
         return (self._origin_s or 0.0) + self._steps * self.rig.timestep_s
 
     def advance(self, now_s: float, longest_s: float | None = None) -> None:
-        """Advance physics and firmware to ``now_s``.
+        """Advance the physics and firmware to ``now_s``.
 
-        Time beyond ``longest_s`` is skipped and counted, so that a computer that has stalled does not stall again when
-        it catches up.
+        Time beyond ``longest_s`` is skipped and counted, so that catching up after a stall does not stall the computer
+        again.
         """
         if self._origin_s is None:
             self._origin_s = now_s
@@ -129,7 +129,7 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[DelayedReply]:
         """Return the replies to ``data``, whose first byte the master sends at ``now_s``."""
-        if baud == 0:  # A baud rate of 0 means a closed line in termios.
+        if baud == 0:  # In termios, a baud rate of 0 means a closed line.
             return []
         replies: list[DelayedReply] = []
         while self.faults.foreign:
@@ -139,7 +139,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return self._through_adapter(replies + self._exchange(data, now_s, baud))
 
     def _exchange(self, data: bytes, now_s: float, baud: int) -> list[DelayedReply]:
-        """Return the replies to bytes that a program sends, with the times at which they have left the wire."""
+        """Return the replies to bytes that a program sends, each with the time at which it has left the wire."""
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
         if now_s - self._heard_s > PAUSE_S:
@@ -162,7 +162,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _through_adapter(self, replies: list[DelayedReply]) -> list[DelayedReply]:
-        """Delay the replies as the adapter does. A delayed reply also delays all replies after it."""
+        """Delay the replies as the real adapter does. A delayed reply also delays all replies after it."""
         late = any(reply.held_s for reply in replies)
         if not replies or not (late or replies[0].due_s < self._handed_over_s):
             return replies
@@ -173,7 +173,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return through
 
     def _listening(self, baud: int) -> list[AnyServo]:
-        """Return the servos that are connected and use this baud rate. Other servos receive noise or nothing."""
+        """Return the servos that are connected and use this baud rate. All other servos receive noise or nothing."""
         faults = self.faults
         return [
             servo
@@ -192,12 +192,12 @@ class ServoLine(ABC, Generic[AnyServo]):
         """Let ``servos`` execute one instruction, and return the replies in order."""
 
     def _silence(self, at_s: float, byte_s: float) -> list[DelayedReply]:
-        """Return the replies that servos send only when the line is silent. The master's bytes end at ``at_s``."""
+        """Return the replies that servos send only when the bus is idle. The master's bytes end at ``at_s``."""
         return []
 
     def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[DelayedReply]:
-        """Return replies that are sent one after the other. A servo that does not reply in its turn delays the next one
-        by ``slot_s``."""
+        """Return replies that are sent one after the other. If a servo does not reply in its turn, the next servo
+        replies ``slot_s`` later."""
         replies = []
         for delay_s, packets in turns:
             if not packets:
@@ -209,7 +209,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _chained(self, turns: Iterable[Turn], at_s: float, byte_s: float) -> list[DelayedReply]:
-        """Return replies of servos that each wait for the previous reply.
+        """Return the replies of servos, each of which waits for the previous reply.
 
         The chain ends at the first servo that does not reply, and after a reply that is lost on the wire.
         """
@@ -252,7 +252,7 @@ def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
 
 
 def overlaid(packets: Sequence[bytes]) -> bytes:
-    """Combine packets that are sent at the same time on one line, whose idle level is 1."""
+    """Combine packets that are sent at the same time on a shared wire, which is at 1 when idle."""
     if len(packets) == 1:
         return packets[0]
     length = max(map(len, packets))

@@ -1,7 +1,8 @@
-"""Power of a line of servos: changes of the supply voltage, and plugs that are disconnected and connected.
+"""Power supply of a servo bus: changes in the supply voltage, and plugs that are disconnected and connected.
 
-Below ``BROWN_OUT_V``, a servo's controller stops: the servo receives nothing, and its torque is off. When the voltage
-returns, the servo starts as after a reboot, without the values that were not saved. This behavior is known for
+Below ``BROWN_OUT_V``, a servo's controller stops, so the servo does not receive anything and its torque is off. When
+the voltage recovers, the servo starts as after a reboot, and values that were not saved are lost. This behavior is
+known for
 STS servos and assumed for other servos.
 """
 
@@ -16,9 +17,9 @@ BROWN_OUT_V: Final = 3.5
 
 
 def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
-    """From now on, supply all servos of the line with this voltage over leads with this resistance.
+    """From now on, power all servos on the bus with this voltage, over leads with this resistance.
 
-    None restores the original value of the line. A voltage of 0 simulates a disconnected plug.
+    None restores the original value of the bus. A voltage of 0 simulates a disconnected plug.
     """
     line.rig.feed(voltage_v, resistance_ohm)
     for servo in line.servos:
@@ -26,7 +27,7 @@ def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: f
 
 
 def watch_supply(line: ServoLine[Any]) -> None:
-    """Stop the servos whose voltage is too low under load, and start the servos whose voltage has returned."""
+    """Stop the servos whose voltage is too low under load, and start those whose voltage has recovered."""
     for servo in line.servos:
         _supplied(servo, servo.firmware.voltage_v)
 

@@ -1,4 +1,5 @@
-"""Servos on a plant with their power supplies, advanced together in fixed steps. The simulation is deterministic."""
+"""Servos on a plant, including their power supplies, which are advanced together in fixed steps. The simulation is
+deterministic."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,8 @@ from sim_backend.servos.sts.state import STATE, SUPPLY, Supplies
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """A power supply with leads. The voltage at the servos is reduced by the resistance of the leads times the current
-    of all servos on this supply."""
+    """A power supply with leads. The resistance of the leads, multiplied by the total current of all servos on this
+    supply, reduces the voltage at the servos."""
 
     voltage_v: float = 12.0
     resistance_ohm: float = 0.1
@@ -44,15 +45,15 @@ AnyServo = TypeVar("AnyServo", bound=Stepped)
 
 
 class Rig(Generic[AnyServo]):
-    """Advances the firmware of all servos, the voltage of their supplies, and the plant."""
+    """Rig that advances the firmware of all servos, their supply voltages, and the plant."""
 
     def __init__(
         self, servos: Sequence[AnyServo], plant: Plant, supply: Supply | Sequence[Supply] | None = None
     ) -> None:
         """Create a rig.
 
-        ``supply`` is one supply for all servos, or a sequence with one supply for each servo, in which supplies may be
-        shared; None selects the default supply.
+        ``supply`` is one supply for all servos, or a sequence with one supply per servo, in which servos may share a
+        supply; None selects the default supply.
         """
         if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
             raise ValueError("servos and the plant's couplings must have the same IDs in the same order")
@@ -73,7 +74,8 @@ class Rig(Generic[AnyServo]):
         self._built = self._loads
         self._shared: Supplies | None = None
         self.tables: NDArray[np.uint8] | None = None
-        """Live control tables, one row for each servo, if all are STS servos. Only the servos write to them."""
+        """Live control tables, one row for each servo, if all are STS servos. Only the servos write to the control
+        tables."""
         self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
             firmware.observe(angle)
@@ -104,8 +106,8 @@ class Rig(Generic[AnyServo]):
         return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
-        """Return a compiled function that advances all servos by one timestep; None if any servo is not an
-        STS servo."""
+        """Return a compiled function that advances all servos by one timestep, or None if not all of them are STS
+        servos."""
         firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
         if len(firmware) < len(self._firmware):
             return None
@@ -122,7 +124,7 @@ class Rig(Generic[AnyServo]):
         return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
 
     def _one_by_one(self) -> None:
-        """Advance servos of any kind by one timestep."""
+        """Advance servos of any type by one timestep."""
         dt_s, plant = self.timestep_s, self.plant
         for supply, loads in self._loads:
             total_a = 0.0

@@ -50,11 +50,11 @@ class Spread:
         )
 
     def supply(self, nominal: Supply) -> Supply:
-        """Return the power supply of a line."""
+        """Return the power supply of a bus."""
         return replace(nominal, voltage_v=nominal.voltage_v * self.factor(Quantity.SUPPLY, 0))
 
     def vary(self, model: Any) -> None:
-        """Vary the friction of each joint and the mass of each body in a MuJoCo model. Shapes stay as they are."""
+        """Vary the joint friction and the body masses in a MuJoCo model. Shapes are not changed."""
         for dof in range(model.nv):
             friction = self.factor(Quantity.FRICTION, dof)
             model.dof_frictionloss[dof] *= friction

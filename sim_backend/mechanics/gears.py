@@ -1,7 +1,8 @@
 """Gears between a motor and its shaft, with inertia and with friction that depends on load and speed.
 
-The friction law is BAM's fourth law (github.com/Rhoban/bam, M4). Coulomb friction, a fraction of the torque through
-the gears, and viscous friction act on a shaft. Near rest, the first two parts are larger (Stribeck effect).
+The friction law is BAM's fourth law (github.com/Rhoban/bam, M4). The friction on a shaft consists of Coulomb friction,
+a fraction of the torque through the gears, and viscous friction. Near rest, the first two parts are larger (Stribeck
+effect).
 """
 
 from collections.abc import Iterable
@@ -16,9 +17,9 @@ from sim_backend.compiled import compiled
 
 Floats = NDArray[np.float64]
 GearTable = NDArray[np.void]
-"""An array with one record of ``GEARS`` for each shaft."""
+"""An array with one ``GEARS`` record for each shaft."""
 Record = Any
-"""One record of ``GEARS``. numba cannot name the type of a record."""
+"""One ``GEARS`` record. The type is Any, because numba cannot name the type of a record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +31,19 @@ class Gears:
     viscous_nm_s: float
     coulomb_nm: float
     load_share: float
-    """Friction per newton meter of torque through the gears."""
+    """Friction per N m of torque through the gears."""
     sticking_nm: float = 0.0
-    """Additional Coulomb friction of a shaft at rest."""
+    """Additional Coulomb friction when a shaft is at rest."""
     sticking_share: float = 0.0
-    """Additional ``load_share`` of a shaft at rest."""
+    """Additional ``load_share`` when a shaft is at rest."""
     sticking_rad_s: float = 1.0
     """Speed at which the additional friction is reduced to 1/e of its value at rest."""
     sticking_exponent: float = 1.0
 
     def friction_nm(self, load_nm: float, speed_rad_s: float) -> float:
-        """Return the maximum friction torque, without the viscous part.
+        """Return the maximum friction torque, excluding viscous friction.
 
-        ``load_nm`` is the torque through the gears: the motor's torque minus the load. If a shaft is
+        ``load_nm`` is the torque through the gears: the motor torque minus the load torque. If a shaft is
         driven at one end and held at the other, both torques act on the teeth.
         """
         largest_nm: float = friction_nm(gear_table([self])[0], load_nm, speed_rad_s)
@@ -89,7 +90,7 @@ def renew_friction(gears: GearTable, load_nm: Floats, speed_rad_s: Floats, least
 def turn_shafts(
     gears: GearTable, load_nm: Floats, torque_nm: Floats, position: Floats, velocity: Floats, step_s: float
 ) -> None:
-    """Advance shafts (n,) by one timestep under the torques of their motors and loads."""
+    """Advance shafts (n,) by one timestep under their motor and load torques."""
     for i in range(len(gears)):
         per_nm = step_s / gears[i].rotor_kg_m2
         friction = friction_nm(gears[i], torque_nm[i] - load_nm[i], velocity[i]) * per_nm

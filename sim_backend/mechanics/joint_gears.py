@@ -1,8 +1,8 @@
 """Identified gears in a MuJoCo model. The friction of these gears depends on the torque through them in the last
 timestep.
 
-MuJoCo treats friction as a constraint with a maximum torque, so that, for any timestep, friction holds a joint and
-never reverses it. This module only updates the maximum torque before each step.
+MuJoCo treats friction as a constraint with a maximum torque. Therefore, friction holds a joint but never reverses it,
+for any timestep. This module only updates the maximum torque before each step.
 """
 
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ import numpy as np
 from sim_backend.mechanics.gears import Gears, gear_table, renew_friction
 
 LEAST_FRICTION_NM: Final = 1e-9
-"""Minimum friction. MuJoCo creates no constraint for a joint without friction, so the indices of the other constraints
-would shift."""
+"""Minimum friction. MuJoCo does not create a constraint for a joint without friction, which would shift the indices of
+the other constraints."""
 FRICTION_ROW: Final = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
-"""Constraint type for the friction of a degree of freedom, as a number. NumPy compares numbers faster than enums."""
+"""Numeric constraint type for the friction of a degree of freedom. NumPy compares numbers faster than enums."""
 
 
 class JointGears:
-    """Updates the friction of some degrees of freedom of one model."""
+    """Updater of the friction of some degrees of freedom in a model."""
 
     def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
         """Set ``gears``, keyed by degree of freedom, in addition to the gears of ``before``."""
@@ -48,8 +48,8 @@ class JointGears:
         self._model.dof_frictionloss[dofs] = self._friction
 
     def _friction_now(self) -> Any:
-        """Return the friction in the constraint forces for each degree of freedom. This friction is subtracted, because
-        friction must not depend on itself."""
+        """Return the part of the constraint forces that is due to friction, for each degree of freedom. This part is
+        subtracted, because friction must not depend on itself."""
         data = self._data
         rows = slice(data.ne, data.ne + data.nf)
         share = np.zeros(self._model.nv)

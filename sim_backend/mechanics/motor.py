@@ -14,14 +14,14 @@ from sim_backend.mechanics.gears import Gears
 ROTOR_INERTIA_KG_M2: Final = 0.0154
 """Inertia of an STS3215's rotor and gears at the output shaft.
 
-The value was derived from step responses without load, which were recorded with the reimplemented firmware. The
-responses start with 211 rad/s2 under the 3.25 N m of full drive, a torque computed from the kt and the resistance that
-BAM identified.
+The value was derived from no-load step responses, which were recorded with the reimplemented firmware. The responses
+start with 211 rad/s2 at the full-drive torque of 3.25 N m, which is computed from the kt and the resistance identified
+by BAM.
 """
 GEAR_FRICTION_NM: Final = 0.052
 """Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""
 GEAR_DAMPING_NM_S: Final = 0.03
-"""Viscous friction at which the 12 V motor with full drive reaches 45 rpm, the value in its data sheet."""
+"""Viscous friction at which the 12 V motor reaches 45 rpm at full drive, as stated in its data sheet."""
 IDENTIFIED_DAMPING_NM_S: Final = 0.052
 """Viscous friction that BAM identified for the 7.4 V motor."""
 STALL_CURRENT_A: Final = 2.7
@@ -33,7 +33,7 @@ class MotorConstants:
     """Constants of one motor with its gears, including the ambient temperature.
 
     The thermal model consists of one heat capacity. A published test of an STS3215 at half its stall torque showed a
-    rise of 15 K in ten minutes.
+    temperature rise of 15 K in ten minutes.
     """
 
     torque_constant_nm_a: float
@@ -47,7 +47,8 @@ class MotorConstants:
 
     @classmethod
     def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":
-        """Return the constants from a data sheet, which gives stall torque, stall current and no-load speed."""
+        """Return motor constants computed from a data sheet, which specifies the stall torque, the stall current and
+        the no-load speed."""
         voltage_v = model.rated_voltage_v
         return cls(
             model.stall_torque_nm / stall_current_a,
@@ -56,16 +57,16 @@ class MotorConstants:
         )
 
 
-# The stall torque and the stall current are from the data sheet. With this back-EMF, full drive minus friction reaches
-# the 45 rpm of the data sheet.
+# The stall torque and the stall current are from the data sheet. With this back-EMF, the motor reaches the data sheet's
+# 45 rpm at full drive, including friction.
 STS3215_12V: Final = MotorConstants(2.94 / 2.7, 2.3, 12.0 / 2.7)
-# Identified on hardware by BAM. Together with ROTOR_INERTIA_KG_M2 and a damping of 0.052 N m s, these values yield the
-# time constant of 26 ms and the no-load speed of 5.4 rad/s of the recorded step responses.
+# Identified on hardware by BAM. Together with ROTOR_INERTIA_KG_M2 and a damping of 0.052 N m s, these values reproduce
+# the recorded step responses: a time constant of 26 ms and a no-load speed of 5.4 rad/s.
 STS3215_7V4: Final = MotorConstants(1.21, 1.21, 2.68)
 
 
 def _geared(ratio: float) -> MotorConstants:
-    """Return the 7.4 V motor with ``ratio`` times the identified gear ratio.
+    """Return the 7.4 V motor with a gear ratio of ``ratio`` times the identified gear ratio.
 
     The inertia of the rotor is proportional to the square of the ratio.
     """
@@ -88,14 +89,14 @@ def sts_motor(model: ServoModel) -> MotorConstants:
 
 
 class Thermometer:
-    """Temperature of the motor, modeled with one heat capacity and one heat path to the air."""
+    """Motor temperature, modeled with one heat capacity and one heat path to the air."""
 
     def __init__(self, motor: MotorConstants) -> None:
         self._motor = motor
         self.temperature_c = motor.ambient_c
 
     def step(self, dt_s: float, current_a: float) -> None:
-        """Heat the motor by the losses in the winding, and cool it toward the air temperature."""
+        """Heat the motor with the winding losses, and cool it toward the air temperature."""
         motor = self._motor
         power_w = current_a * current_a * motor.resistance_ohm
         steady_c = motor.ambient_c + power_w * motor.thermal_resistance_k_w

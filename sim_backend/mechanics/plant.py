@@ -1,4 +1,4 @@
-"""Plant that the servos' shafts drive: the simulated arm or a test bench. All values are in SI units.
+"""Plant driven by the servo shafts: the simulated arm or a test bench. All values are in SI units.
 
 A servo knows only its own shaft. A ``Coupling`` defines which joint the shaft moves, and how. Forces are converted with
 the inverse ratio, so energy is conserved.
@@ -19,7 +19,7 @@ from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROT
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """One servo on one joint: position = sign * transmission * (shaft angle - angle at the zero).
+    """Coupling of one servo to one joint: position = sign * transmission * (shaft angle - angle at the zero).
 
     ``transmission`` is in rad per rad for a revolute joint and in meters per radian for a prismatic joint.
     ``zero_counts`` is the encoder count at the joint's zero, without homing offset.
@@ -44,7 +44,7 @@ class Coupling:
 
 
 ShaftTable = NDArray[np.void]
-"""An array with one record of ``SHAFT`` for each shaft."""
+"""An array with one ``SHAFT`` record for each shaft."""
 
 SHAFT: Final = np.dtype(
     [
@@ -61,21 +61,22 @@ SHAFT: Final = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class JointArrays:
-    """Live state of the joints. Readers see each change, and written efforts take effect."""
+    """Live joint state. Readers see each change, and written efforts take effect."""
 
     position: Floats
     velocity: Floats
     effort: Floats
     position_at: Sequence[int]
-    """Indices of the joints in ``position``. The next two fields contain the indices for velocity and effort."""
+    """Indices of the joints in ``position``. The next two fields contain the corresponding indices for velocity and
+    effort."""
     velocity_at: Sequence[int]
     effort_at: Sequence[int]
 
 
 class Plant(ABC):
-    """Shafts in the order of ``couplings``, which are all advanced together by a fixed timestep.
+    """Shafts in the order of ``couplings``, all advanced together by a fixed timestep.
 
-    Compiled servos use ``joints`` and ``shafts``; other servos call the methods.
+    Compiled servo code uses ``joints`` and ``shafts``; other servos call the methods.
     """
 
     def __init__(
@@ -88,12 +89,12 @@ class Plant(ABC):
         self._rows: list[tuple[int, int, int, float, float]] = shafts.tolist()
 
     def angles(self) -> list[float]:
-        """Return the angles of the shafts, in rad."""
+        """Return the shaft angles, in rad."""
         position = self.joints.position.tolist()
         return [position[at] * per_unit + zero_rad for at, _, _, per_unit, zero_rad in self._rows]
 
     def velocities(self) -> list[float]:
-        """Return the velocities of the shafts, in rad/s."""
+        """Return the shaft velocities, in rad/s."""
         velocity = self.joints.velocity.tolist()
         return [velocity[at] * per_unit for _, at, _, per_unit, _ in self._rows]
 
@@ -104,7 +105,7 @@ class Plant(ABC):
             effort[at] = torque * per_unit
 
     def slip(self, number: int, angle_rad: float) -> None:
-        """Let a shaft slip: from now on, its angle is larger by ``angle_rad`` at the same joint position."""
+        """Let a shaft slip: from now on, its angle is ``angle_rad`` larger at the same joint position."""
         self.shafts["zero_rad"][number] += angle_rad
         self._rows = self.shafts.tolist()
 
@@ -114,7 +115,7 @@ class Plant(ABC):
 
     @abstractmethod
     def advance(self) -> None:
-        """Advance by one timestep under the efforts in ``joints``."""
+        """Advance by one timestep, applying the efforts in ``joints``."""
 
 
 class JointWorld(Protocol):
@@ -140,8 +141,8 @@ class JointWorld(Protocol):
 class WorldPlant(Plant):
     """Servos on a simulated arm. Joints without a servo swing freely.
 
-    ``after_step(time_s)`` is called with the time of the world after every step. Events around the arm are simulated in
-    this call, so that they are the same in every run.
+    ``after_step(time_s)`` is called with the world's time after each step. Events around the arm are simulated in this
+    call, so that they are the same in every run.
     """
 
     def __init__(
@@ -173,10 +174,11 @@ class WorldPlant(Plant):
 
 
 class BenchPlant(Plant):
-    """Servos on a test bench, each with its own load: inertia, a constant torque, and friction. There are no joints.
+    """Servos on a test bench, each with its own load: inertia, a constant torque, and friction. The bench has no
+    joints.
 
     ``load_nm`` acts on a shaft all the time, as gravity does. Friction holds a shaft that is at rest. Servos with
-    identified gears use those gears. The other servos use the constructor's values.
+    identified gears use those gears. All other servos use the values passed to the constructor.
     """
 
     def __init__(

@@ -14,9 +14,9 @@ from sim_backend.packets.instructions import Instruction, Parser
 
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 11
-"""Number of bytes in a status packet, not counting its data."""
+"""Number of bytes in a status packet, excluding its data."""
 _BLOCK_OVERHEAD: Final = 4
-"""Number of bytes in a servo's block of a fast reply, not counting its data: error, ID and CRC."""
+"""Number of bytes in a servo's block of a fast reply, excluding its data: error, ID and CRC."""
 _HEAD: Final = 7
 _SHORTEST: Final = 3
 _LONGEST: Final = 1024
@@ -97,7 +97,7 @@ class InstructionParser(Parser):
         return None
 
     def _find_header(self) -> bool:
-        """Discard bytes that cannot begin a packet. Return whether the buffer still contains a whole header."""
+        """Discard bytes that cannot begin a packet. Return whether the buffer still contains a complete header."""
         start = self._buffer.find(HEADER)
         del self._buffer[: start if start >= 0 else max(0, len(self._buffer) - len(HEADER) + 1)]
         return start >= 0

@@ -1,4 +1,4 @@
-"""Parse the parameters of the group instructions of protocol 2.0 into (ID, address, size or data). No I/O.
+"""Parse the parameters of protocol 2.0 group instructions into tuples (ID, address, size or data). No I/O.
 
 Source: ROBOTIS e-manual, "Protocol 2.0". An incomplete last entry is ignored (assumed).
 """
@@ -12,23 +12,23 @@ Entry = tuple[int, int, bytes]
 """ID, address and data."""
 
 _BULK_HEAD: Final = 5
-"""Number of bytes for ID, address and size of one servo in a bulk instruction."""
+"""Number of bytes that specify the ID, address and size of one servo in a bulk instruction."""
 
 
 def sync_spans(parameters: bytes) -> list[Span]:
-    """Parse a sync read: address, size, then the IDs."""
+    """Parse a sync read: an address and a size, followed by the IDs."""
     address, size = _number(parameters, 0), _number(parameters, 2)
     return [(servo_id, address, size) for servo_id in parameters[4:]]
 
 
 def bulk_spans(parameters: bytes) -> list[Span]:
-    """Parse a bulk read: ID, address and size of each servo."""
+    """Parse a bulk read: the ID, address and size for each servo."""
     heads = range(0, len(parameters) - _BULK_HEAD + 1, _BULK_HEAD)
     return [(parameters[at], _number(parameters, at + 1), _number(parameters, at + 3)) for at in heads]
 
 
 def sync_entries(parameters: bytes) -> Iterator[Entry]:
-    """Parse a sync write: address, size, then an ID and ``size`` bytes for each servo."""
+    """Parse a sync write: an address and a size, followed by an ID and ``size`` bytes for each servo."""
     if len(parameters) < 4:
         return
     address, size = _number(parameters, 0), _number(parameters, 2)
@@ -37,7 +37,7 @@ def sync_entries(parameters: bytes) -> Iterator[Entry]:
 
 
 def bulk_entries(parameters: bytes) -> Iterator[Entry]:
-    """Parse a bulk write: ID, address, size and ``size`` bytes for each servo."""
+    """Parse a bulk write: the ID, address, size and ``size`` bytes for each servo."""
     at = 0
     while at + _BULK_HEAD <= len(parameters):
         begin = at + _BULK_HEAD

@@ -12,11 +12,11 @@ LONGEST_NOISE: Final = 6
 
 @dataclass(slots=True)
 class Disturbance:
-    """Random disturbances of the wire, determined by a seed.
+    """Random disturbances on the wire, determined by a seed.
 
     ``drop``, ``flip`` and ``noise`` are the probabilities that a reply is lost, arrives with a flipped bit, or arrives
     after noise. ``miss`` is the probability that an instruction does not reach a servo. ``done`` counts the
-    disturbances, keyed by kind and servo ID, for comparison with a driver's counters.
+    disturbances, keyed by type and servo ID, for comparison with the error counters of a driver.
     """
 
     seed: int
@@ -62,11 +62,12 @@ class WireFaults:
         self.echo = False
         """Whether the adapter receives the bytes that it sends."""
         self.on_reply: list[Callable[[int, bytes], bytes]] = []
-        """Functions that change a reply (servo ID, packet) on the wire, applied one after the other."""
+        """Functions that change a reply (servo ID, packet) on the wire, applied in order."""
         self.on_instruction: list[Callable[[int], bool]] = []
-        """Functions that decide whether an instruction reaches the servo. All of them must agree."""
+        """Functions that decide whether an instruction reaches the servo. The instruction reaches the servo only if all
+        these functions return true."""
         self.on_arrival: list[Callable[[int], float]] = []
-        """Functions that return the delay by which the adapter holds back a servo's reply, in seconds."""
+        """Functions that return how long the adapter delays a servo's reply, in seconds."""
         self.foreign: deque[bytes] = deque(maxlen=1)
         """Packet of another program that is sent before the master's next packet."""
         self._silent: set[int] = set()
@@ -84,7 +85,7 @@ class WireFaults:
         self._silent.discard(servo_id)
 
     def corrupt_next(self, servo_id: int, replies: int = 1) -> None:
-        """Give the next replies of the servo a wrong checksum."""
+        """Corrupt the checksum of the servo's next replies."""
         self._corrupt[servo_id] = self._corrupt.get(servo_id, 0) + replies
 
     def delay_next(self, servo_id: int) -> None:
@@ -109,7 +110,7 @@ class WireFaults:
         return reached
 
     def held_s(self, servo_id: int) -> float:
-        """Return the delay by which the adapter holds back the servo's next reply, in seconds."""
+        """Return how long the adapter delays the servo's next reply, in seconds."""
         return sum(held(servo_id) for held in self.on_arrival)
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
@@ -129,7 +130,7 @@ class WireFaults:
         return packet[:-1] + bytes((packet[-1] ^ 0xFF,))
 
     def through_adapter(self, servo_id: int, packet: bytes) -> bytes:
-        """Return a reply from the wire, or no bytes if ``delay_next`` holds the reply back."""
+        """Return a reply from the wire, or no bytes if ``delay_next`` delays the reply."""
         if servo_id not in self._late:
             return packet
         self._late.remove(servo_id)

@@ -1,4 +1,4 @@
-"""Instructions on a wire, and the base class of their parsers. No I/O."""
+"""Instructions on a bus, and the base class of their parsers. No I/O."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -15,8 +15,8 @@ class Instruction:
 
 
 class Parser(ABC):
-    """Splits a stream of bytes into instructions. A malformed packet costs only one byte, not the packet that follows
-    it."""
+    """Parser that splits a byte stream into instructions. After a malformed packet, only one byte is discarded, so that
+    the next packet is not lost."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -33,11 +33,11 @@ class Parser(ABC):
     def feed(self, data: bytes) -> Iterator[Instruction]:
         """Yield each instruction when its last byte is consumed.
 
-        While an instruction is handled, ``pending`` is the number of bytes after it.
+        While an instruction is being handled, ``pending`` is the number of bytes that follow it.
         """
         self._buffer += data
         return iter(self._next_packet, None)
 
     @abstractmethod
     def _next_packet(self) -> Instruction | None:
-        """Take the next complete instruction from the buffer. Return None if more bytes are needed."""
+        """Remove the next complete instruction from the buffer and return it. Return None if more bytes are needed."""

@@ -1,8 +1,8 @@
-"""Servo side of the Feetech protocols and of Dynamixel 1.0: parse instructions and build status packets. No I/O.
+"""Servo side of the Feetech protocols and Dynamixel protocol 1.0: parse instructions and build status packets. No I/O.
 
 Sources: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is
 ``FF FF id length code parameters checksum``, and a status packet is ``FF FF id length error data checksum``. The length
-counts the bytes after the length byte. The checksum is the inverted sum of all bytes between the header and the
+is the number of bytes after the length byte. The checksum is the inverted sum of all bytes between the header and the
 checksum.
 """
 
@@ -31,7 +31,7 @@ class Code(IntEnum):
     REBOOT = 0x08  # has no reply
     SAVE_DEFAULTS = 0x09  # STS: saves the current table as the values that RESET restores
     FORGET_TURNS = 0x0A  # STS
-    SET_MIDDLE = 0x0B  # STS: sets the homing offset so that the current angle reads as the count given in two bytes
+    SET_MIDDLE = 0x0B  # STS: sets the homing offset so that the current angle is reported as the given two-byte count
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     BULK_READ = 0x92
@@ -49,7 +49,7 @@ def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
 
 
 class InstructionParser(Parser):
-    """Parser that searches for the next header within rejected bytes, so that it finds a packet after an incomplete
+    """Parser that searches rejected bytes for the next header, so that it finds a packet that follows an incomplete
     packet."""
 
     def _next_packet(self) -> Instruction | None:
@@ -78,7 +78,7 @@ class InstructionParser(Parser):
 
 
 class StsParser(Parser):
-    """Parser of an STS servo. Two FF bytes begin a packet at any place, even inside another packet.
+    """Parser of an STS servo. Two FF bytes start a new packet anywhere, even inside another packet.
 
     The parser has no time-out. An incomplete packet is kept until its remaining bytes or two FF bytes arrive.
     """
@@ -111,8 +111,8 @@ class StsParser(Parser):
         return None
 
     def _whole_packet(self) -> int:
-        """Return the size of the valid packet at the start of the buffer, or 0. This check avoids a check
-        of each byte."""
+        """Return the size of the valid packet at the start of the buffer, or 0 if there is none. With this check, not
+        every byte has to be checked individually."""
         buffer = self._buffer
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0
@@ -132,7 +132,7 @@ class StsParser(Parser):
             return None
         body.append(value)
         if complete:
-            self._body = bytearray() if header else None  # An FF that was the checksum can begin the next header.
+            self._body = bytearray() if header else None  # An FF byte that was the checksum can begin the next header.
             return Instruction(body[0], body[2], bytes(body[3:-1])) if checksum(body[:-1]) == value else None
         if (len(body) == 2 and value < 2) or (len(body) == 3 and not self._believed(body[1], value)):
             self._body = None

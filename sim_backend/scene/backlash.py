@@ -1,7 +1,7 @@
 """Backlash between motor and link. The motor is a separate joint and pushes the link only at the ends of the gap.
 
-The encoder of a serial bus servo is on the output shaft, so it measures the position of the link. The back-EMF depends
-on the speed of the motor.
+The encoder of a serial bus servo is on the output shaft, so it measures the link position. The back-EMF depends on the
+motor speed.
 """
 
 from collections.abc import Mapping
@@ -13,31 +13,31 @@ import mujoco
 from sim_backend.scene.scene_file import scene_spec
 
 OUTPUT_SHARE: Final = 0.1
-"""Fraction of the inertia and the friction of rotor and gears on the link's side of the gap: horn and last gear wheel
+"""Fraction of the rotor and gear inertia and friction that is on the link's side of the gap: horn and last gear wheel
 (assumed)."""
 TEETH_SOLREF: Final = (0.004, 1.0)
 """Stiffness of the teeth, as a time constant (s) and a damping ratio. The other stiff parts of the scene have the same
 values."""
 _MASS_KG: Final = 0.001
 _INERTIA_KG_M2: Final = 1e-6
-"""Mass and inertia that MuJoCo requires. They are negligible compared with the reflected inertia of the rotor."""
+"""Mass and inertia that MuJoCo requires. They are negligible compared with the reflected rotor inertia."""
 
 
 def motor_name(joint: str) -> str:
-    """Return the name of the motor's joint."""
+    """Return the name of the motor joint."""
     return f"{joint}_motor"
 
 
 def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
-    """Return the scene as a specification, with a motor for each joint in ``gaps``, which contains the free travel (rad
-    or m).
+    """Return the scene specification with a motor for each joint in ``gaps``, which contains the free travel (rad or
+    m).
 
     Raises ArmFileError.
     """
     spec: Any = scene_spec(scene)
     for joint, gap in gaps.items():
         _add_motor(spec, joint, gap)
-    if gaps:  # The motors' joints come after all other joints.
+    if gaps:  # The motor joints come after all other joints.
         for key in spec.keys:
             key.qpos = [*key.qpos, *(0.0 for _ in gaps)]
     return spec
@@ -49,7 +49,7 @@ def _add_motor(spec: Any, name: str, gap: float) -> None:
     body = spec.worldbody.add_body(
         name=motor_name(name), mass=_MASS_KG, inertia=[_INERTIA_KG_M2] * 3, explicitinertial=True
     )
-    # Any horizontal axis is suitable: gravity must neither pull along this axis nor turn the body around it.
+    # Any horizontal axis is suitable, if gravity neither pulls along this axis nor turns the body around it.
     motor = body.add_joint(name=motor_name(name), type=link.type, axis=[1.0, 0.0, 0.0])
     motor.armature, link.armature = (1.0 - OUTPUT_SHARE) * link.armature, OUTPUT_SHARE * link.armature
     motor.damping, link.damping = (1.0 - OUTPUT_SHARE) * link.damping, OUTPUT_SHARE * link.damping

@@ -1,7 +1,7 @@
 """Scene of a robot with several arms, generated from the scenes of its arms.
 
-The names of an arm's parts, cube, stand and bins begin with its prefix. The arms stand on one table, on the body
-`base_link`. Unlike links of one arm, links of two arms collide.
+The names of an arm's elements, cube, stand and bins begin with the arm's prefix. The arms are mounted on one table, on
+the body `base_link`. Links of the same arm do not collide, but links of different arms do.
 """
 
 import warnings
@@ -27,17 +27,17 @@ from sim_backend.scene.world import READY, REST
 BASE: Final = "base_link"
 TABLE: Final = "table"
 CAMERA_FROM: Final = np.array([1.0, -0.3, 0.75])
-"""Direction from the middle of the arms to the camera."""
+"""Direction from the center of the arms to the camera."""
 CAMERA_REACHES: Final = 1.5
-"""Distance of the camera, as a multiple of the robot's size."""
+"""Camera distance, as a multiple of the robot's size."""
 FOVY_DEG: Final = 35.0
 OPTIONS: Final = ("timestep", "integrator", "cone", "impratio", "gravity")
-"""Options of the physics, copied from the first scene."""
+"""Physics options, copied from the first scene."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedArm:
-    """Scene of one arm, and its place in the new scene."""
+    """Scene of one arm, and its position in the combined scene."""
 
     prefix: str
     scene: Path
@@ -47,7 +47,7 @@ class PlacedArm:
 
 
 def table_height_m(scene: Path) -> float:
-    """Return the height of the table in a scene; 0 if it has no table. Raises ArmFileError."""
+    """Return the table height in a scene, or 0 if the scene has no table. Raises ArmFileError."""
     spec = scene_spec(scene)
     table = spec.geom(TABLE)
     return 0.0 if table is None else float(table.pos[2])
@@ -57,12 +57,12 @@ def combined_scene(name: str, arms: Sequence[PlacedArm], table_m: float) -> str:
     """Return the MJCF of a scene with several arms.
 
     Args:
-        name: Name of the scene.
+        name: Scene name.
         arms: The arms with their scenes.
-        table_m: Height of the table, in meters.
+        table_m: Table height, in meters.
 
     Raises:
-        ArmFileError: A scene cannot be read, or the scenes do not fit together.
+        ArmFileError: A scene cannot be read, or the scenes are not compatible.
     """
     spec: Any = mujoco.MjSpec()
     spec.modelname = name
@@ -73,7 +73,7 @@ def combined_scene(name: str, arms: Sequence[PlacedArm], table_m: float) -> str:
     base = spec.worldbody.add_body(name=BASE)
     _add_table(spec, table_m)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # The options of the first scene apply.
+        warnings.simplefilter("ignore")  # The options of the first scene are used.
         for number, arm in enumerate(arms):
             _add_arm(spec, base, arm, number)
         model = spec.compile()
@@ -103,7 +103,7 @@ def _add_arm(spec: Any, base: Any, arm: PlacedArm, number: int) -> None:
 
 
 def _first_body(scene: Path) -> str:
-    """Return the name of the body that carries the arm. Raises ArmFileError."""
+    """Return the name of the body to which the arm is attached. Raises ArmFileError."""
     model = scene_model(scene)
     if not model.nu:
         raise ArmFileError(f"{scene}:1: the scene has no actuator: add one with the name of each driven joint")
@@ -189,7 +189,8 @@ def keyframes(xml: str) -> dict[str, dict[str, float]]:
 
 
 def contacts_between(xml: str, pose: Mapping[str, float]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of overlapping parts of two arms in a pose, which has positions keyed by joint name.
+    """Yield each pair of overlapping geoms of two different arms in a pose, which contains positions keyed by joint
+    name.
 
     Joints without a position are at zero, or at the end of their range that is closest to zero.
     """

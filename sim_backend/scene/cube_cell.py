@@ -1,8 +1,8 @@
-"""Cell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
+"""Workcell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
 
-A scene must have all parts of the cell or none: the freejoint and geom `cube`, the geoms `stand` and `cube_place`, and
-for each bin a body `bin_A` and a site `bin_A_inside`. In a scene with several arms, each arm can have a cell, whose
-names begin with the prefix of the arm.
+A scene must have either all elements of the cell or none of them: the freejoint and geom `cube`, the geoms `stand` and
+`cube_place`, and for each bin a body `bin_A` and a site `bin_A_inside`. In a scene with several arms, each arm can have
+its own cell, whose element names begin with the arm's prefix.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ REST_RAD_S: Final = 0.1
 OFF_STAND_M: Final = 0.002
 """Distance of the cube's center beyond the edges of the stand at which the cube would topple."""
 LIFTED_M: Final = 0.006
-"""Minimum height difference at which the cube counts as lifted from the stand."""
+"""Minimum height difference at which the cube is considered lifted from the stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,23 +39,23 @@ class BodyPose:
 
 
 def cell_prefixes(model: Any) -> list[str]:
-    """Return the prefix of each arm that has a cube. Such an arm needs a complete cell."""
+    """Return the prefix of each arm that has a cube. An arm with a cube needs a complete cell."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     return [prefix for prefix in arm_prefixes(model) if f"{prefix}{CUBE}" in joints]
 
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """Apples that appear on the stand one after another and replace the cube."""
+    """Apples that replace the cube and appear on the stand one after another."""
 
     seed: int
-    """Seed of all apples."""
+    """Random seed for all apples."""
     diameters_mm: tuple[float, float]
-    """Smallest and largest diameter, in millimeters."""
+    """Smallest and largest apple diameters, in millimeters."""
 
 
 class CubeCell:
-    """The cube, its stand and the bins of a world. With a tray, apples replace the cube."""
+    """The cube, the stand and the bins in a world. With a tray, apples replace the cube."""
 
     def __init__(
         self,
@@ -66,13 +66,13 @@ class CubeCell:
         tray: Tray | None = None,
         prefix: str = "",
     ) -> None:
-        """Find the parts of the cell.
+        """Find the elements of the cell.
 
         Args:
             model: The compiled scene.
-            data: State of the scene.
+            data: State of the compiled scene.
             arrays: Positions and velocities of the scene.
-            of_arm: Whether each geom is part of an arm, (ngeom,).
+            of_arm: Whether each geom belongs to an arm, shape (ngeom,).
             tray: Apples that replace the cube.
             prefix: Prefix of all names of the cell, in a scene with several arms.
         """
@@ -84,7 +84,7 @@ class CubeCell:
         """Number of cubes or apples before the current one."""
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
         self.laid = True
-        """Whether stand, bins and cube are present."""
+        """Whether the stand, the bins and the cube are present."""
         cube = model.joint(self.name(CUBE))
         self.qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self.qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
@@ -101,11 +101,11 @@ class CubeCell:
             self._place_apple(tray)
 
     def name(self, part: str) -> str:
-        """Return the name of a part of this cell in the scene, such as ``left_cube`` for ``cube``."""
+        """Return the scene name of one of this cell's elements, such as ``left_cube`` for ``cube``."""
         return f"{self.prefix}{part}"
 
     def locate(self) -> None:
-        """Store the poses of the bins. Call this method when the kinematics are up to date."""
+        """Store the bin poses. Call this method when the kinematics are up to date."""
         bodies = [self._data.body(self.name(f"bin_{name}")) for name in BINS]
         self._bin_poses = {body.name: _pose(body.xpos, body.xquat) for body in bodies}
         sites = [(name, self.name(f"bin_{name}_inside")) for name in BINS]
@@ -116,18 +116,18 @@ class CubeCell:
     def poses(self) -> dict[str, BodyPose]:
         """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C", keyed by their names in the scene.
 
-        The pose of a bin is the pose of its floor's center.
+        The pose of a bin is defined at the center of its floor.
         """
         cube = self._data.qpos[self.qpos]
         return {self.name(CUBE): _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
-        """Whether the cube is at rest, on a surface or in the hand."""
+        """Whether the cube is at rest, either on a surface or in the hand."""
         speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # NumPy would be slower for six values.
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
     def cube_bin(self) -> str | None:
-        """Return the bin in which the cube is at rest: "A", "B" or "C"; None if it moves or is not in a bin.
+        """Return the bin in which the cube is at rest ("A", "B" or "C"), or None if the cube is moving or not in a bin.
 
         A cube on the stand is not in a bin, because the interior of each bin ends below the top of the stand.
         """
@@ -147,14 +147,14 @@ class CubeCell:
         return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
 
     def stand_free(self) -> bool:
-        """Whether no part of the arm is within 2 mm of the place for a new cube."""
+        """Whether the arm is at least 2 mm away from the place for a new cube."""
         model, data, place = self._model, self._data, self._place_geom
         arm = np.flatnonzero(self._of_arm)
         distance = (mujoco.mj_geomDistance(model, data, geom, place, 0.01, None) for geom in arm)
         return all(gap > 0.0 for gap in distance)
 
     def clear(self) -> None:
-        """Remove stand, bins and cube, so that only the table is left."""
+        """Remove the stand, the bins and the cube, so that only the table remains."""
         model, things = self._model, self._things()
         self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
         model.geom_contype[things] = model.geom_conaffinity[things] = 0
@@ -163,7 +163,7 @@ class CubeCell:
         self.laid = False
 
     def lay(self) -> None:
-        """Restore what ``clear`` removed, with the cube on its stand."""
+        """Restore the objects removed by ``clear``, with the cube on its stand."""
         if self.laid:
             return
         model, things = self._model, self._things()
@@ -180,7 +180,7 @@ class CubeCell:
         return np.array([g for g in things if prefix_of(part_name(self._model, g), prefixes) == self.prefix])
 
     def feed_cube(self) -> None:
-        """Place the cube, or the next apple, at rest in the middle of the stand."""
+        """Place the cube or the next apple at rest in the center of the stand."""
         self.fed += 1
         if self.tray is not None:
             self._place_apple(self.tray)
@@ -189,7 +189,7 @@ class CubeCell:
         mujoco.mj_forward(self._model, self._data)
 
     def _place_apple(self, tray: Tray) -> None:
-        """Give the sphere the size and the pose of the next apple on the stand."""
+        """Set the size of the sphere to that of the next apple, and place it on the stand."""
         self.apple = apple_of_tray(tray.seed, self.fed, tray.diameters_mm)
         radius_m = 0.0005 * self.apple.diameter_mm
         resize(self._model, radius_m)
@@ -200,7 +200,7 @@ class CubeCell:
 
 
 def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> BodyPose:
-    """Convert a MuJoCo pose, whose quaternion starts with w. Everywhere else in this project, w comes last."""
+    """Convert a MuJoCo pose, whose quaternion order is w, x, y, z. Everywhere else in this project, w comes last."""
     x, y, z = (float(value) for value in position)
     qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
     return BodyPose((x, y, z), (qx, qy, qz, qw))

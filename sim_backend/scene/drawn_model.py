@@ -1,4 +1,4 @@
-"""Model for drawing: a scene in which the real shapes of the arm's links replace its boxes."""
+"""Model for rendering: a scene in which the real link shapes replace the boxes."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -12,11 +12,11 @@ from hal.robot_description.link_meshes import Faces, LinkMesh, read_stl, with_ed
 from hal.types import FloatArray
 
 UNSEEN_GROUP: Final = 3
-"""Geom group of the boxes that a real shape replaces. MuJoCo's own viewer can show them."""
+"""Geom group of boxes that are replaced by real shapes. MuJoCo's own viewer can show them."""
 
 
 def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
-    """Compile a scene together with the meshes of the links. The meshes have no mass and no contacts.
+    """Compile a scene together with the link meshes. The meshes have no mass and no contacts.
 
     Meshes of links that are not in the scene are omitted.
     """
@@ -40,14 +40,14 @@ def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
 
 
 def add_mesh(spec: Any, name: str, vertices: FloatArray, faces: Faces) -> None:
-    """Add a triangle mesh with a name to a specification."""
+    """Add a named triangle mesh to a specification."""
     mesh = spec.add_mesh(name=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     mesh.uservert = vertices.ravel()
     mesh.userface = faces.astype(np.int32).ravel()
 
 
 def add_shape(body: Any, name: str, pose: tuple[Vector, Quaternion], rgb: Vector) -> None:
-    """Show a mesh on a body. ``pose`` is the pose of the mesh in the body."""
+    """Show a mesh on a body. ``pose`` is the pose of the mesh in the body frame."""
     position_m, (x, y, z, w) = pose
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,

@@ -16,7 +16,7 @@ def cast_ellipsoid(
     number: int, radii: FloatArray, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
     rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Store the rays that hit one ellipsoid first, with ``radii`` (3,) in meters.
+    """Store the rays whose first hit is on one ellipsoid, with ``radii`` (3,) in meters.
 
     The other arguments are the same as those of ``rays._cast_one``. In units of the radii, the ellipsoid is a unit
     sphere.

@@ -1,6 +1,7 @@
-"""Put a new cube on a stand after the last cube is done, when the arm starts to move again.
+"""Place a new cube on a stand when the last cube is done and the arm starts to move again.
 
-Apples are placed earlier, while the arm is at rest, because a camera must see an apple before a job for it can start.
+Apples are placed earlier, while the arm is at rest, because a camera must see an apple before the apple's job can
+start.
 
 Between two jobs, the arm is at rest at the ready pose, with its open fingers around the stand. The old cube stays in
 place until the arm leaves for the next job, so that the cube can be seen and measured.
@@ -17,34 +18,35 @@ from sim_backend.scene.world import World
 
 LOOK_S: Final = 0.01
 SLOW_RAD_S: Final = 0.05
-"""Maximum speed of a joint at rest. A servo that holds its position vibrates slightly."""
+"""Maximum speed at which a joint is considered at rest. A servo that holds its position vibrates slightly."""
 SLOW_HAND_1_S: Final = 0.1
-"""Maximum speed of the hand at rest, in multiples of its travel per second."""
+"""Maximum speed at which the hand is considered at rest, in multiples of its travel per second."""
 STAYS_RAD: Final = 0.03
-"""Maximum motion of a joint that still counts as at rest. The value exceeds the backlash, within which a joint can
+"""Maximum motion of a joint that is still considered at rest. The value exceeds the backlash, within which a joint can
 oscillate."""
 STAYS_HAND: Final = 0.1
-"""Maximum motion of the hand at rest, as a fraction of its travel."""
+"""Maximum motion of a hand that is considered at rest, as a fraction of its travel."""
 AT_READY_RAD: Final = 0.15
 OPEN: Final = 0.1
-"""Maximum distance of an open hand from the ready pose, as a fraction of its travel. The distance is much larger with a
-cube in the hand."""
+"""Maximum distance between an open hand and the ready pose, as a fraction of the hand's travel. The distance is much
+larger when the hand holds a cube."""
 REST_S: Final = 0.1
-"""Minimum time at rest in the ready pose, in seconds.
+"""Minimum time at rest required in the ready pose, in seconds.
 
 Between two jobs of a node, the arm is at rest only until the next goal arrives.
 """
 SWINGING_REST_S: Final = 0.5
-"""Minimum time at rest for an arm that oscillates in place, in seconds. On the way to the ready pose, the arm never
-stays in one place for this time."""
+"""Minimum time at rest required if the arm oscillates in place, in seconds. While moving to the ready pose, the arm
+never stays in one place this long."""
 LONG_REST_S: Final = 10.0
-"""Minimum time at rest in other poses, in seconds. A long time is needed, because the arm can pause during a job."""
+"""Minimum time at rest required in other poses, in seconds. The time must be long, because the arm can pause during a
+job."""
 SHOWN_S: Final = 1.5
 """Time the old apple stays in its bin before the next apple is placed, in seconds."""
 
 
 class Feeder:
-    """Places cubes in all cells of one world. Call `update` after every step."""
+    """Feeder that places cubes in all cells of one world. Call `update` after every step."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
@@ -52,7 +54,7 @@ class Feeder:
 
     @property
     def due(self) -> bool:
-        """Whether a new cube is placed when an arm moves next."""
+        """Whether a new cube is placed the next time an arm moves."""
         return any(cell.due for cell in self._cells)
 
     def update(self, world: World, time_s: float) -> None:
@@ -66,17 +68,17 @@ class Feeder:
 
 
 class CellFeeder:
-    """Places cubes in one cell, and records how long the arm has been at rest and whether a cube is due."""
+    """Feeder that places cubes in one cell, and tracks how long the arm has been at rest and whether a cube is due."""
 
     def __init__(self, cell: CubeCell, joints: NDArray[np.int64]) -> None:
-        """``joints`` are the indices of the arm's joints in the order of the world. The last joint is the hand."""
+        """``joints`` are the indices of the arm's joints in the world's joint order. The last joint is the hand."""
         self._cell, self._joints = cell, joints
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at: FloatArray | None = None
         self._shown_until_s = math.inf
         self.due = False
-        """Whether the old cube is done and the arm has been at rest, so that a new cube is placed at the next
-        motion."""
+        """Whether the old cube is done and the arm has been at rest long enough, so that the next motion triggers a new
+        cube."""
 
     def update(self, world: World, time_s: float) -> None:
         """Place a cube if it is due and the cell has a stand."""
@@ -109,17 +111,18 @@ class CellFeeder:
         self._shown_until_s = time_s + SHOWN_S
 
     def _feed(self, arm: "_Arm") -> None:
-        """Place a cube when the arm leaves and the stand is free.
+        """Place a cube when the arm leaves its rest position and the stand is free.
 
-        A hand that only opens or closes does not start a job.
+        If the hand only opens or closes, a job has not started.
         """
         if self._stays_at is not None and arm.has_left(self._stays_at) and self._cell.stand_free():
             self._lay_next()
 
     def _feed_apple(self, time_s: float) -> None:
-        """Feed an apple when the last apple has been in its bin for a while, even if the arm rests in another pose.
+        """Feed an apple when the last apple has been in its bin for a while, even if the arm is at rest in another
+        pose.
 
-        The arm of a failed job holds its pose. The next job starts by moving to the ready pose.
+        After a failed job, the arm holds its pose. The next job starts by moving to the ready pose.
         """
         if time_s >= self._shown_until_s and self._cell.stand_free():
             self._lay_next()
@@ -140,7 +143,7 @@ class _Arm:
 
     @property
     def slow(self) -> bool:
-        """Whether no joint moves."""
+        """Whether all joints are at rest."""
         speed = np.abs(self._world.velocity()[self._joints])
         return bool(speed[:-1].max() < SLOW_RAD_S and speed[-1] < SLOW_HAND_1_S * self._hand_travel)
 
@@ -160,16 +163,16 @@ class _Arm:
         return ready
 
     def has_left(self, rest: FloatArray) -> bool:
-        """Whether the arm has left its place of rest, regardless of the hand."""
+        """Whether the arm has left the position where it was at rest, ignoring the hand."""
         return bool(np.abs((self.position - rest)[:-1]).max() > STAYS_RAD)
 
     def stays_at(self, rest: FloatArray) -> bool:
-        """Whether arm and hand are still at their place of rest."""
+        """Whether the arm and the hand are still where they came to rest."""
         return not self.has_left(rest) and bool(abs(self.position[-1] - rest[-1]) < STAYS_HAND * self._hand_travel)
 
 
 def _done(arm: _Arm, cell: CubeCell) -> bool:
-    """Whether the cube is done: in a bin or lost, but not on the stand and not in the hand.
+    """Whether the cube is done: in a bin or lost, and neither on the stand nor in the hand.
 
     After a failed job, the cube can lean against the open fingers around the stand.
     """

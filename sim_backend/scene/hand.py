@@ -1,7 +1,7 @@
-"""A person's hand on the simulated arm. The hand holds joints in place, moves them and releases them.
+"""Simulated hand of a person who moves the arm. The person's hand holds joints in place, moves them and releases them.
 
-The hand acts like a spring with a damper, with limited force and speed. When a joint reaches a stop, the hand only
-presses against the stop.
+The hand acts like a spring with a damper, and its force and speed are limited. When a joint reaches a hard stop, the
+hand merely presses against the stop.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 from hal.plausible import range_mistake, without_truth
 
 STRONGEST_NM: Final = 2.0
-"""Maximum torque of the hand on a joint, in N m."""
+"""Maximum torque that the hand applies to a joint, in N m."""
 STIFFNESS_NM_RAD: Final = 40.0
 DAMPING_NM_S: Final = 1.0
 SPEED_RAD_S: Final = 1.0
@@ -47,7 +47,7 @@ class SceneHand:
         self._grips: dict[str, GrippingJoint] = {}
 
     def hold(self, *joints: str) -> None:
-        """Hold joints (by default, all joints) at their current positions."""
+        """Hold the given joints (by default, all joints) at their current positions."""
         for joint in joints or self._reach:
             here = self.position(joint)
             self._grips[joint] = GrippingJoint(here, here, self._reach[joint])
@@ -59,7 +59,7 @@ class SceneHand:
         self._grips[joint].target = position
 
     def release(self, *joints: str) -> None:
-        """Release joints (by default, all joints)."""
+        """Release the given joints (by default, all joints)."""
         for joint in joints or list(self._grips):
             self._grips.pop(joint, None)
             self._world.data.joint(joint).qfrc_applied = 0.0
@@ -74,7 +74,8 @@ class SceneHand:
         return joint in self._grips
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has reached its target. A stop may have kept the joint itself from reaching it."""
+        """Whether the hand has reached its target. The joint itself may not have reached the target because of a hard
+        stop."""
         return joint not in self._grips or self._grips[joint].reference == self._grips[joint].target
 
     def position(self, joint: str) -> float:
@@ -82,7 +83,7 @@ class SceneHand:
         return float(self._world.data.joint(joint).qpos[0])
 
     def update(self) -> None:
-        """Push the joints for one timestep."""
+        """Apply the hand's force to the joints for one timestep."""
         for joint, grip in self._grips.items():
             step = SPEED_RAD_S * grip.reach * self._world.timestep_s
             way = grip.target - grip.reference

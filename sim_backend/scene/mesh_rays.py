@@ -12,14 +12,15 @@ from sim_backend.compiled import compiled
 FloatArray = NDArray[np.float64]
 Xyz = tuple[float, float, float]
 DEPTH: Final = 64
-"""Size of the stack. Each level of the tree halves the number of triangles."""
+"""Size of the traversal stack. Each level of the tree halves the number of triangles."""
 EDGE: Final = 1e-6
-"""Maximum distance from a triangle at which a ray still hits it, as a fraction of the triangle's size.
+"""Maximum distance from a triangle at which a ray is still considered to hit it, as a fraction of the triangle's size.
 
 This tolerance closes gaps between triangles.
 """
 THICK_M: Final = 1e-9
-"""Thickness added to the boxes of the tree, in meters, because flat parts would have boxes without thickness."""
+"""Thickness added to the boxes of the tree, in meters, because the boxes of flat parts would otherwise have no
+thickness."""
 
 ASKEW: Final = 1e-12
 
@@ -38,9 +39,9 @@ class MeshParts(NamedTuple):
     boxes: FloatArray
     """Center and half size of each box, shape (b, 6)."""
     children: NDArray[np.int32]
-    """Child indices of each box, shape (b, 2); -1 for no child."""
+    """Child indices of each box, shape (b, 2); -1 if there is no child."""
     face_of: NDArray[np.int32]
-    """Index of the face in each leaf, shape (b,); -1 in other boxes."""
+    """Face index of each leaf, shape (b,); -1 for other boxes."""
 
 
 def mesh_parts(model: Any, mesh: int) -> MeshParts:
@@ -64,7 +65,7 @@ def cast_mesh(
     number: int, parts: MeshParts, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
     rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Store the rays that hit one mesh first. The arguments are the same as those of ``rays._cast_one``."""
+    """Store the rays whose first hit is on one mesh. The arguments are the same as those of ``rays._cast_one``."""
     x, y, z = away
     start = (origin[0], origin[1], origin[2])
     stack = np.empty(DEPTH, np.int32)
@@ -86,8 +87,8 @@ def cast_mesh(
 
 @compiled
 def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: NDArray[np.int32]) -> tuple[float, int]:
-    """Return the distance and the face of the first hit that is nearer than ``nearest``; the face is -1 if there is
-    none."""
+    """Return the distance and the face of the first hit that is nearer than ``nearest``; the face is -1 if there is no
+    such hit."""
     pace = (_inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2]))
     found, count = -1, 0
     if _entry(parts.boxes, 0, origin, pace) < nearest:
@@ -117,15 +118,16 @@ def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: 
 
 @compiled
 def _inverse(value: float) -> float:
-    """Return the inverse of one component of a direction. A component near 0 is replaced by a small value."""
+    """Return the reciprocal of one component of a direction. A component near 0 is replaced by a small value."""
     return 1.0 / value if abs(value) > ASKEW else (1.0 / ASKEW if value >= 0.0 else -1.0 / ASKEW)
 
 
 @compiled
 def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
-    """Return the distance at which a ray enters a box: 0 if it starts inside, infinite if it misses the box.
+    """Return the distance at which a ray enters a box: 0 if the ray starts inside the box, infinite if it misses the
+    box.
 
-    ``pace`` is the inverse of the direction.
+    ``pace`` contains the reciprocals of the direction's components.
     """
     enter, leave = 0.0, inf
     for i in range(3):
@@ -137,10 +139,10 @@ def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
 
 @compiled
 def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[float, float, float]:
-    """Return the distance of a hit from either side, and the weights of the second and third corner. The distance is
+    """Return the distance of a hit from either side, and the weights of the second and third corners. The distance is
     infinite if the ray misses.
 
-    This is the method of Möller and Trumbore.
+    This function uses the Möller-Trumbore method.
     """
     a = _row(parts.vertices, parts.faces[face, 0])
     first = _between(a, _row(parts.vertices, parts.faces[face, 1]))
@@ -159,7 +161,7 @@ def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[fl
 
 @compiled
 def _normal(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> Xyz:
-    """Return the normal at a hit, interpolated from the corners, on the side from which the ray comes."""
+    """Return the normal at a hit, interpolated from the corner normals, on the side from which the ray comes."""
     _, u, v = _on_triangle(parts, face, origin, ray)
     a, b, c = parts.face_normals[face, 0], parts.face_normals[face, 1], parts.face_normals[face, 2]
     x = (1.0 - u - v) * parts.normals[a, 0] + u * parts.normals[b, 0] + v * parts.normals[c, 0]

@@ -1,8 +1,8 @@
-"""The arm in MuJoCo as a hardware component without servos and without a bus.
+"""The arm in MuJoCo as a hardware component that has neither servos nor a bus.
 
-A stiff, damped spring pulls each joint along the line between two commands. The spring is as strong as the servo in the
-robot file. The arm's weight is compensated, as the stack compensates it for servos. To see the effects of servos and
-their bus on a command, use the virtual bus.
+A stiff, damped spring pulls each joint along the line between two commands. The maximum force of the spring is that of
+the servo in the robot file. The arm's weight is compensated, just as the stack compensates it for servos. To see how
+servos and their bus affect a command, use the virtual bus.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,10 @@ from sim_backend.scene.world import World
 IntArray = NDArray[np.int64]
 
 STIFFNESS = 15.0
-"""Fraction of the stall torque per radian of shaft error. The torque is at its maximum at an error of four degrees."""
+"""Torque per radian of shaft error, as a fraction of the stall torque. The torque is at its maximum at an error of four
+degrees."""
 LONGEST_CATCH_UP_S = 0.2
-"""Maximum simulated time that is made up after the program was delayed, in seconds."""
+"""Maximum simulated time that the world catches up on after the program was delayed, in seconds."""
 
 
 @compiled
@@ -42,11 +43,11 @@ def drive(
     strongest: FloatArray,
     damping: FloatArray,
 ) -> None:
-    """Pull the joints by springs toward their set-points, which are at the fraction ``share`` between ``begin`` and
+    """Pull the joints with springs toward their set-points, which are at the fraction ``share`` between ``begin`` and
     ``end``.
 
-    ``weight`` contains the efforts that compensate gravity and motion, for each degree of freedom. These efforts are
-    added to the efforts of the springs.
+    ``weight`` contains the efforts that compensate for gravity and motion, for each degree of freedom. These efforts
+    are added to the spring efforts.
     """
     for i in range(len(begin)):
         error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
@@ -56,7 +57,8 @@ def drive(
 
 
 class MujocoHardware:
-    """A component with the life cycle of hal.hardware.Hardware on a World. The component uses the time of the clock."""
+    """A component that runs on a World and has the life cycle of hal.hardware.Hardware. The component uses the clock's
+    time."""
 
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name

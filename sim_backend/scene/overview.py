@@ -1,4 +1,4 @@
-"""Camera of a generated scene, with a view of the whole arm."""
+"""Camera of a generated scene, which shows the whole arm."""
 
 from typing import Any
 
@@ -12,9 +12,9 @@ def overview_camera(middle: FloatArray, toward: FloatArray, distance_m: float) -
     """Return the settings of a camera that looks at a point.
 
     Args:
-        middle: Point in the middle of the image, shape (3,), in m.
+        middle: Point in the center of the image, shape (3,), in m.
         toward: Direction from this point to the camera, shape (3,).
-        distance_m: Distance of the camera from this point, in m.
+        distance_m: Distance between the camera and this point, in m.
     """
     back = toward / np.linalg.norm(toward)
     right = np.cross([0.0, 0.0, 1.0], back)

@@ -1,7 +1,7 @@
-"""Images of the arm by ray casting. No OpenGL is needed, so images can be drawn on every machine.
+"""Images of the arm, rendered by ray casting. OpenGL is not needed, so images can be rendered on any computer.
 
-One ray per pixel is cast from the camera, and one from the lamp for shadows, with Lambert shading. A smooth image is
-the mean of four images, whose rays are shifted by a quarter of a pixel and whose lamps have slightly different
+For each pixel, one ray is cast from the camera and one from the lamp for shadows, with Lambert shading. A smooth image
+is the mean of four images. Their rays are shifted by a quarter of a pixel, and their lamps have slightly different
 positions.
 Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
@@ -29,14 +29,14 @@ LAMP_M: Final = 0.02
 """Distance by which the lamp is moved in each direction for soft shadows, in meters."""
 TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
-"""Distance at which the floor begins to fade into the sky, and distance at which it has disappeared, in meters."""
+"""Distance at which the floor begins to fade into the sky, and distance at which it has faded completely, in meters."""
 TOUCH_M: Final = 1e-4
 """Maximum distance between a ray's hit and a point at which the ray still counts as reaching the point, in meters."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 class View:
-    """View of a fixed camera on one model. Parts that never move are traced and shaded once for all images."""
+    """View of a model from a fixed camera. Parts that never move are traced and shaded once for all images."""
 
     def __init__(
         self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
@@ -61,7 +61,7 @@ class View:
 
 
 class _Pass:
-    """One ray per pixel with the lamp in one place. ``_still`` contains the geoms that are fixed to the world."""
+    """One ray per pixel, with a single lamp position. ``_still`` contains the geoms that are fixed to the world."""
 
     def __init__(self, model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> None:
         self._model, self._eye, self._rays, self._lamp = model, eye, rays, lamp
@@ -112,13 +112,13 @@ def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
     """Return the fraction of the lamp's light that reaches each point.
 
-    The fraction is 0 if the ``first`` hit from the lamp is another point.
+    The fraction is 0 if the ``first`` hit of the lamp's ray is another point.
     """
     return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
 
 
 def _light(normal: FloatArray, lit: FloatArray) -> FloatArray:
-    """Return all light on each point: the light of the lamp, and ambient light that comes mostly from above."""
+    """Return the total light on each point: the lamp's light, and ambient light that comes mostly from above."""
     light: FloatArray = AMBIENT * (0.8 + 0.2 * normal[:, 2]) + (1.0 - AMBIENT) * lit
     return light
 
@@ -148,7 +148,7 @@ def _colors(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArr
 
 
 def save_png(path: Path, image: Picture) -> None:
-    """Save an image as PNG."""
+    """Save an image as a PNG file."""
     Image.fromarray(image).save(path, optimize=True)
 
 
@@ -160,7 +160,7 @@ def save_gif(path: Path, images: Sequence[Picture], fps: float) -> None:
 
 
 class FilmRecorder:
-    """Records the motion of the world to draw it later. Phases without motion are omitted."""
+    """Recorder of the world's motion, so that it can be rendered later. Phases without motion are omitted."""
 
     def __init__(self, world: World, period_s: float = 0.3, frames: int = 75) -> None:
         """Record a frame every `period_s` of world time, but only the first `frames` frames in which the world has
@@ -173,7 +173,7 @@ class FilmRecorder:
         self._best = world.configuration()
 
     def update(self, time_s: float) -> None:
-        """Record a frame if one is due. Call this method at least once per period; most calls return at once."""
+        """Record a frame if one is due. Call this method at least once per period; most calls return immediately."""
         if time_s < self._next_s:
             return
         self._next_s = time_s + self._period_s
@@ -190,11 +190,11 @@ class FilmRecorder:
         self.save_film(folder / "arm.gif", fps, width // 2)
 
     def save_still(self, path: Path, width: int = 960) -> None:
-        """Draw the moment when the cube was at its highest position."""
+        """Render the moment when the cube was at its highest position."""
         save_png(path, *self._draw([self._best], width, smooth=True))
 
     def save_film(self, path: Path, fps: float = 8.0, width: int = 480) -> None:
-        """Draw all recorded frames."""
+        """Render all recorded frames."""
         save_gif(path, self._draw(self._taken or [self._best], width, smooth=False), fps)
 
     def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:

@@ -1,7 +1,7 @@
-"""Scene of an arm alone, generated from its robot description: links, motors, table, light and camera.
+"""Scene of a single arm, generated from its robot description: links, motors, table, light and camera.
 
 Primitive shapes of the description are kept. A link without primitive shapes becomes a stick between its joints,
-because MuJoCo cannot read all mesh formats, and contacts between meshes would take time.
+because MuJoCo cannot read all mesh formats, and contacts between meshes would be slow to compute.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -21,7 +21,7 @@ from sim_backend.scene.world import READY, place_followers
 
 TIMESTEP_S: Final = 0.001
 LIGHTEST_KG: Final = 1e-6
-"""Mass of a link whose description contains no mass, in kg. MuJoCo does not move a body without mass."""
+"""Mass of a link for which the description does not specify a mass, in kg. MuJoCo does not move a body without mass."""
 SMALLEST_KG_M2: Final = 1e-12
 STICK_M: Final = 0.012
 """Radius of a stick, in meters."""
@@ -33,15 +33,15 @@ ARM_RGBA: Final = (0.96, 0.76, 0.16, 1.0)
 CAMERA_FROM: Final = np.array([0.77, -0.52, 0.44])
 """Direction from the center of the arm to the camera."""
 CAMERA_REACHES: Final = 2.6
-"""Distance of the camera, as a multiple of the arm's size."""
+"""Camera distance, as a multiple of the arm's size."""
 FOVY_DEG: Final = 40.0
 
 
 def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
     """Return the MJCF of a scene.
 
-    ``servos`` contains the joint displacement per radian of the servo's shaft, keyed by driven joint. The hand's joint
-    is the last one. Raises DescriptionError if MuJoCo cannot read the description.
+    ``servos`` contains the joint displacement per radian of the servo's shaft, keyed by driven joint. The last joint is
+    the hand's joint. Raises DescriptionError if MuJoCo cannot read the description.
     """
     try:
         spec: Any = mujoco.MjSpec.from_string(_with_primitives(urdf_xml))
@@ -104,7 +104,7 @@ def _set_up(spec: Any, servos: Mapping[str, float]) -> None:
 
 
 def _add_sticks(body: Any) -> None:
-    """Add sticks between the joints of a link that has no shape."""
+    """For a link that has no shape, add sticks between its joints."""
     if body.geoms:
         return
     ends = [np.array(child.pos) for child in body.bodies] or [2.0 * np.array(body.ipos)]
@@ -145,8 +145,8 @@ def _finished(spec: Any, pose: FloatArray) -> Any:
 
 
 def _table_m(model: Any, data: Any) -> float:
-    """Return the height of the table: the height of the arm's base, or less if a moving link would otherwise start
-    inside the table."""
+    """Return the table height: the height of the arm's base, or less if a moving link would otherwise start inside the
+    table."""
     moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     lowest = (data.geom_xpos[moving, 2] - model.geom_rbound[moving]).min(initial=0.0)
     return float(min(0.0, lowest))

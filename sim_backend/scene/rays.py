@@ -17,10 +17,10 @@ from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
 
 FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
-"""Hit of each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
+"""Hit of each ray: geom (n,), -1 if there is none; distance (n,), infinite if there is none; normal (n, 3)."""
 
 VISIBLE_GROUPS: Final = (0, 1, 2)
-"""Geom groups that are drawn. Geoms in other groups are used only by the simulation."""
+"""Geom groups that are rendered. Geoms in other groups are used only by the simulation."""
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
 SPHERE: Final = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 ELLIPSOID: Final = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -29,11 +29,12 @@ CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 MESH: Final = int(mujoco.mjtGeom.mjGEOM_MESH)
 DRAWN: Final = (PLANE, SPHERE, ELLIPSOID, BOX, CYLINDER, MESH)
 WALL: Final = -1
-"""Face of a hit on a cylinder's round wall. Other faces are identified by the axis that is normal to them."""
+"""Face number of a hit on the curved wall of a cylinder. Other faces are identified by the axis that is normal to
+them."""
 
 
 def visible(model: Any) -> Any:
-    """Return the indices of all geoms that are drawn."""
+    """Return the indices of all geoms that are rendered."""
     return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (model.geom_rgba[:, 3] > 0.0))
 
 
@@ -79,9 +80,9 @@ def _cast_one(
 ) -> None:  # fmt: skip
     """Store the rays whose first hit is on one geom.
 
-    ``origin`` is the start of the rays in the geom's frame, and ``away`` is the vector from this start to the geom's
-    center.
-    Rays with a component of less than ``beside`` along ``away`` miss the bounding sphere of the geom.
+    ``origin`` is the starting point of the rays in the geom's frame, and ``away`` is the vector from this point to the
+    geom's center.
+    Rays whose component along ``away`` is less than ``beside`` miss the geom's bounding sphere.
     """
     x, y, z = away
     ray = np.empty(3)
@@ -104,16 +105,16 @@ def _cast_one(
 
 @compiled
 def _on_plane(origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Return the distance (infinite for no hit) and the face of the hit, in the plane's frame."""
+    """Return the distance (infinite if there is no hit) and the face of the hit, in the plane's frame."""
     return (-origin[2] / ray[2] if ray[2] < 0.0 else inf), 2
 
 
 @compiled
 def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Return the distance (infinite for no hit) and the face of the first hit, in the solid's frame.
+    """Return the distance (infinite if there is no hit) and the face of the first hit, in the solid's frame.
 
-    Each solid is convex: an intersection of slabs or, with a ``radius``, of one slab and a cylinder. A ray is inside
-    the solid from its last entry to its first exit.
+    Each solid is convex: an intersection of slabs or, if a ``radius`` is given, of one slab and a cylinder. A ray is
+        inside the solid between its last entry and its first exit.
     """
     enter, leave, face = -inf, inf, WALL
     if radius > 0.0:
@@ -132,8 +133,8 @@ def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArr
 
 @compiled
 def _in_circle(radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, float]:
-    """Return the distances between which a ray is inside a cylinder around the third axis; (inf, -inf) if it never
-    is."""
+    """Return the two distances between which a ray is inside a cylinder around the third axis, or (inf, -inf) if it
+    never is."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
     b = ray[0] * origin[0] + ray[1] * origin[1]
     c = origin[0] * origin[0] + origin[1] * origin[1] - radius * radius

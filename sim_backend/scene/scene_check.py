@@ -19,7 +19,7 @@ from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY
 
 NOTHING: Final = 1e-6
-"""Mass of a link that has no mass in the description, in kg."""
+"""Mass of a link for which the description does not specify a mass, in kg."""
 POSES: Final = 10
 SEED: Final = 1
 APART_M: Final = 1e-4
@@ -32,7 +32,7 @@ NEEDED: Final = {
     "body": tuple(f"bin_{name}" for name in BINS),
     "site": tuple(f"bin_{name}_inside" for name in BINS),
 }
-"""Names that a cell of the pick-and-place job needs, keyed by kind. Each name begins with the arm's prefix, if any."""
+"""Names required by a cell of the pick-and-place job, keyed by type. Each name begins with the arm's prefix, if any."""
 
 
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
@@ -45,7 +45,7 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
         cell: Whether the scene must have the cell of the pick-and-place job.
 
     Returns:
-        One sentence per error. The text of an error in the file itself begins with its path.
+        One sentence per error. If the error is in the file itself, the message begins with the file path.
     """
     try:
         model: Any = scene_model(scene)
@@ -66,8 +66,8 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
 def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> None:
     """Check that a world can be built from a scene. ``driven`` contains the joints that have servos.
 
-    A scene that has any part of the pick-and-place cell, or for which ``cell`` is set, must have all parts. Raises
-    ArmFileError with all parts that the scene lacks.
+    A scene that contains any element of the pick-and-place cell, or for which ``cell`` is set, must contain all
+    elements of it. Raises ArmFileError with a list of everything that is missing from the scene.
     """
     model: Any = scene_model(scene)
     if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
@@ -79,12 +79,12 @@ def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> Non
 
 
 def described_model(urdf_xml: str) -> Any:
-    """Return a model of the arm in a robot description, without its shapes, whose files may be missing."""
+    """Return a model of the arm in a robot description, ignoring its shapes, because the shape files may be missing."""
     robot = ElementTree.fromstring(urdf_xml)
     for link in robot.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    # No bodies are merged, and no values are corrected. Only missing masses are added, so that they do not hide other
+    # Bodies are not merged, and values are not corrected. Only missing masses are added, so that they do not hide other
     # errors.
     bounds = {"boundmass": str(NOTHING), "boundinertia": str(NOTHING**2)}
     as_it_is = {"fusestatic": "false", "balanceinertia": "false", **bounds}
@@ -120,7 +120,7 @@ def _missing(model: Any, driven: Sequence[str], cell: bool) -> Iterator[str]:
 
 
 def _joints(model: Any, described: Any) -> Iterator[str]:
-    """Yield joints that are missing or have different ranges, and couplings that differ from the mimics of the
+    """Yield joints that are missing or have different ranges, and couplings that differ from the mimic joints in the
     description."""
     there = names(model, "joint")
     for name in names(described, "joint"):
@@ -143,7 +143,7 @@ def _joints(model: Any, described: Any) -> Iterator[str]:
 
 
 def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return the offset and the multiplier of each coupling, keyed by follower and leader."""
+    """Return the offset and multiplier of each coupling, keyed by the follower and leader joints."""
     rows = [i for i in range(model.neq) if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[i] >= 0]
     return {
         (model.joint(model.eq_obj1id[i]).name, model.joint(model.eq_obj2id[i]).name): tuple(
@@ -163,7 +163,7 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
             continue
         here, wanted = model.body(name), described.body(name)
         if name == root or not wanted.jntnum[0] or wanted.mass[0] <= NOTHING:
-            continue  # MuJoCo may have merged a fixed body into the body to which it is fixed.
+            continue  # MuJoCo may have merged a body that is fixed to another body into that body.
         if abs(here.mass[0] - wanted.mass[0]) > APART_SHARE * wanted.mass[0]:
             yield f"{name} weighs {here.mass[0]:g} kg in the scene and {wanted.mass[0]:g} kg in the URDF"
         if np.abs(here.ipos - wanted.ipos).max() > APART_M:
@@ -175,7 +175,7 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
 
 
 def _places(model: Any, described: Any) -> Iterator[str]:
-    """Yield the moving links whose pose relative to the parent link differs from the description at one of the joint
+    """Yield each moving link whose pose relative to its parent link differs from the description at one of the joint
     positions."""
     common = [name for name in names(described, "joint") if name in names(model, "joint")]
     links = [_link(described, name) for name in common]
@@ -194,7 +194,7 @@ def _places(model: Any, described: Any) -> Iterator[str]:
 
 
 def _link(model: Any, joint: str) -> tuple[str, str]:
-    """Return the name of the body that a joint moves, and the name of its parent."""
+    """Return the name of the body that a joint moves and the name of that body's parent."""
     body = model.joint(joint).bodyid[0]
     return model.body(body).name, model.body(model.body_parentid[body]).name
 
@@ -208,7 +208,7 @@ def _posed(model: Any, pose: dict[str, float]) -> Any:
 
 
 def _apart(one: Any, other: Any, link: str, before: str) -> tuple[float, float]:
-    """Return the difference (m, rad) between the poses of a link, relative to its parent link, in two models."""
+    """Return the difference (m, rad) between a link's poses, relative to its parent link, in two models."""
     (place, turn), (other_place, other_turn) = _seen(one, link, before), _seen(other, link, before)
     between = turn.T @ other_turn
     return float(np.linalg.norm(place - other_place)), float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1.0, 1.0)))

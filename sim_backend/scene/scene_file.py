@@ -1,4 +1,4 @@
-"""Read scenes, which are MuJoCo files written by users. Check their limits, and report errors with line numbers."""
+"""Read scenes, which are MuJoCo files written by users. Check the limits, and report errors with line numbers."""
 
 import math
 from collections.abc import Iterator
@@ -13,7 +13,8 @@ from hal.robot_description.xml_places import place
 from sim_backend.scene.scene_parts import scene_parts
 
 LARGEST: Final = 1e10
-"""MuJoCo's own limit for positions, velocities and forces. Beyond this limit, MuJoCo resets the simulation."""
+"""MuJoCo's own limit for positions, velocities and forces. If a value exceeds this limit, MuJoCo resets the
+simulation."""
 MOST_COPIES: Final = 10_000
 """Maximum ``count`` of a <replicate>, <composite> or <flexcomp>."""
 
@@ -42,7 +43,8 @@ def _refused(path: Path, error: ValueError) -> ArmFileError:
 
 
 def _check(path: Path) -> None:
-    """Check the size, encoding and numbers of a scene and of all files to which it refers. Raises ArmFileError."""
+    """Check the size, encoding and numbers of a scene and of all files that the scene refers to. Raises
+    ArmFileError."""
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing, and without a scene the arm has no virtual servos. `servoloop arms new NAME "
@@ -63,7 +65,7 @@ def _mistakes(element: Element) -> Iterator[str]:
 
 
 def _numbers(text: str) -> Iterator[float]:
-    """Yield the numbers of an attribute. Other words are ignored."""
+    """Yield the numbers of an attribute. Words that are not numbers are ignored."""
     for part in text.split():
         try:
             yield float(part)

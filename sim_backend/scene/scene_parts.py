@@ -1,4 +1,4 @@
-"""Files of a scene: included and attached scenes, meshes and textures. Each file has a maximum size."""
+"""Files of a scene: included and attached scenes, meshes and textures. The size of each file is limited."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -16,18 +16,18 @@ INCLUDE: Final = "include"
 MODEL: Final = "model"
 """Element that attaches another scene. File names in the attached scene are relative to the folder of that scene."""
 FOLDERS: Final = ("assetdir", "meshdir", "texturedir")
-"""Attributes of <compiler> that contain folders of files."""
+"""Attributes of <compiler> that specify folders for files."""
 
 
 def scene_parts(path: Path) -> list[Element]:
     """Read a scene and all scenes to which it refers, and check the sizes of all other files.
 
     Returns:
-        Root elements of all scenes. The first is the root of the scene itself.
+        Root elements of all scenes. The first root belongs to the scene itself.
 
     Raises:
         ArmFileError: A file is too large, or a scene is not well-formed XML. The message contains the file, the line
-            and a remedy.
+            and how to fix the problem.
     """
     return _Parts().read(path, path.parent)
 
@@ -92,7 +92,8 @@ def _existing(homes: Sequence[Path], folders: Sequence[str], name: str) -> Itera
 
 
 def _is_file(path: Path) -> bool:
-    """Whether the path is a file, a device or a pipe. MuJoCo itself reports a name that matches no file."""
+    """Whether the path is a file, a device or a pipe. If a name does not match any file, MuJoCo itself reports this
+    error."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Images of bodies on a floor, with the pixels of points in the image, for labels."""
+"""Images of bodies on a floor, with the pixel coordinates of points, so that labels can be added."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from sim_backend.scene.picture import CAMERA, Picture, View
 FOVY_DEG: Final = 30.0
 FLOOR_RGBA: Final = (0.86, 0.87, 0.88, 1.0)
 LAMP: Final = np.array([0.3, -0.6, 1.2])
-"""Position of the lamp relative to the middle of the bodies, in radii of the bodies."""
+"""Position of the lamp relative to the center of the bodies, as a multiple of their radius."""
 LAMP_RADII: Final = 4.0
 
 
@@ -33,12 +33,12 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Image of shape (height, width, 3), with its camera."""
+    """Image of shape (height, width, 3) and its camera."""
 
     picture: Picture
     eye: FloatArray
     axes: FloatArray
-    """Axes x (right), y (up) and z (back) of the camera in the world, as columns, shape (3, 3)."""
+    """Axes x (right), y (up) and z (back) of the camera in world coordinates, as columns, shape (3, 3)."""
     focal_px: float
 
     def pixels(self, points: FloatArray) -> FloatArray:
@@ -52,7 +52,7 @@ class Still:
 def take(
     solids: Iterable[Solid], toward: FloatArray, size: tuple[int, int], filled: tuple[float, float] = (0.9, 0.9)
 ) -> Still:
-    """Draw an image of ``size`` that shows all solids.
+    """Render an image of ``size`` that shows all solids.
 
     Args:
         solids: The solids, which are on a floor below the lowest solid.
@@ -82,7 +82,7 @@ def take(
 
 
 def _add(spec: Any, name: str, solid: Solid) -> FloatArray:
-    """Add a solid and return its vertices (v, 3) in the world."""
+    """Add a solid and return its vertices (v, 3) in world coordinates."""
     add_mesh(spec, name, *with_edges(solid.vertices, solid.faces))
     add_shape(spec.worldbody, name, solid.pose, solid.rgb)
     position_m, (x, y, z, w) = solid.pose
@@ -93,7 +93,8 @@ def _add(spec: Any, name: str, solid: Solid) -> FloatArray:
 
 
 def _distance(points: FloatArray, reach: FloatArray) -> float:
-    """Return the distance at which all points (n, 3), in camera axes, are within ``reach`` (2,) per unit of depth."""
+    """Return the camera distance at which all points (n, 3), given in camera axes, are within ``reach`` (2,) per unit
+    of depth."""
     return float((np.abs(points[:, :2]) / reach + points[:, 2:]).max())
 
 

@@ -1,12 +1,12 @@
 """Simulated world in MuJoCo: one or more arms, each with a cube, its stand and three bins if the scene has them.
 
 The world takes joint efforts and returns joint positions and velocities. The world does not model servos, which convert
-goals to efforts, and has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
-always in the order of `World.joints`, which is the order of the scene's actuators. The last joint of an arm is the
-hand's joint.
+goals to efforts. The world has no wall clock: `step` always advances it by one timestep. The origin of the world frame
+is at the arm's base. Joints are always in the order of `World.joints`, which is the order of the scene's actuators. The
+last joint of an arm is the hand's joint.
 
-For each driven joint, a scene needs an actuator with the name of the joint. The scene may have the keyframes `ready`
-and `rest`, and all parts that `sim_backend.scene.cube_cell` lists.
+A scene needs one actuator for each driven joint, with the same name as the joint. The scene may have the keyframes
+`ready` and `rest`, and all elements that `sim_backend.scene.cube_cell` lists.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,16 +31,18 @@ from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
 READY: Final = "ready"
-"""Keyframe with the ready pose, an open hand and a cube on the stand. Without this keyframe, the initial pose of the
-scene is used."""
+"""Keyframe with the ready pose, an open hand and a cube on the stand. If this keyframe is missing, the initial pose of
+the scene is used."""
 REST: Final = "rest"
-"""Keyframe with the pose in which a limp arm lies. Without this keyframe, the arm starts in the ready pose."""
+"""Keyframe with the pose in which a limp arm is at rest. If this keyframe is missing, the arm starts in the ready
+pose."""
 JAMMED_KG_M2: Final = 1e8
-"""Inertia of blocked gears. With this value, no motion is noticeable, and MuJoCo can still solve the equations."""
+"""Inertia of blocked gears. With this value, no motion is noticeable, but MuJoCo can still solve the equations."""
 
 
 class World:
-    """World of one or more arms. The world is deterministic: the same efforts give the same positions, bit for bit."""
+    """World of one or more arms. The world is deterministic: the same efforts produce the same positions, bit for
+    bit."""
 
     def __init__(
         self,
@@ -53,11 +55,11 @@ class World:
         """Load the scene with the cube on the stand and the arm at rest.
 
         Args:
-            scene: The MuJoCo file; by default the scene of this project.
-            initial_position: Joint positions in the order of `joints` (rad, m); by default from `rest` or `ready`.
-            spread: Deviations of this arm from the scene.
+            scene: The MuJoCo file; by default, this project's scene.
+            initial_position: Joint positions in the order of `joints` (rad, m); by default, those of the keyframe
+            `rest` or `ready`. spread: Deviations of this arm from the scene.
             backlash: Free travel of joints relative to their motors (rad, m).
-            apples: Seed of the apples that replace the cube; None for the cube.
+            apples: Random seed for the apples that replace the cube; None to use the cube.
         """
         self._gears: JointGears | None = None
         self._built_armature: dict[int, float] = {}
@@ -84,7 +86,7 @@ class World:
         self._cube_geoms = np.array([self.model.geom(geom).name in cubes for geom in range(self.model.ngeom)])
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
         self.ready: FloatArray = first[self._qpos]
-        """The ready pose with the hand open, in the order of `joints`."""
+        """The ready pose with an open hand, in the order of `joints`."""
         self._held: FloatArray | None = None
         """MuJoCo's positions, except those of the cube, while the arm is held; otherwise None."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
@@ -98,17 +100,17 @@ class World:
         return self.cells[0] if self.cells else None
 
     def joints_of(self, cell: CubeCell) -> NDArray[np.int64]:
-        """Return the indices in `joints` of the arm that works at a cell. The hand's joint is the last."""
+        """Return the indices in `joints` of the arm to which a cell belongs. The hand's joint is the last."""
         prefixes = arm_prefixes(self.model)
         return np.array([i for i, joint in enumerate(self.joints) if prefix_of(joint, prefixes) == cell.prefix])
 
     def _find_joints(self) -> None:
-        """Look up the indices of all names once, because `position` and `velocity` are called in every step."""
+        """Look up all name indices once, because `position` and `velocity` are called in every step."""
         joints = [self.model.joint(name) for name in self.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
         motors = [self.model.joint(self._motors.get(name, name)).dofadr[0] for name in self.joints]
-        # A servo's encoder is on its output shaft, but its back-EMF depends on the speed of its motor.
+        # A servo's encoder is on its output shaft, but the back-EMF depends on the motor speed.
         self.arrays = JointArrays(
             self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, range(self.model.nu)
         )
@@ -117,7 +119,7 @@ class World:
 
     @property
     def lies(self) -> bool:
-        """Whether the scene has a rest pose, in which the arm starts and lies without support."""
+        """Whether the scene has a rest pose, in which the arm starts and needs no support."""
         return REST in self._keyframes()
 
     @property
@@ -133,7 +135,7 @@ class World:
         return at_rest
 
     def _of_arm(self) -> Any:
-        """Whether each geom is part of an arm, (ngeom,)."""
+        """Whether each geom belongs to an arm, shape (ngeom,)."""
         arms = self.model.body_rootid[[self.model.joint(joint).bodyid[0] for joint in self.joints]]
         return np.isin(self.model.body_rootid[self.model.geom_bodyid], arms)
 
@@ -152,11 +154,11 @@ class World:
         return float(self.data.time)
 
     def position(self) -> FloatArray:
-        """Return joint positions, shape (n,), in rad, or in m for prismatic joints."""
+        """Return the joint positions, shape (n,), in rad, or in m for prismatic joints."""
         return self.arrays.position.take(self._qpos)
 
     def velocity(self) -> FloatArray:
-        """Return joint velocities, shape (n,), in rad/s or m/s."""
+        """Return the joint velocities, shape (n,), in rad/s or m/s."""
         return self.arrays.velocity.take(self._qvel)
 
     def fit_gears(self, gears: Mapping[str, Gears]) -> None:
@@ -166,7 +168,7 @@ class World:
             self._gears = JointGears(self.model, self.data, dofs, self._gears)
 
     def jam(self, joint: str) -> None:
-        """Block the joint's gears. The joint does not move under any load until ``free`` is called."""
+        """Block the joint's gears. Until ``free`` is called, the joint does not move under any load."""
         for dof in self._dofs(joint):
             self._built_armature.setdefault(dof, float(self.model.dof_armature[dof]))
             self.model.dof_armature[dof] = JAMMED_KG_M2
@@ -194,7 +196,7 @@ class World:
             self._held = self.data.qpos.copy()
 
     def advance(self) -> None:
-        """Advance by one timestep under the efforts in ``arrays``."""
+        """Advance by one timestep, applying the efforts in ``arrays``."""
         if self._gears is not None:
             self._gears.update()
         mujoco.mj_step(self.model, self.data)
@@ -211,29 +213,30 @@ class World:
         self.data.qpos[:], self.data.qvel[:] = still, slow
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
-        """Advance by one timestep under the given joint efforts, shape (n,), in N m or N."""
+        """Advance by one timestep, applying the given joint efforts, shape (n,), in N m or N."""
         self.data.ctrl[:] = effort
         self.advance()
 
     def poses(self) -> dict[str, BodyPose]:
-        """Return the poses of the objects of all cells, keyed by name; empty if there is no cell."""
+        """Return the object poses of all cells, keyed by name; empty if there are no cells."""
         return {name: pose for cell in self.cells for name, pose in cell.poses().items()}
 
     def cube_bin(self, joint: str = "") -> str | None:
-        """Return the bin in which a cube is at rest; None if it moves, is not in a bin, or does not exist.
+        """Return the bin in which a cube is at rest, or None if the cube is moving, is not in a bin, or does not exist.
 
-        ``joint`` is a joint of the arm at the cell of the cube, if the robot has several arms.
+        If the robot has several arms, ``joint`` is a joint of the arm whose cell contains the cube.
         """
         prefix = prefix_of(joint, arm_prefixes(self.model))
         cell = next((cell for cell in self.cells if cell.prefix == prefix), self.cell)
         return None if cell is None else cell.cube_bin()
 
     def cube_bins(self) -> dict[str, str | None]:
-        """Return the bin in which each cube is at rest, keyed by cube name; None if it moves or is not in a bin."""
+        """Return the bin in which each cube is at rest, keyed by cube name; None if the cube is moving or is not in a
+        bin."""
         return {cell.name(CUBE): cell.cube_bin() for cell in self.cells}
 
     def arm_contacts(self) -> set[str]:
-        """Return the contacts of the arm with anything except the cube, each as "link and object"."""
+        """Return the arm's contacts with anything except the cube, each as "link and object"."""
         pairs = self.data.contact.geom
         of_arm = self._arm_geoms[pairs]
         touching = of_arm.any(axis=1) & ~self._cube_geoms[pairs].any(axis=1)
@@ -256,17 +259,17 @@ class World:
             cell.clear()
 
     def lay_table(self) -> None:
-        """Restore what ``clear_table`` removed."""
+        """Restore the objects removed by ``clear_table``."""
         for cell in self.cells:
             cell.lay()
 
     def configuration(self) -> FloatArray:
-        """Return a copy of MuJoCo's positions of arm and cube. Drawing an image needs no other data."""
+        """Return a copy of the MuJoCo positions of the arm and the cube. No other data is needed to render an image."""
         everything: FloatArray = self.data.qpos.copy()
         return everything
 
     def drawn_model(self) -> Any:
-        """Return a model for drawing with the same positions, and with the real shapes of the links if these exist."""
+        """Return a model for rendering that uses the same positions, and the real link shapes if they exist."""
         spec = with_gaps(self._scene, self._gaps)
         if self._tray is not None:
             replace_cube(spec, self._tray.diameters_mm)
@@ -280,7 +283,8 @@ class World:
 
 
 def place_followers(model: Any, qpos: FloatArray) -> None:
-    """Move each joint that an equality couples to another joint, such as a second finger, to its coupled position."""
+    """Move each joint that is coupled to another joint by an equality, such as a second finger, to its coupled
+    position."""
     for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
         moved = qpos[leader] - model.qpos0[leader]

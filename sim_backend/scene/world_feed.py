@@ -1,7 +1,8 @@
-"""Poses of the virtual arm and its surroundings, as a camera would see them, on a Unix socket next to the bus.
+"""Poses of the virtual arm and its surroundings, as a camera would see them, published on a Unix socket next to the
+bus.
 
-The control stack reaches the arm only over the bus. This feed serves images, transforms and tests. Each client receives
-one JSON line per publication, and is disconnected if it reads too slowly.
+The control stack accesses the arm only over the bus. This feed serves images, transforms and tests. Each client
+receives one JSON line per publication, and is disconnected if it reads too slowly.
 """
 
 import contextlib
@@ -18,8 +19,8 @@ from drivers.errors import PortBusy, PortError
 
 PERIOD_S: Final = 0.05
 CONNECT_S: Final = 2.0
-"""Maximum time to connect, in seconds. If an emulator hangs and its queue is full, a client would otherwise wait
-forever."""
+"""Maximum time to connect, in seconds. Otherwise, a client would wait forever if an emulator hangs and its connection
+queue is full."""
 SEND_BUFFER_BYTES: Final = 1 << 20
 """Size of the send buffer, in bytes. If a client does not read, the buffer holds the publications of about ten
 seconds."""
@@ -36,7 +37,7 @@ class SeenPose(Protocol):
 
 
 class ArrivingApple(Protocol):
-    """Apple that is on its way."""
+    """Apple that is being sorted."""
 
     @property
     def seed(self) -> int: ...
@@ -67,7 +68,7 @@ class SeenWorld(Protocol):
 
 
 def feed_path(link: Path) -> Path:
-    """Return the path of the feed for the bus at ``link``."""
+    """Return the feed path for the bus at ``link``."""
     return link.with_name(link.name + ".world")
 
 
@@ -77,9 +78,9 @@ def snapshot(
     """Return one publication: world time, poses, bins of the cubes, joint positions (rad, m), and time lost to stalls.
 
     A world with apples also publishes the apple's seed and diameter. The apple's pose and bin replace the cube's.
-    ``trace`` contains the motion of the joints since the last publication: pairs of a time on the emulator's clock (s)
-    and the positions in the order of ``joints``. This clock is the same for all processes on one machine. ``contacts``
-    contains the contacts of the arm since the last publication, except for those with the cube.
+    ``trace`` contains the joint motion since the last publication, as pairs of a time on the emulator's clock (s) and
+    the positions in the order of ``joints``. This clock is the same for all processes on a computer. ``contacts``
+    contains the arm's contacts since the last publication, except for those with the cube.
     """
     apple = world.apple
     return {
@@ -98,7 +99,7 @@ def snapshot(
 
 
 class WorldFeed:
-    """Server of the feed; a context manager. Call ``tick`` in the loop of the emulator; it never blocks."""
+    """Context manager for the server of the world feed. Call ``tick`` in the emulator's loop; it never blocks."""
 
     def __init__(self, path: Path) -> None:
         """Listen at ``path``. Raises PortBusy if another emulator serves the path, and PortError if the path cannot be
@@ -111,13 +112,13 @@ class WorldFeed:
         self._socket = listening(path)
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:
-        """Record the joint positions and the contacts, and publish if a publication is due."""
+        """Record the joint positions and contacts, and publish them if a publication is due."""
         if self._clients:
             self._trace.append((round(now_s, 6), world.position().round(6).tolist()))
             self._contacts |= world.arm_contacts()
         if now_s < self._next_s:
             return
-        # Keep the period, unless a publication was missed.
+        # Keep the publication period, unless a publication was missed.
         self._next_s = max(self._next_s + PERIOD_S, now_s + 0.5 * PERIOD_S)
         self._accept()
         if self._clients:
@@ -147,8 +148,8 @@ class WorldFeed:
 
 
 def _sent(client: socket.socket, line: bytes) -> bool:
-    """Send a line and return whether it was sent completely. If not, the client is slow or has disconnected, and its
-    connection is closed."""
+    """Send a line and return whether it was sent completely. If the line was not sent completely, the client is slow or
+    has disconnected, and its connection is closed."""
     with contextlib.suppress(OSError):
         if client.send(line) == len(line):
             return True
@@ -157,7 +158,7 @@ def _sent(client: socket.socket, line: bytes) -> bool:
 
 
 def listening(path: Path) -> socket.socket:
-    """Return a non-blocking socket that listens at ``path``. Raises PortBusy if another emulator serves the path, or
+    """Return a non-blocking socket that listens on ``path``. Raises PortBusy if another emulator serves the path, or
     PortError if the path cannot be used."""
     made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     made.setblocking(False)
@@ -175,7 +176,7 @@ def listening(path: Path) -> socket.socket:
 
 
 def _remove_remains(path: Path) -> None:
-    """Remove the socket of an emulator that has exited. Files of any other kind are left unchanged."""
+    """Remove the socket of an emulator that has exited. Files of any other type are left unchanged."""
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_socket():
@@ -191,10 +192,12 @@ def _remove_remains(path: Path) -> None:
 
 
 class WorldFeedClient:
-    """Reads the latest publication without waiting. ``ended`` is True after the emulator has disconnected."""
+    """Client that reads the latest publication without waiting. ``ended`` becomes True after the emulator has
+    disconnected."""
 
     def __init__(self, path: Path) -> None:
-        """Connect to the feed at ``path``. Raises OSError if no emulator serves it, or if the emulator hangs."""
+        """Connect to the feed at ``path``. Raises OSError if there is no emulator at this path, or if the emulator
+        hangs."""
         self.ended = False
         self._rest = b""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

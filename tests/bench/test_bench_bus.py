@@ -93,7 +93,7 @@ def test_a_signal_releases_the_held_servos(number: signal.Signals, tmp_path: Pat
 
 
 def test_a_bus_without_replies_is_reported(device: str) -> None:
-    with pytest.raises(DriverError, match="no servo answers on"):
+    with pytest.raises(DriverError, match="no servo responds on"):
         bench_bus(device, [20, 21], "sts3215", 1_000_000, 10)
 
 
@@ -123,7 +123,7 @@ def test_a_simulator_does_not_replace_an_existing_path(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.simulator", str(taken)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert done.returncode == 2
-    assert f"{taken} exists and is not a link" in done.stderr
+    assert f"{taken} exists and is not a symbolic link" in done.stderr
     assert taken.read_text() == "mine"
 
 

@@ -83,7 +83,7 @@ def test_cycles_without_replies_count_as_one_long_cycle() -> None:
 def test_a_run_without_replies_has_no_figures() -> None:
     port = Interrupted(servos(), SimulatedClock(0.0))
     port.from_s, port.to_s = 0.0, math.inf
-    with pytest.raises(DriverError, match="no servo answers on virtual"):
+    with pytest.raises(DriverError, match="no servo responds on virtual"):
         measured(port, 10)
 
 
@@ -132,7 +132,7 @@ def test_the_baud_rate_of_silent_servos_is_reported() -> None:
     for servo in line.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
     port = VirtualPort(line, clock)
-    with pytest.raises(DriverError, match=r"no servo answers on virtual: servo 1: answers at 500000 baud: set"):
+    with pytest.raises(DriverError, match=r"no servo responds on virtual: servo 1: responds at 500000 baud: set"):
         stand_still(Bus(port, clock), IDS, sts.STS3215)
     assert port.baud == 1_000_000
 
@@ -180,7 +180,7 @@ def test_a_servo_with_the_right_table_is_measured(number: int, caplog: pytest.Lo
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
     assert f"servo 7: is model {number}" in caplog.text
-    assert "it is still measured as this model" in caplog.text
+    assert "the servo is still measured as this model" in caplog.text
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3])

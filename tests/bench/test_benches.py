@@ -55,12 +55,12 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
         ),
         (("benchmarks.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
         (("benchmarks.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
-        (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
+        (("benchmarks.recording", "--seconds", "1"), ("in the loop thread", "% of a core")),
         (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
         (("benchmarks.stream", "--seconds", "2"), ("call to bytes", "100 targets; ", " 0 lost")),
         (
             ("benchmarks.several_stacks", "--stacks", "2", "--seconds", "1"),
-            ("2 stacks at 20 Hz", "of a core per stack"),
+            ("2 stacks at 20 Hz", "of a core on average"),
         ),
         (
             ("benchmarks.topic_host", "--seconds", "2", "--rate", "50"),
@@ -83,8 +83,11 @@ def test_the_other_benchmarks_print_their_figures(arguments: tuple[str, ...], wo
         ("benchmarks.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
         ("benchmarks.simulator new --paced -5", "argument --paced: must be a whole number of at least 1, not '-5'"),
         ("benchmarks.simulator new --silence 3", "argument --silence: must be an ID with two times"),
-        ("benchmarks.simulator taken", "argument link: taken exists and is not a link: choose another path"),
-        ("benchmarks.two_ports --serve taken", "argument --serve: taken exists and is not a link: choose another path"),
+        ("benchmarks.simulator taken", "argument link: taken exists and is not a symbolic link: choose another path"),
+        (
+            "benchmarks.two_ports --serve taken",
+            "argument --serve: taken exists and is not a symbolic link: choose another path",
+        ),
         ("benchmarks.simulator no/where", "no/where cannot be created: No such file or directory"),
         ("benchmarks.bus --make sts3215", "argument --make: invalid choice: 'sts3215'"),
         ("benchmarks.bus --cycles -1", "argument --cycles: must be a whole number of at least 1, not '-1'"),

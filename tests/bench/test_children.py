@@ -40,7 +40,7 @@ def test_a_child_that_ends_at_once_ends_the_benchmark_with_a_message() -> None:
 
 def test_a_child_that_hangs_ends_the_benchmark_with_a_message() -> None:
     process = start("-c", "import time; time.sleep(99)")
-    with pytest.raises(SystemExit, match=f"process {process.pid} has printed nothing for 0 s: the benchmark ends"):
+    with pytest.raises(SystemExit, match=f"process {process.pid} has not printed anything for 0 s"):
         next_line(process, patience_s=0.1)
     kill(process)
 

@@ -71,7 +71,7 @@ def test_the_page_is_complete_and_self_contained(measured: tuple[Lying, Measured
 @slow
 def test_after_an_interruption_the_arm_returns_and_its_torque_is_off() -> None:
     lying = Lying()
-    with pytest.raises(Interrupted, match="the torque of the arm is off"):
+    with pytest.raises(Interrupted, match="the arm's torque is off"):
         lying.bench(lambda: int(lying.clock.now() > 6.5))
     assert lying.held == 0 and lying.fastest.max() > 0.1, "the arm has moved"
     assert lying.lines.world.position() == pytest.approx(lying.lay, abs=0.05)

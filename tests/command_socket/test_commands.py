@@ -100,7 +100,7 @@ def test_a_canceled_goal_brakes_and_holds(client: CommandClient, rig: SocketRig)
     time.sleep(0.2)
     np.testing.assert_allclose(rig.positions(), held, atol=0.01)
     assert held[5] < READY[5] + 0.9
-    with refused("unknown", f"this client has no running goal {number}; its goals are: none"):
+    with refused("unknown", f"this client has no running goal {number}; running goals: none"):
         client.request("cancel", goal=number)
 
 
@@ -163,7 +163,7 @@ def test_a_recording_is_begun_and_ended(client: CommandClient, rig: SocketRig, t
     client.request("record", path=str(path))
     with refused("failed", "already exists"):
         client.request("record", path=str(path))
-    with refused("failed", f"no client has started a recording in /nope.mcap; recordings of clients: {path}"):
+    with refused("failed", f"no client has started a recording in /nope.mcap; recordings started by clients: {path}"):
         client.request("record_end", path="/nope.mcap")
     time.sleep(0.2)
     client.request("record_end", path=str(path))

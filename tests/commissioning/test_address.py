@@ -78,7 +78,7 @@ def test_set_id_reports_a_second_servo_that_kept_the_old_id(monkeypatch: pytest.
     memory = line.servos.servos[2].memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
-    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another servo still answers with ID 2"):
+    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another servo still responds to ID 2"):
         told(line, set_id, 2, 5)
 
 
@@ -132,7 +132,7 @@ def test_set_baud_refuses_a_rate_at_which_the_id_is_taken() -> None:
     line = ToolLine({1: sts.STS3215, 3: sts.STS3215, 4: sts.STS3215})
     line.put(4, sts.baud_rate, 4)
     line.put(4, sts.servo_id, 3)
-    with pytest.raises(CommissioningError, match="another servo with this ID already answers at 115200 baud"):
+    with pytest.raises(CommissioningError, match="another servo with this ID already responds at 115200 baud"):
         told(line, set_baud, 3, 115_200)
     assert sorted(one.baud for one in line.servos.servos) == [115_200, 1_000_000, 1_000_000]
 

@@ -103,7 +103,7 @@ def test_a_servo_of_another_model_is_named() -> None:
 def test_a_servo_that_answers_reads_is_not_written(model: ServoModel) -> None:
     line = ToolLine({1: model})
     before = line.servos.servo(1).memory.read(0, 24)
-    with pytest.raises(CommissioningError, match=r"servo 1 answers reads .* nothing was written\. Omit --model"):
+    with pytest.raises(CommissioningError, match=r"servo 1 responds to reads .* nothing was written\. Omit --model"):
         answer_reads(line.port, line.clock, 1, ax_mx.MX_28)
     assert line.servos.servo(1).memory.read(0, 24) == before
 
@@ -111,7 +111,7 @@ def test_a_servo_that_answers_reads_is_not_written(model: ServoModel) -> None:
 def test_a_servo_that_stays_mute_is_reported() -> None:
     patient = Patient()
     ailments.mute(patient)
-    with pytest.raises(CommissioningError, match="servo 3 still answers pings but not reads"):
+    with pytest.raises(CommissioningError, match="servo 3 still responds to pings but not to reads"):
         answer_reads(patient.open("", 1_000_000), patient.clock, 3, sts.STS3215)
 
 
@@ -124,9 +124,9 @@ def test_the_command_sets_the_status_level(
         bus.servo(1).memory.put(x.status_return_level, 0)
         write = ("register", "write", *where, "status_return_level", "2", "--model")
         assert run(monkeypatch, *write, "xl430-w250") == 0
-        assert capsys.readouterr().out == "servo 1 answers reads; its status_return_level is 2\n"
+        assert capsys.readouterr().out == "servo 1 responds to reads; its status_return_level is 2\n"
         assert run(monkeypatch, *write, "xl430-w250") == 1
-        assert "servo 1 answers reads" in " ".join(capsys.readouterr().err.split())
+        assert "servo 1 responds to reads" in " ".join(capsys.readouterr().err.split())
         assert run(monkeypatch, *write, "xl430") == 1
         assert "--model xl430 is unknown" in " ".join(capsys.readouterr().err.split())
         assert run(monkeypatch, "register", "write", *where, "led", "1", "--model", "xl430-w250") == 1

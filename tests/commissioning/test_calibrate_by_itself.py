@@ -71,7 +71,7 @@ def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
 def test_stopping_lets_the_arm_sink_and_releases_it() -> None:
     arm = UnalignedArm(1)
     stop_s = arm.clock.now() + 12.0
-    with pytest.raises(StoppedError, match="stopped: the torque of the arm is disabled"):
+    with pytest.raises(StoppedError, match="stopped: the arm's torque is disabled"):
         by_itself(arm, stopped=lambda: arm.clock.now() > stop_s).run()
     assert is_limp_with_its_limits(arm)
     assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"
@@ -178,7 +178,7 @@ def test_a_joint_that_is_blocked_in_both_directions_is_named() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
-    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) is blocked on its way to the position"):
+    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) is blocked before it reaches the position"):
         ByItself(
             lambda: arm.open_bus(arm.joints), arm.joints, plan, Mistaken(arm, plan.joints, mistakes=2), arm.clock
         ).run()

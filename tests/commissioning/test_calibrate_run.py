@@ -133,7 +133,7 @@ def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robo
     def stopped() -> bool:
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
-    with pytest.raises(StoppedError, match="the torque of the arm is disabled") as left:
+    with pytest.raises(StoppedError, match="the arm's torque is disabled") as left:
         calibrate(
             task(robot),
             lambda: arm.open_bus(JOINTS),

@@ -287,7 +287,7 @@ def test_another_model_is_refused() -> None:
     with pytest.raises(PassportError, match=r"servo 1 has model number 2825 \(sts3250\), not 777 \(sts3215\); nothing"):
         plan_replacement(line.bus, taken, 3)
     with pytest.raises(
-        PassportError, match=r"servo 1 has model number 2825[^$]*servo 2 does not answer[^$]*nothing was written"
+        PassportError, match=r"servo 1 has model number 2825[^$]*servo 2 does not respond[^$]*nothing was written"
     ):
         plan_restore(line.bus, taken)
 
@@ -297,9 +297,9 @@ def test_all_missing_servos_are_named_at_once() -> None:
     taken = passport_of(line)
     line.servos.faults.silence(1)
     line.servos.faults.silence(3)
-    with pytest.raises(PassportError, match=r"servo 1 does not answer: .*\nservo 3 does not answer"):
+    with pytest.raises(PassportError, match=r"servo 1 does not respond: .*\nservo 3 does not respond"):
         plan_restore(line.bus, taken)
-    with pytest.raises(PassportError, match=r"servo 1 does not answer: .*\nservo 3 does not answer"):
+    with pytest.raises(PassportError, match=r"servo 1 does not respond: .*\nservo 3 does not respond"):
         take_passport(line.bus, dict.fromkeys(IDS, sts.STS3215))
 
 
@@ -313,7 +313,7 @@ def test_an_empty_bus_is_reported() -> None:
     line = Line()
     for servo_id in IDS:
         line.servos.faults.silence(servo_id)
-    with pytest.raises(PassportError, match="no servo answers on virtual at 1000000 baud"):
+    with pytest.raises(PassportError, match="no servo responds on virtual at 1000000 baud"):
         passport_of(line)
 
 
@@ -357,7 +357,7 @@ def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),
-        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has a different value"),
+        ("    id: 1\n", "    id: 4\n", "servo 1: its id register contains a different ID"),
         ("\n...\n", "\n", "the file is truncated"),
         ("baud: 1000000", "baud: [", "is not YAML"),
     ],

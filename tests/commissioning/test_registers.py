@@ -110,7 +110,7 @@ def test_only_the_torque_switch_is_written_while_torque_is_on(model: ServoModel)
 @every_make
 def test_the_torque_switch_needs_confirmation(model: ServoModel) -> None:
     line = line_of(model)
-    with pytest.raises(CommissioningError, match="its torque is changed only if you confirm it"):
+    with pytest.raises(CommissioningError, match="its torque is changed only if you confirm with"):
         write(line, "torque_enable", 1)
     assert (writes(line), line.held(3, series_of(model).torque_enable)) == (0, 0)
 
@@ -146,7 +146,7 @@ def test_torque_is_refused_while_a_servo_counts_turns_that_it_would_drop() -> No
     line = line_of(x.XL430_W250)
     line.servos.servo(3).firmware._turned = -2 * 4096
     line.servos.servo(3).firmware._place_seam()
-    with pytest.raises(CommissioningError, match=r"includes whole turns.*'servoloop reboot 3'"):
+    with pytest.raises(CommissioningError, match=r"includes full turns.*'servoloop reboot 3'"):
         write(line, "torque_enable", 1, torque=True)
     assert line.held(3, x.torque_enable) == 0
 
@@ -194,12 +194,12 @@ def test_a_factory_new_dynamixel_is_found() -> None:
 def test_absent_and_duplicate_servos_are_reported() -> None:
     line = line_of(sts.STS3215)
     with (
-        pytest.raises(CommissioningError, match="no servo with ID 9 answers at any baud rate"),
+        pytest.raises(CommissioningError, match="no servo with ID 9 responds at any baud rate"),
         find_servo(line.port, line.clock, 9),
     ):
         pass
     with (
-        pytest.raises(CommissioningError, match="no servo with ID 3 answers at 500000 baud"),
+        pytest.raises(CommissioningError, match="no servo with ID 3 responds at 500000 baud"),
         find_servo(line.port, line.clock, 3, [500_000]),
     ):
         pass

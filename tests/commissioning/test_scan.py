@@ -158,7 +158,7 @@ def test_a_servo_at_another_rate_is_not_reported_as_absent() -> None:
         assert kinds(report) == {1: [], 2: [], 3: ["other_rate"]}
         assert report.absent == ((4,) if options else ())
         (problem,) = report.servos[2].problems
-        assert "answers at 115200 baud" in problem.text and "servoloop set-baud 3 1000000" in problem.text
+        assert "responds at 115200 baud" in problem.text and "servoloop set-baud 3 1000000" in problem.text
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])

@@ -109,11 +109,11 @@ def once(joint: str, *numbers: int) -> Callable[[SetUpTask], tuple[int, ...] | N
 @pytest.mark.parametrize(
     ("instead", "text"),
     [
-        (once("wrist_roll"), "no servo answers on virtual at any baud rate"),
+        (once("wrist_roll"), "no servo responds on virtual at any baud rate"),
         (once("wrist_roll", 4, 3), "all replies of servo 1 are corrupted: either several servos have ID 1"),
-        (once("wrist_roll", 4, 5), r"several servos answer \(IDs 1, 6\): connect only one"),
+        (once("wrist_roll", 4, 5), r"several servos respond \(IDs 1, 6\): connect only one"),
         (once("wrist_roll", 5), "has ID 6, so it already belongs to gripper"),
-        (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos answer"),
+        (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos respond"),
     ],
 )
 def test_a_wrong_connection_is_reported_and_requested_again(
@@ -132,15 +132,16 @@ def test_an_incomplete_chain_is_reported() -> None:
     hands = Hands(bench, instead=lambda task: (0, 1, 3) if task.kind == "chain" and not task.problem else None)
     bench.set_up(hands).run()
     assert hands.problems == [
-        "elbow_flex (servo 3) does not answer: check its cable\nwrist_roll (servo 5) does not answer: check its cable\n"
-        "gripper (servo 6) does not answer: check its cable"
+        "elbow_flex (servo 3) does not respond: check its cable\n"
+        "wrist_roll (servo 5) does not respond: check its cable\n"
+        "gripper (servo 6) does not respond: check its cable"
     ]
 
 
 def test_the_number_of_requests_is_limited() -> None:
     bench = Bench()
     hands = Hands(bench, instead=lambda task: ())
-    with pytest.raises(SetUpError, match="gripper: no servo answers"):
+    with pytest.raises(SetUpError, match="gripper: no servo responds"):
         bench.set_up(hands).run()
     assert len(hands.asked) == TRIES
 

@@ -46,7 +46,7 @@ def test_gains_are_not_written_without_a_park_pose() -> None:
 def test_stopping_parks_and_releases_the_arm() -> None:
     bench = TuneBench()
     report_at_s = bench.clock.now() + 6.0
-    with pytest.raises(StoppedError, match="stopped: the torque of the arm is disabled"):
+    with pytest.raises(StoppedError, match="stopped: the arm's torque is disabled"):
         tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
     assert bench.torque == [False] * 3
     assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
@@ -107,7 +107,7 @@ def test_written_gains_are_listed_if_the_second_measurement_fails() -> None:
 def test_a_joint_too_weak_for_its_load_is_reported_and_released() -> None:
     bench = TuneBench(load_nm=5.0)
     with pytest.raises(
-        DriverError, match=r"shoulder.* (does not follow|reports an alarm|has let go|released its torque)"
+        DriverError, match=r"shoulder.* (is not following its commands|reports an alarm|has let go|released its torque)"
     ):
         tune(bench.tuner())
     assert bench.torque == [False] * 3

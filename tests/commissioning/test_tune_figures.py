@@ -135,7 +135,7 @@ def test_gains_have_their_usual_names() -> None:
         (sts.STS3215, ["Q=1"], "'Q=1' is not a gain: write one of P, I, D, cw_dead_zone, ccw_dead_zone"),
         (sts.STS3215, ["P"], "'P' is not a gain: write one of"),
         (sts.STS3215, [""], "'' is not a gain: write one of"),
-        (ax_mx.AX_12A, ["P=1"], "ax-12a has no gains"),
+        (ax_mx.AX_12A, ["P=1"], "ax-12a has no adjustable gains"),
         (scs.SCS15, ["homing_offset=1"], "is not a gain: write one of P, I, D"),
     ],
 )

@@ -127,7 +127,7 @@ def test_the_commands_take_an_address_and_ask_before_a_write(
     [
         (("read",), "pass the name of a register, or --address and --size"),
         (("read", "led", "--address", "65", "--size", "1"), "pass the name of a register, or --address and --size"),
-        (("read", "--address", "65"), "--address and --size belong together"),
+        (("read", "--address", "65"), "--address and --size must be used together"),
         (("write", "led"), "pass a name and a value, or --address, --size and a value"),
         (("write", "led", "1", "--address", "65", "--size", "1"), "pass a name and a value, or --address"),
         (("write", "on", "--address", "65", "--size", "1"), "the value must be a whole number, not 'on'"),

@@ -270,7 +270,7 @@ def test_mistakes_name_the_servo_and_the_solution(
         (("set-id", "3", "4", *port), "servo 3: id (register 5) cannot be changed to 4: another servo has this ID"),
         (
             ("register", "read", *port, "--baud", "500000", "--id", "3", "id"),
-            "no servo with ID 3 answers at 500000 baud",
+            "no servo with ID 3 responds at 500000 baud",
         ),
         (("reboot", "3", "--port", "/dev/ttyACM77"), "/dev/ttyACM77 does not exist"),
     ):
@@ -286,7 +286,7 @@ def test_scan_exits_with_1_if_a_servo_is_absent(
     report = json.loads(capsys.readouterr().out)
     assert ([one["servo_id"] for one in report["servos"]], report["absent"]) == ([1, 3], [2])
     assert run(monkeypatch, "scan", str(link), "--ids", "1-3", "--baud", "1000000") == 1
-    assert "servo 2: does not answer" in " ".join(capsys.readouterr().out.split())
+    assert "servo 2: does not respond" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow

@@ -317,7 +317,7 @@ def test_a_spawner_can_load_a_controller_that_is_not_in_the_file(tmp_path: Path)
 def test_required_parameters_may_be_set_after_loading(tmp_path: Path) -> None:
     made = spec(tmp_path, "wrist", HAND_TYPE, "wrist: {ros__parameters: {joints: [joint2], command_timeout: 2.0}}")
     assert made.parameters.missing() == ("interface_name",)
-    with pytest.raises(ValueError, match="wrist lacks interface_name: set it on its node /wrist"):
+    with pytest.raises(ValueError, match="wrist requires interface_name: set it on its node /wrist"):
         Factory(load(tmp_path, PLAIN, DEFAULTS), cast(Any, None)).make(made)
     later = made.parameters.as_far_as_given(
         {**made.parameters.model_dump(warnings=False), "interface_name": "position"}

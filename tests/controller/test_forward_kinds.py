@@ -160,7 +160,7 @@ def test_the_timeout_can_be_set_while_the_controller_runs() -> None:
 def test_the_timeout_of_positions_cannot_be_set() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position")
     made: Any = ForwardCommandController.build("plain", parameters, context())
-    with pytest.raises(ValueError, match="positions have no timeout"):
+    with pytest.raises(ValueError, match="command_timeout applies only to velocities and efforts"):
         made.reconfigure(parameters)
 
 

@@ -449,9 +449,9 @@ def test_a_lasting_servo_fault_aborts_the_goal_with_its_text() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(5)
-    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not respond")}
     bench.cycle(FAULT_CYCLES)
-    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "elbow: servo 2 does not answer")
+    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "elbow: servo 2 does not respond")
     bench.cycle(20)
     assert_smooth(bench.path())
 
@@ -460,7 +460,7 @@ def test_a_goal_does_not_succeed_with_the_last_position_of_a_silent_servo() -> N
     bench = Bench().up()
     handle = bench.send(to(0.5, -0.5, after_s=1.0, goal={"elbow": 0.01}))
     bench.cycle(18)
-    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not respond")}
     bench.cycle(FAULT_CYCLES - 2)
     assert not handle.done
     bench.hardware.faults = {}
@@ -481,17 +481,17 @@ def test_a_stopping_goal_ends_even_if_its_servos_become_silent(
     else:
         bench.hardware.stuck = {"shoulder"}
         bench.cycles_until(lambda: "path tolerance violation" in caplog.text)
-    bench.hardware.faults = {name: JointFault("silent", f"{name} does not answer") for name in ARM}
+    bench.hardware.faults = {name: JointFault("silent", f"{name} does not respond") for name in ARM}
     assert bench.cycles_until(lambda: handle.done) <= FAULT_CYCLES
     assert handle.status is (GoalStatus.CANCELED if canceled else GoalStatus.ABORTED)
-    assert "shoulder does not answer; elbow does not answer" in caplog.text
+    assert "shoulder does not respond; elbow does not respond" in caplog.text
 
 
 def test_a_short_servo_fault_does_not_affect_a_goal() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     for _ in range(5):
-        bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+        bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not respond")}
         bench.cycle(FAULT_CYCLES - 1)
         bench.hardware.faults = {}
         bench.cycle()
@@ -504,7 +504,7 @@ def test_an_unmeasured_joint_does_not_violate_the_path_tolerance() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 1.0, path={"elbow": 0.15}))
     bench.cycle(6)
-    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not respond")}
     bench.hardware.stuck = {"elbow"}
     bench.cycle(FAULT_CYCLES - 1)
     assert not handle.done
@@ -515,7 +515,7 @@ def test_an_unmeasured_joint_does_not_violate_the_path_tolerance() -> None:
 
 def test_a_fault_of_another_controllers_joint_does_not_affect_a_goal() -> None:
     bench = Bench().up()
-    bench.hardware.faults = {"finger": JointFault("silent", "finger: servo 7 does not answer")}
+    bench.hardware.faults = {"finger": JointFault("silent", "finger: servo 7 does not respond")}
     handle = bench.send(to(1.0, 0.0))
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
@@ -525,7 +525,7 @@ def test_a_fault_aborts_a_waiting_goal() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     handle = bench.send(to(1.0, 0.0))
-    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not respond")}
     bench.cycle(FAULT_CYCLES)
     assert handle.status is GoalStatus.ABORTED
     assert np.abs(bench.path()[:, :2]).max() == 0.0

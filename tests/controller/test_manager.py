@@ -174,7 +174,7 @@ def test_a_failing_controller_is_deactivated_and_the_others_continue(
     assert cycle(manager) == [0.1, 0.7, 0.3]
     assert states(manager) == {"broken": INACTIVE, "sound": ACTIVE}
     assert broken.calls == ["activate", "update", "deactivate"]
-    assert "broken failed and is deactivated: its joints come to rest" in caplog.messages
+    assert "broken failed and is being deactivated: its joints are brought to rest" in caplog.messages
     assert cycle(manager) == [0.1, 0.7, 0.3]
 
 
@@ -225,7 +225,7 @@ def test_release_deactivates_the_controllers_of_lost_interfaces(
     manager = managing(Puppet("p", "a"), Puppet("q", "b"), active=["p", "q"])
     manager.release(interfaces, "the bus is gone", with_states)
     assert {name for name, state in states(manager).items() if state is ACTIVE} == left
-    assert ("p is deactivated because it uses a/" in caplog.text and "the bus is gone" in caplog.text) == (
+    assert ("p is being deactivated because it uses a/" in caplog.text and "the bus is gone" in caplog.text) == (
         "p" not in left
     )
 

@@ -71,7 +71,7 @@ def nothing(bench: Bench, handle: GoalHandle) -> None:
 
 def falls_silent(bench: Bench, handle: GoalHandle) -> None:
     bench.cycle(5)
-    bench.hardware.faults = {"shoulder": JointFault("silent", "shoulder: servo 1 does not answer")}
+    bench.hardware.faults = {"shoulder": JointFault("silent", "shoulder: servo 1 does not respond")}
     bench.cycles_until(lambda: handle.done)
     bench.hardware.faults = {}
 
@@ -292,7 +292,7 @@ def test_a_deactivation_during_the_relief_continues_it_within_the_limits() -> No
 
 def test_unmeasured_joints_are_not_relieved_and_do_not_delay_others() -> None:
     bench = pressing(Bench())
-    bench.hardware.faults = dict.fromkeys(bench.hardware.joints, JointFault("silent", "no servo answers"))
+    bench.hardware.faults = dict.fromkeys(bench.hardware.joints, JointFault("silent", "no servo responds"))
     before = bench.path()[-1]
     set_inactive(bench)
     assert bench.path()[-1] == pytest.approx(before, abs=0.01)

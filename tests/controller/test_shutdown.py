@@ -134,8 +134,8 @@ def test_an_arm_that_was_never_active_is_only_closed() -> None:
 
 def test_problems_during_deactivation_are_returned() -> None:
     bench = moving_bench()
-    bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
-    assert shut_down(bench.loop, True, PARK, SCALE) == ["servo 3: does not answer"]
+    bench.hardware.deactivate = lambda relax: ["servo 3: does not respond"]  # type: ignore[method-assign]
+    assert shut_down(bench.loop, True, PARK, SCALE) == ["servo 3: does not respond"]
 
 
 def final_state(bench: Bench, caplog: pytest.LogCaptureFixture, relax: bool = False, hurry: bool = False) -> str:
@@ -168,8 +168,8 @@ def test_an_arm_that_cannot_be_parked_is_not_logged_as_parked(caplog: pytest.Log
 @pytest.mark.parametrize("relax", [False, True])
 def test_torque_that_may_still_be_on_is_logged(caplog: pytest.LogCaptureFixture, relax: bool) -> None:
     bench = moving_bench()
-    bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
-    assert final_state(bench, caplog, relax) == "the torque of scripted may still be enabled: servo 3: does not answer"
+    bench.hardware.deactivate = lambda relax: ["servo 3: does not respond"]  # type: ignore[method-assign]
+    assert final_state(bench, caplog, relax) == "the torque of scripted may still be enabled: servo 3: does not respond"
 
 
 def test_a_joint_that_lost_its_torque_is_not_logged_as_holding(caplog: pytest.LogCaptureFixture) -> None:

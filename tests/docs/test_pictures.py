@@ -43,7 +43,8 @@ def test_a_page_names_the_script_of_its_pictures(page: str) -> None:
     for picture in shown_by(page):
         name = re.escape(str(picture.relative_to(ROOT)))
         named = re.search(rf"python (tools/\w+\.py) [^`\n]*{name}$", pages()[page].read_text(), re.MULTILINE)
-        named = named or re.search(rf"`python (tools/\w+\.py) [^`\n]*{name}`", pages()[page].read_text())
+        in_one_line = re.sub(r"\s+", " ", pages()[page].read_text())
+        named = named or re.search(rf"`python (tools/\w+\.py) [^`]*{name}`", in_one_line)
         assert named and (ROOT / named[1]).is_file(), picture
 
 

@@ -86,7 +86,7 @@ def test_a_silent_servo_does_not_hide_others(silent: int) -> None:
     line.servos.faults.silence(silent)
     for _ in range(3):
         states = dict(line.bus.read_states(IDS))
-        assert states.pop(silent) == ServoFault("silent", f"servo {silent} does not answer")
+        assert states.pop(silent) == ServoFault("silent", f"servo {silent} does not respond")
         assert len(states) == 2
         assert all(isinstance(state, ServoState) for state in states.values())
     assert line.bus.counters.of(silent).silent == 3
@@ -164,7 +164,7 @@ def test_a_corrupt_reply_is_reported_and_requested_again_if_there_is_time() -> N
     line = Line()
     line.servos.faults.corrupt_next(1)
     states = dict(line.bus.read_states(IDS))
-    assert states.pop(1) == ServoFault("corrupt", "servo 1 answered with a wrong checksum")
+    assert states.pop(1) == ServoFault("corrupt", "servo 1 replied with a wrong checksum")
     assert all(isinstance(state, ServoState) for state in states.values())
     line = Line()
     line.servos.faults.corrupt_next(1)
@@ -205,7 +205,7 @@ def test_identify_distinguishes_silent_wrong_and_misconfigured_servos() -> None:
     line = Line()
     for servo_id, model in MODELS.items():
         line.bus.identify(servo_id, model)
-    with pytest.raises(ServoSilent, match="does not answer"):
+    with pytest.raises(ServoSilent, match="does not respond"):
         line.bus.identify(3, x.XL430_W250)
     with pytest.raises(ServoRefused, match=r"is model 1060 \(xl430-w250\), not 1020 \(xm430-w350\)"):
         line.bus.identify(1, x.XM430_W350)
@@ -309,7 +309,7 @@ def test_torque_is_not_enabled_if_one_servo_is_missing() -> None:
     line = Line()
     component = hardware(line)
     line.servos.faults.silence(7)
-    with pytest.raises(ActivationError, match="servo 7 does not answer"):
+    with pytest.raises(ActivationError, match="servo 7 does not respond"):
         component.activate()
     assert not any(switches_on(i) for i in line.sent)
 

@@ -114,16 +114,16 @@ def test_a_lock_left_open_is_closed() -> None:
         (sts.model_number, 1, "model_number is not a writable EEPROM setting"),
         (sts.goal_position, 1, "goal_position is not a writable EEPROM setting"),
         (sts.servo_id, 254, "id must be 0 to 253"),
-        (sts.baud_rate, 1, "baud_rate cannot be written, because the servo would no longer answer on this bus"),
+        (sts.baud_rate, 1, "baud_rate cannot be written, because the servo would no longer respond on this bus"),
         (
             dxl.status_return_level,
             0,
-            "status_return_level 0 cannot be written, because the servo would no longer answer reads",
+            "status_return_level 0 cannot be written, because the servo would no longer respond to reads",
         ),
         (
             xl320.status_return_level,
             0,
-            "status_return_level 0 cannot be written, because the servo would no longer answer reads",
+            "status_return_level 0 cannot be written, because the servo would no longer respond to reads",
         ),
     ],
 )
@@ -246,7 +246,7 @@ def test_an_unreadable_torque_state_names_the_setting() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 1 else None
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) was not written.* torque .*not answer"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written.* torque .*not respond"
     ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
@@ -258,7 +258,7 @@ def test_a_setting_that_cannot_be_read_back_may_have_changed() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 5 else None
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) may have changed to 16, but .*not answer"
+        EepromError, match=r"servo 1: position_p \(register 21\) may have changed to 16, but .*not respond"
     ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.held(sts.position_p) == 16
@@ -442,7 +442,7 @@ def test_a_silent_servo_is_reported_quickly() -> None:
     line = Line()
     line.servos.faults.silence(1)
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p .* cannot be read: the servo does not answer"
+        EepromError, match=r"servo 1: position_p .* cannot be read: the servo does not respond"
     ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert isinstance(caught.value.__cause__, ServoSilent)

@@ -118,7 +118,7 @@ def test_a_silent_servo_is_named_with_the_setting(case: Case) -> None:
     bench.servos.faults.silence(1)
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} cannot be read: the servo does not answer") as caught:
+    with pytest.raises(EepromError, match=f"{place} cannot be read: the servo does not respond") as caught:
         update(bench.bus, 1, None, case.new)
     assert isinstance(caught.value.__cause__, ServoSilent)
 

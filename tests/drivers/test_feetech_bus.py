@@ -85,7 +85,7 @@ def test_a_silent_servo_is_named_with_its_possible_causes() -> None:
         lambda: line.bus.torque_on(3),
     ]
     for use in uses:
-        with pytest.raises(ServoSilent, match="servo 3: does not answer: check its power") as caught:
+        with pytest.raises(ServoSilent, match="servo 3: does not respond: check its power") as caught:
             use()
         assert caught.value.servo_id == 3
 
@@ -302,7 +302,7 @@ def test_silent_servos_do_not_hide_the_others(silent: tuple[int, ...]) -> None:
     readings = line.bus.read_states(IDS)
     for servo_id in IDS:
         if servo_id in silent:
-            assert readings[servo_id] == ServoFault("silent", f"servo {servo_id} does not answer")
+            assert readings[servo_id] == ServoFault("silent", f"servo {servo_id} does not respond")
         else:
             assert is_state(readings[servo_id]), servo_id
 
@@ -335,7 +335,7 @@ def test_a_corrupt_reply_is_named_and_the_others_are_read(corrupt: int) -> None:
     line = Line()
     line.servos.faults.corrupt_next(corrupt)
     readings = dict(line.bus.read_states(IDS))
-    assert readings.pop(corrupt) == ServoFault("corrupt", f"servo {corrupt} answered with a wrong checksum")
+    assert readings.pop(corrupt) == ServoFault("corrupt", f"servo {corrupt} replied with a wrong checksum")
     assert all(map(is_state, readings.values()))
     assert all(map(is_state, line.bus.read_states(IDS).values()))
 

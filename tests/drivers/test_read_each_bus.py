@@ -86,7 +86,7 @@ def test_a_mode_without_goal_positions_is_refused(kind: Kind, limits: tuple[int,
     [
         (KINDS[0], 0, r"servo 3: does not acknowledge writes: set its status_level \(register 8\) to 1"),
         (KINDS[2], 1, r"servo 3: does not acknowledge writes: set its status_return_level \(register 16\) to 2"),
-        (KINDS[3], 0, r"servo 3: answers pings but not reads: set its status_return_level \(register 16\) to 2"),
+        (KINDS[3], 0, r"servo 3: responds to pings but not to reads: set its status_return_level \(register 16\) to 2"),
     ],
 )
 def test_a_servo_that_does_not_answer_all_requests_is_refused(kind: Kind, level: int, text: str) -> None:
@@ -106,7 +106,7 @@ def test_a_silent_servo_is_named(kind: Kind) -> None:
         lambda: line.bus.torque_on(3),
     ]
     for use in uses:
-        with pytest.raises(ServoSilent, match="servo 3: does not answer: check its power"):
+        with pytest.raises(ServoSilent, match="servo 3: does not respond: check its power"):
             use()
 
 
@@ -139,7 +139,7 @@ def test_an_alarm_is_not_an_error_but_a_refusal_is() -> None:
     assert bus.torque_is_on(1)
     assert bus.torque_off([1]) == []
     bus, _, _ = scripted(KINDS[2], wire.packet(1, 0x08, b""))
-    with pytest.raises(ServoRefused, match=r"servo 1: refused the instruction \(range error\)"):
+    with pytest.raises(ServoRefused, match=r"servo 1: rejected the instruction \(range error\)"):
         bus.write(1, dxl.led, 9)
 
 
@@ -170,7 +170,7 @@ def test_silent_servos_do_not_hide_the_others(kind: Kind, silent: tuple[int, ...
     assert list(readings) == list(IDS)
     for servo_id in IDS:
         if servo_id in silent:
-            assert readings[servo_id] == ServoFault("silent", f"servo {servo_id} does not answer")
+            assert readings[servo_id] == ServoFault("silent", f"servo {servo_id} does not respond")
         else:
             assert isinstance(readings[servo_id], ServoState), servo_id
 
@@ -180,7 +180,7 @@ def test_a_corrupt_reply_in_a_group_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(4)
     readings = dict(line.bus.read_states(IDS))
-    assert readings.pop(4) == ServoFault("corrupt", "servo 4 answered with a wrong checksum")
+    assert readings.pop(4) == ServoFault("corrupt", "servo 4 replied with a wrong checksum")
     assert all(isinstance(reading, ServoState) for reading in readings.values())
 
 

@@ -43,9 +43,9 @@ def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
     [
         *((kind, RESULT_FAIL, "it could not execute the instruction") for kind in X_KINDS),
         *((kind, NO_ACCESS, "it does not have this register") for kind in X_KINDS if not kind.mapped),
-        (AX, 0x08, "it refused the instruction (range error)"),
-        (AX, 0x51, "it refused the instruction (checksum and instruction error)"),
-        (MX, 0x48, "it refused the instruction (range and instruction error)"),
+        (AX, 0x08, "it rejected the instruction (range error)"),
+        (AX, 0x51, "it rejected the instruction (checksum and instruction error)"),
+        (MX, 0x48, "it rejected the instruction (range and instruction error)"),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
@@ -60,7 +60,7 @@ def test_a_refusal_is_reported_with_its_reason_and_does_not_hide_others(
         fault = readings[servo_id]
         assert isinstance(fault, ServoFault)
         assert fault.kind == "refused"
-        assert fault.text.startswith(f"servo {servo_id} refuses the read request: {why}")
+        assert fault.text.startswith(f"servo {servo_id} rejects the read request: {why}")
         assert all(isinstance(readings[i], ServoState) for i in IDS if i != servo_id)
     account = line.account(servo_id)
     assert account.refused >= 8

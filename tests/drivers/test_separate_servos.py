@@ -138,6 +138,6 @@ def test_a_servo_without_group_writes_gets_single_writes(caplog: pytest.LogCaptu
 def test_a_servo_whose_status_level_forbids_reads_is_not_called_separate() -> None:
     line = PlainLine(MODELS, ())
     line.servos.servo(2).memory.put(x.status_return_level, 0)
-    with pytest.raises(ServoRefused, match="answers pings but not reads"):
+    with pytest.raises(ServoRefused, match="responds to pings but not to reads"):
         line.bus.identify(2, x.XL430_W250)
     assert not line.bus.needs_single_reads(2)

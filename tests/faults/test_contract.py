@@ -66,15 +66,15 @@ def test_the_stack_reports_each_fault_as_the_table_says(kind: str) -> None:
 
 
 DYNAMIXEL = {
-    "silent id=3 at=0.2s for=1s": ["joint3: servo 3 does not answer", "servo 3 answers again"],
+    "silent id=3 at=0.2s for=1s": ["joint3: servo 3 does not respond", "servo 3 responds again"],
     "brown_out id=3 at=0.2s": [
-        "servo 3 has lost the map of its indirect registers",
+        "servo 3 has lost the mapping of its indirect registers",
         "servo 3 returned with its torque disabled",
     ],
-    "cable_cut after=5": ["joint6: servo 6 does not answer", "servo 7 does not answer"],
+    "cable_cut after=5": ["joint6: servo 6 does not respond", "servo 7 does not respond"],
     "weak_supply voltage=6": ["joint1: alarm: voltage", "goal: SUCCEEDED"],
-    "weak_supply voltage=2 for=0.5s": ["no servo answers on", "joint1: servo 1 returned with its torque disabled"],
-    "flipped_replies id=3": ["servo 3 answered with a wrong checksum"],
+    "weak_supply voltage=2 for=0.5s": ["no servo responds on", "joint1: servo 1 returned with its torque disabled"],
+    "flipped_replies id=3": ["servo 3 replied with a wrong checksum"],
     "echo": ["goal: SUCCEEDED"],
     "overload id=3 torque=6": ["joint3: alarm: overload", "servo 3 has lost its torque"],
     "jammed id=3": ["joint3: alarm: overload", "joint3 is off by"],
@@ -82,8 +82,8 @@ DYNAMIXEL = {
     "hot id=3 temperature=90": ["servo 3 released its torque (temperature alarm)"],
     "stuck_encoder id=3": ["joint3 is off by"],
     "wrong_mode id=3 mode=16": ["servo 3 has lost its torque"],
-    "wrong_rate id=3 baud=57600": ["servo 3 does not answer"],
-    "eeprom_gone id=3": ["servo 3 does not answer"],
+    "wrong_rate id=3 baud=57600": ["servo 3 does not respond"],
+    "eeprom_gone id=3": ["servo 3 does not respond"],
     "foreign_packets id=3 does=lets_go": ["servo 3 has lost its torque"],
 }
 """Reports of an arm with Dynamixels."""

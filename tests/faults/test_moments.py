@@ -49,7 +49,7 @@ def test_the_documented_faults_of_start_and_end_happen(tmp_path: Path) -> None:
     path = tmp_path / "faults.yaml"
     path.write_text(code("faults.md", "yaml", 2))
     at_the_start, at_the_end = read_script(path)
-    assert "servo 3: answers only intermittently" in life(text_of(at_the_start)).ended
+    assert "servo 3: responds only intermittently" in life(text_of(at_the_start)).ended
     assert life(text_of(at_the_end)).violations == ()
 
 
@@ -57,8 +57,8 @@ def test_the_documented_faults_of_start_and_end_happen(tmp_path: Path) -> None:
     ("text", "why"),
     [
         ("adapter_unplugged since=start", "there is no virtual"),
-        ("silent id=3 since=start", "servo 3: does not answer at any baud rate"),
-        ("silent id=3 at=20ms since=start", "servo 3: answers only intermittently"),
+        ("silent id=3 since=start", "servo 3: does not respond at any baud rate"),
+        ("silent id=3 at=20ms since=start", "servo 3: responds only intermittently"),
     ],
 )
 def test_the_program_ends_if_the_arm_cannot_come_up(text: str, why: str) -> None:

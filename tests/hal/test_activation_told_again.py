@@ -208,7 +208,7 @@ def test_a_fault_is_logged_again_after_a_new_configuration(caplog: pytest.LogCap
     bench.watch_next_port = lambda number, _: bench.servos.faults.silence(2) if number == checks else None
     bench.configured()
     assert bench.opened == 2
-    assert caplog.text.count("servo 2 does not answer") == 1
+    assert caplog.text.count("servo 2 does not respond") == 1
 
 
 def test_a_fault_is_logged_again_after_a_refused_activation(caplog: pytest.LogCaptureFixture) -> None:
@@ -219,4 +219,4 @@ def test_a_fault_is_logged_again_after_a_refused_activation(caplog: pytest.LogCa
         bench.hardware.activate()
     caplog.clear()
     bench.wait()
-    assert caplog.text.count("servo 2 does not answer") == 1
+    assert caplog.text.count("servo 2 does not respond") == 1

@@ -59,7 +59,7 @@ def test_a_lost_instruction_to_forget_turns_is_repeated() -> None:
 
 def lacks_the_instruction(monkeypatch: pytest.MonkeyPatch) -> None:
     def silent(self: SingleServo, servo_id: int) -> None:
-        raise ServoSilent(servo_id, "does not answer: check its power and cable")
+        raise ServoSilent(servo_id, "does not respond: check its power and cable")
 
     monkeypatch.setattr(SingleServo, "forget_turns", silent)
 
@@ -104,7 +104,7 @@ def test_a_servo_held_in_another_turn_is_refused_and_keeps_holding() -> None:
     before = shaft_counts(bench)
     message = (
         r"elbow \(servo 2\) has goal 6096 but reports \d+ counts, so it is probably "
-        r"held in another turn\. Hold the arm, and switch the servos' supply off and on$"
+        r"in a different turn\. Hold the arm, and switch the servos' supply off and on$"
     )
     with pytest.raises(ActivationError, match=message):
         bench.hardware.activate()

@@ -31,7 +31,7 @@ class Failing(FailingMock):
         self.call("deactivate")
         self.relaxed.append(relax)
         super().deactivate(relax)
-        return [f"{self.name}: one servo does not answer"]
+        return [f"{self.name}: one servo does not respond"]
 
     def write(self, command: JointCommand) -> None:
         self.written.append(command)
@@ -108,8 +108,8 @@ def test_all_components_are_switched_off_and_cleaned_up_although_one_fails() -> 
     made[0].failing = {"deactivate": RuntimeError("a defect"), "cleanup": RuntimeError("another")}
     assert deactivate_all(components, relax=False) == [
         "could not switch first off: a defect",
-        "second: one servo does not answer",
-        "third: one servo does not answer",
+        "second: one servo does not respond",
+        "third: one servo does not respond",
     ]
     with pytest.raises(RuntimeError, match="another"):
         clean_up_all(components)

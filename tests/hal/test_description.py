@@ -165,7 +165,7 @@ def limited(old: str, new: str) -> str:
         ),
         (
             urdf(ELBOW + FINGER.replace('joint="elbow" ', 'joint="finger" ')),
-            "finger: its <mimic> leads back to finger (arm.urdf, line 10): use a joint that is driven.",
+            "finger: the chain of <mimic> elements leads back to finger (arm.urdf, line 10): mimic a driven joint",
         ),
         (urdf(LINKS.format("") + '<link name="a"/>' + ELBOW + FINGER), "two links named 'a' (arm.urdf, line 2)"),
         (
@@ -247,9 +247,9 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
         (urdf(ELBOW.replace("-1.5", "low")), "joint 'elbow': lower must be a number, not 'low'"),
         (urdf(ELBOW.replace("-1.5", "nan")), "joint 'elbow': lower must be a number, not 'nan'"),
         (urdf(ELBOW.replace('"4"', '"inf"')), "joint 'elbow': velocity must be a number, not 'inf'"),
-        (urdf(ELBOW.replace("1 2 3", "1 2")), "joint 'elbow': '1 2' is not three numbers"),
-        (urdf(ELBOW.replace("1 2 3", "1 2 3 4")), "joint 'elbow': '1 2 3 4' is not three numbers"),
-        (urdf(ELBOW.replace("1 2 3", "1 2 nan")), "joint 'elbow': '1 2 nan' is not three numbers"),
+        (urdf(ELBOW.replace("1 2 3", "1 2")), "joint 'elbow': xyz must be three numbers, not '1 2'"),
+        (urdf(ELBOW.replace("1 2 3", "1 2 3 4")), "joint 'elbow': xyz must be three numbers, not '1 2 3 4'"),
+        (urdf(ELBOW.replace("1 2 3", "1 2 nan")), "joint 'elbow': xyz must be three numbers, not '1 2 nan'"),
         (urdf(ELBOW.replace("0 -1 0", "0 0 0")), "joint 'elbow': the <axis> is zero"),
         (urdf(ELBOW + ELBOW + FINGER), "the URDF has two joints named 'elbow'"),
         (urdf(ELBOW + FINGER.replace('mimic joint="elbow"', "mimic")), "<mimic> of joint 'finger' of the URDF has no"),

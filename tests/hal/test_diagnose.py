@@ -47,7 +47,7 @@ def test_a_missing_servo_answers_at_no_baud_rate() -> None:
     line.servos.faults.silence(3)
     texts = line.diagnosis()
     assert texts.keys() == {3}
-    assert "does not answer at any baud rate" in texts[3]
+    assert "does not respond at any baud rate" in texts[3]
     assert line.port.baud == 1_000_000
 
 
@@ -56,7 +56,7 @@ def test_a_servo_at_another_baud_rate_is_found(index: int) -> None:
     line = Line()
     line.servos.servos[1].memory.put(sts.baud_rate, index)
     rate = sts.BAUD_RATES[index]
-    assert f"servo 2: answers at {rate} baud" in line.diagnosis()[2]
+    assert f"servo 2: responds at {rate} baud" in line.diagnosis()[2]
     assert line.port.baud == 1_000_000
 
 
@@ -77,7 +77,7 @@ def test_an_mx_at_a_rare_baud_rate_is_found(value: int, rate: int) -> None:
     servos = VirtualBus.of(BenchPlant(IDS), dxl.MX_28)
     servos.servo(2).memory.put(dxl.baud_rate, value)
     bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys(IDS, dxl.MX_28))
-    assert f"servo 2: answers at {rate} baud" in diagnose(bus, IDS)[2]
+    assert f"servo 2: responds at {rate} baud" in diagnose(bus, IDS)[2]
 
 
 def test_an_x_series_servo_at_its_highest_baud_rate_is_found() -> None:
@@ -86,7 +86,7 @@ def test_an_x_series_servo_at_its_highest_baud_rate_is_found() -> None:
     servos = VirtualDynamixelBus.of(BenchPlant(IDS), models)
     servos.servo(2).memory.put(x_series.baud_rate, x_series.BAUD_RATES.index(4_500_000))
     bus = Bus(VirtualPort(servos, clock), clock, models)
-    assert "servo 2: answers at 4500000 baud" in diagnose(bus, IDS)[2]
+    assert "servo 2: responds at 4500000 baud" in diagnose(bus, IDS)[2]
 
 
 def test_a_baud_rate_unknown_to_the_adapter_does_not_end_the_search() -> None:
@@ -100,7 +100,7 @@ def test_a_baud_rate_unknown_to_the_adapter_does_not_end_the_search() -> None:
         set_baud(baud)
 
     line.port.set_baud = only_slow  # type: ignore[method-assign]
-    assert "servo 2: answers at 38400 baud" in line.diagnosis()[2]
+    assert "servo 2: responds at 38400 baud" in line.diagnosis()[2]
 
 
 def test_two_servos_with_the_same_id_are_suspected() -> None:
@@ -142,7 +142,7 @@ def test_an_adapter_that_delays_replies_is_reported(
     texts = Held(model, hold_ms / 1000.0).diagnosis(servo_ids)
     assert texts.keys() == set(servo_ids)
     for servo_id, text in texts.items():
-        assert text.startswith(f"servo {servo_id}: answers too late: the adapter or a hub delays replies")
+        assert text.startswith(f"servo {servo_id}: responds too late: the adapter or a hub delays replies")
 
 
 def test_a_late_reply_is_not_attributed_to_the_next_baud_rate() -> None:
@@ -150,7 +150,7 @@ def test_a_late_reply_is_not_attributed_to_the_next_baud_rate() -> None:
     line = Held(sts.STS3215, 0.09)
     for servo in line.servos.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
-    assert not [text for text in line.diagnosis().values() if "answers at" in text and "500000" not in text]
+    assert not [text for text in line.diagnosis().values() if "responds at" in text and "500000" not in text]
 
 
 def test_a_servo_that_starts_answering_is_not_attributed_to_another_baud_rate() -> None:
@@ -248,7 +248,7 @@ def test_servos_whose_replies_were_all_corrupted_are_reported() -> None:
     never = [{i for i in IDS if done.done["flip", i] == TRIES} for _, done in found]
     assert [texts.keys() for texts, _ in found] == never
     assert any(never)
-    assert all(f"servo {i}: answers, but every reply is corrupted" in texts[i] for texts, _ in found for i in texts)
+    assert all(f"servo {i}: responds, but every reply is corrupted" in texts[i] for texts, _ in found for i in texts)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -256,7 +256,7 @@ def test_a_connection_without_intact_replies_is_reported(seed: int) -> None:
     texts, _ = disturbed(seed, 0.5, 0.5)
     assert texts.keys() == set(IDS)
     for servo_id, text in texts.items():
-        assert text.startswith(f"servo {servo_id}: answers") and "check the cable's plugs" in text
+        assert text.startswith(f"servo {servo_id}: responds") and "check the cable's plugs" in text
         assert "every reply is corrupted" in text or "with corrupted replies" in text
 
 

@@ -59,7 +59,7 @@ def test_a_reset_servo_is_reported_checked_and_can_be_activated_again(victim: Jo
     assert faults() == {}
     servos.servo(victim.servo_id).power_cycle()
     (text,) = faults().values()
-    assert text.startswith(f"{called} has lost the map of its indirect registers")
+    assert text.startswith(f"{called} has lost the mapping of its indirect registers")
     for _ in range(20):
         assert faults() == {victim.name: f"{called} returned with its torque disabled (power dip?): activate again"}
     assert hardware.state is LifecycleState.ACTIVE

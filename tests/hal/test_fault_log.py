@@ -18,8 +18,8 @@ def log_lines(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
 @pytest.mark.parametrize(
     ("what", "of_two"),
     [
-        ("does not answer", "do not answer"),
-        ("answered with a wrong checksum", "answered with a wrong checksum"),
+        ("does not respond", "do not respond"),
+        ("replied with a wrong checksum", "replied with a wrong checksum"),
         (
             "has lost its torque (power dip?): reboot it, then activate again",
             "have lost their torque (power dip?): reboot it, then activate again",
@@ -88,8 +88,8 @@ def test_a_bus_that_misses_one_cycle_is_logged_twice(log_lines: pytest.LogCaptur
         bench.servos.faults.restore(servo_id)
     assert bench.wait().faults == {}
     begin, end = log_lines.messages
-    assert begin.startswith("no servo answers on virtual: ")
-    assert end == "shoulder (servo 1), elbow (servo 2), finger (servo 7) answer again"
+    assert begin.startswith("no servo responds on virtual: ")
+    assert end == "shoulder (servo 1), elbow (servo 2), finger (servo 7) respond again"
 
 
 def test_servos_after_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
@@ -103,8 +103,8 @@ def test_servos_after_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixt
         bench.servos.faults.restore(servo_id)
     assert bench.wait().faults == {}
     assert log_lines.messages == [
-        "elbow (servo 2), finger (servo 7) do not answer",
-        "elbow (servo 2), finger (servo 7) answer again",
+        "elbow (servo 2), finger (servo 7) do not respond",
+        "elbow (servo 2), finger (servo 7) respond again",
     ]
 
 

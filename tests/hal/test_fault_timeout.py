@@ -5,7 +5,7 @@ import pytest
 from hal.fault_timeout import FaultTimeout
 from hal.types import JointFault
 
-SILENT = {"elbow": JointFault("silent", "servo 2 does not answer")}
+SILENT = {"elbow": JointFault("silent", "servo 2 does not respond")}
 STALL_S = 0.2
 """Duration of a bus stall that must not abort a goal, in seconds."""
 
@@ -27,16 +27,16 @@ def test_only_consecutive_cycles_count() -> None:
         assert timeout.lasting(faults, 0.05) is None
 
 
-SHOULDER = {"shoulder": JointFault("silent", "servo 1 does not answer")}
-FINGER = {"finger": JointFault("silent", "servo 7 does not answer")}
+SHOULDER = {"shoulder": JointFault("silent", "servo 1 does not respond")}
+FINGER = {"finger": JointFault("silent", "servo 7 does not respond")}
 
 
 def test_joints_are_counted_separately_and_other_joints_are_ignored() -> None:
     timeout = FaultTimeout(("shoulder", "elbow"))
     alternating = [
         {
-            "shoulder": JointFault("silent", "servo 1 does not answer"),
-            "finger": JointFault("silent", "servo 7 does not answer"),
+            "shoulder": JointFault("silent", "servo 1 does not respond"),
+            "finger": JointFault("silent", "servo 7 does not respond"),
         },
         SILENT,
     ]
@@ -44,4 +44,4 @@ def test_joints_are_counted_separately_and_other_joints_are_ignored() -> None:
         assert timeout.lasting(alternating[cycle % 2] | FINGER, 0.05) is None
     both = SILENT | SHOULDER
     found = [timeout.lasting(both, 0.05) for _ in range(7)]
-    assert found[-1] == "servo 1 does not answer; servo 2 does not answer"
+    assert found[-1] == "servo 1 does not respond; servo 2 does not respond"

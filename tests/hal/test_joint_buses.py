@@ -187,7 +187,7 @@ def test_a_servo_silent_during_activation_leaves_no_torque_on_the_others(
             bench.servos["arm"].faults.silence(2)
 
     bench.ports["arm"].before_write = silence
-    with pytest.raises(DriverError, match=r"servo 2: does not answer.*\(elbow, bus arm\)"):
+    with pytest.raises(DriverError, match=r"servo 2: does not respond.*\(elbow, bus arm\)"):
         bench.hardware.activate()
     # The goal has enabled the torque of the servo that is now silent. It holds its position.
     assert seen and bench.torque() == {"arm": [2], "hand": []}
@@ -198,19 +198,19 @@ def test_a_silent_servo_is_reported_with_its_bus_and_hides_no_other() -> None:
     bench = Ports().active()
     bench.servos["arm"].faults.silence(1)
     state = bench.hardware.read()
-    assert fault_texts(state) == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
+    assert fault_texts(state) == {"shoulder": "shoulder (bus arm): servo 1 does not respond"}
     bench.servos["arm"].faults.restore(1)
     bench.clock.sleep_until(bench.clock.now() + 1.0)  # silent servos are not read in every cycle
     assert bench.hardware.read().faults == {}
     bench.servos["hand"].faults.silence(1)
-    assert fault_texts(bench.hardware.read()) == {"finger": "finger (bus hand): servo 1 does not answer"}
+    assert fault_texts(bench.hardware.read()) == {"finger": "finger (bus hand): servo 1 does not respond"}
 
 
 def test_refusals_contain_joint_servo_and_bus() -> None:
     bench = Ports()
     bench.hardware.configure()
     bench.servos["hand"].faults.silence(1)
-    with pytest.raises(ActivationError, match=r"not activated: finger \(bus hand\): servo 1 does not answer"):
+    with pytest.raises(ActivationError, match=r"not activated: finger \(bus hand\): servo 1 does not respond"):
         bench.hardware.activate()
     assert bench.torque() == NONE
 
@@ -222,8 +222,8 @@ def test_a_dead_bus_differs_from_one_silent_servo() -> None:
     with pytest.raises(DriverError) as caught:
         bench.hardware.configure()
     arm, hand = str(caught.value).splitlines()
-    assert arm.startswith("elbow (bus arm): servo 2: does not answer")
-    assert hand == "no servo answers on /dev/hand (bus hand) at any baud rate: check the servos' power and their IDs"
+    assert arm.startswith("elbow (bus arm): servo 2: does not respond")
+    assert hand == "no servo responds on /dev/hand (bus hand) at any baud rate: check the servos' power and their IDs"
 
 
 @pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])
@@ -256,8 +256,8 @@ def test_servos_that_cannot_be_released_are_reported_with_their_joints() -> None
     bench.servos["arm"].faults.silence(1)
     bench.servos["hand"].faults.silence(1)
     arm, hand = bench.hardware.deactivate(relax=True)
-    assert arm.startswith("shoulder (bus arm): servo 1: does not answer")
-    assert hand.startswith("finger (bus hand): servo 1: does not answer")
+    assert arm.startswith("shoulder (bus arm): servo 1: does not respond")
+    assert hand.startswith("finger (bus hand): servo 1: does not respond")
 
 
 STATES = {"arm": ServoState(1, 0, 0.0, 12.0, 30.0), "hand": ServoState(2, 0, 0.0, 12.0, 30.0)}
@@ -334,7 +334,7 @@ def test_too_many_lost_packets_fail_an_activation_without_torque(which: str) -> 
     bench = Ports()
     bench.hardware.configure()
     lost = loses(bench, SINGLE[which], ATTEMPTS)
-    with pytest.raises(DriverError, match="servo 1: does not answer"):
+    with pytest.raises(DriverError, match="servo 1: does not respond"):
         bench.hardware.activate()
     assert len(lost) == ATTEMPTS
     assert bench.torque() == NONE

@@ -45,7 +45,7 @@ def test_a_configured_arm_knows_its_position() -> None:
 def test_a_silent_servo_is_reported_and_the_port_is_closed() -> None:
     bench = Bench()
     bench.servos.faults.silence(2)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: does not answer at any baud rate") as caught:
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: does not respond at any baud rate") as caught:
         bench.hardware.configure()
     assert "shoulder" not in str(caught.value)
     assert bench.hardware.state is UNCONFIGURED
@@ -60,7 +60,7 @@ def test_all_wrong_servos_are_reported_together() -> None:
     with pytest.raises(DriverError) as caught:
         bench.hardware.configure()
     shoulder, finger = str(caught.value).splitlines()
-    assert shoulder.startswith("shoulder: servo 1: does not answer")
+    assert shoulder.startswith("shoulder: servo 1: does not respond")
     assert finger.startswith("finger: servo 7: is model 1 (unknown), not 777 (sts3215)")
 
 
@@ -68,7 +68,7 @@ def test_if_no_servo_answers_the_bus_is_reported() -> None:
     bench = Bench()
     for servo_id in IDS:
         bench.servos.faults.silence(servo_id)
-    with pytest.raises(DriverError, match=r"^no servo answers on virtual at any baud rate: check the servos' power"):
+    with pytest.raises(DriverError, match=r"^no servo responds on virtual at any baud rate: check the servos' power"):
         bench.hardware.configure()
 
 
@@ -79,7 +79,7 @@ def test_servos_of_a_wrong_model_are_not_reported_as_silent() -> None:
     with pytest.raises(DriverError) as caught:
         bench.hardware.configure()
     assert len(str(caught.value).splitlines()) == len(JOINTS)
-    assert "no servo answers" not in str(caught.value)
+    assert "no servo responds" not in str(caught.value)
 
 
 def test_a_port_that_does_not_open_leaves_the_arm_unconfigured() -> None:
@@ -193,8 +193,8 @@ def turn_elbow_out(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("disturb", "expected"),
     [
-        (silence_elbow, "elbow: servo 2 does not answer"),
-        (corrupt_elbow, "elbow: servo 2 answered with a wrong checksum"),
+        (silence_elbow, "elbow: servo 2 does not respond"),
+        (corrupt_elbow, "elbow: servo 2 replied with a wrong checksum"),
         (
             turn_elbow_out,
             r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move the joint by hand, or",
@@ -291,7 +291,7 @@ def test_a_failure_at_any_step_leaves_no_servo_with_torque(
         out_of_reach = [i for i in IDS if bench.servos.faults.is_silent(i)]
         assert set(bench.torque()) <= set(out_of_reach)
         for servo_id in bench.torque():
-            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be reported"
+            assert f"servo {servo_id}: does not respond" in caplog.text, "a servo with torque must be reported"
     else:  # the failure occurred after the activation
         assert bench.hardware.state is ACTIVE
         assert bench.torque() == list(IDS)
@@ -306,11 +306,11 @@ def test_a_servo_that_cannot_be_released_is_reported(caplog: pytest.LogCaptureFi
             bench.servos.faults.silence(7)
 
     bench.port.before_write = cut
-    with pytest.raises(DriverError, match="servo 7: does not answer"):
+    with pytest.raises(DriverError, match="servo 7: does not respond"):
         bench.hardware.activate()
     assert bench.torque() == [1, 7]
     for servo_id in (1, 7):
-        expected = f"torque may still be on: servo {servo_id}: does not answer"
+        expected = f"torque may still be on: servo {servo_id}: does not respond"
         assert any(message.startswith(expected) for message in caplog.messages)
 
 
@@ -338,7 +338,7 @@ def test_a_servo_reset_while_torque_is_enabled_gets_no_torque(servo_id: int) -> 
 
     bench.port.before_write = dip
     before = bench.measured(servo_id)
-    with pytest.raises(ActivationError, match=rf"\(servo {servo_id}\) holds goal 0, not {before}. Check the cable"):
+    with pytest.raises(ActivationError, match=rf"\(servo {servo_id}\) has goal 0 instead of {before}. Check the cable"):
         bench.hardware.activate()
     assert bench.torque() == []
     assert bench.measured(servo_id) == before
@@ -371,7 +371,7 @@ def test_a_goal_that_did_not_arrive_is_noticed() -> None:
             bench.servos.faults.restore(2)
 
     bench.port.before_write = lose
-    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) holds goal 0, not 2000. Check the cable"):
+    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) has goal 0 instead of 2000. Check the cable"):
         bench.hardware.activate()
     assert bench.torque() == []
 

@@ -215,11 +215,11 @@ def test_a_silent_servo_is_reported_while_the_others_continue(
     for _ in range(4):
         position = position + at(0.05, 0.05, 0.001)
         state = bench.cycle(position)
-    assert fault_texts(state) == {name: f"{name}: servo {servo_id} does not answer"}
+    assert fault_texts(state) == {name: f"{name}: servo {servo_id} does not respond"}
     moved = np.abs(state.position - before.position) > [0.05, 0.05, 0.001]
     assert list(moved) == [joint.servo_id != servo_id for joint in JOINTS]
     assert set(state.health) == set(NAMES)
-    assert [record.getMessage() for record in caplog.records] == [f"{name}: servo {servo_id} does not answer"], (
+    assert [record.getMessage() for record in caplog.records] == [f"{name}: servo {servo_id} does not respond"], (
         "logged once per episode, not once per cycle"
     )
 
@@ -236,7 +236,7 @@ def test_the_counters_of_a_silent_servo_are_updated() -> None:
 def test_a_corrupt_reply_is_a_fault_of_one_cycle() -> None:
     bench = Bench().active()
     bench.servos.faults.corrupt_next(2, replies=3)
-    assert fault_texts(bench.wait()) == {"elbow": "elbow: servo 2 answered with a wrong checksum"}
+    assert fault_texts(bench.wait()) == {"elbow": "elbow: servo 2 replied with a wrong checksum"}
     assert bench.wait().faults == {}
 
 
@@ -246,7 +246,7 @@ def test_a_servo_that_answers_again_with_torque_has_no_fault(caplog: pytest.LogC
     bench.wait()
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
-    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == ["elbow: servo 2 answers again"]
+    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == ["elbow: servo 2 responds again"]
 
 
 def test_a_servo_that_answers_again_without_torque_keeps_its_fault(
@@ -423,7 +423,7 @@ def test_in_an_inactive_component_each_silence_is_logged(caplog: pytest.LogCaptu
         bench.wait()
         bench.servos.faults.restore(2)
         assert bench.wait().faults == {}
-    assert caplog.text.count("servo 2 does not answer") == 2
+    assert caplog.text.count("servo 2 does not respond") == 2
 
 
 def test_alarms_are_part_of_a_joints_health() -> None:
@@ -464,7 +464,7 @@ def test_relaxing_with_dead_servos_releases_the_others_and_reports_them(dead: tu
     assert bench.torque() == list(dead)
     assert len(problems) == len(dead)
     for servo_id, problem in zip(dead, problems, strict=True):
-        assert f"servo {servo_id}: does not answer" in problem
+        assert f"servo {servo_id}: does not respond" in problem
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
@@ -579,7 +579,7 @@ def test_a_servo_that_released_its_torque_gets_no_goal_until_activation(
     assert bench.wait().faults["elbow"].kind == "silent"
     bench.servos.faults.restore(2)
     for _ in range(15):
-        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again but is still limp"
+        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it responds again but is still limp"
         assert commanded_ids(bench) == [1, 7]
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()

@@ -101,7 +101,7 @@ REGISTER = "a:\n  like: sts3215\n  number: 1545\n  registers:\n    {}\n"
         ("a:\n  like: sts9999\n  number: 1\n", "servo_models.yaml:2: unknown model sts9999: use one of "),
         (
             "a:\n  like: sts3215\n  number: 2825\n",
-            "servo_models.yaml:3: number 2825 belongs to sts3250: write `like: sts3250` for a variant of it",
+            "servo_models.yaml:3: model number 2825 belongs to sts3250: write `like: sts3250` for a variant of this",
         ),
         ("sts3215:\n  like: sts3250\n  number: 1\n", "servo_models.yaml:3: servoloop already has a model sts3215"),
         ("a:\n  like: sts3215\n  number: -1\n", "servo_models.yaml:3: a.number: "),

@@ -43,8 +43,8 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
             r"<sensor name='a'> has a <command_interface> \(.*line \d+\): "
             r"use <gpio>, or remove the <command_interface>",
         ),
-        (f'<gpio name="gripper">{VALUES}</gpio>', "<gpio name='gripper'> has the name of another element"),
-        (f'<gpio name="a"><param name="joint">knee</param>{VALUES}</gpio>', "names joint 'knee', which its block does"),
+        (f'<gpio name="gripper">{VALUES}</gpio>', "<gpio name='gripper'> has the same name as another element"),
+        (f'<gpio name="a"><param name="joint">knee</param>{VALUES}</gpio>', "refers to joint 'knee', which is not in"),
         (
             '<gpio name="a"><param name="joint">gripper</param><state_interface name="mood"/></gpio>',
             "state interface mood .*, but the servo of gripper reports voltage, temperature, current, load, alarms",

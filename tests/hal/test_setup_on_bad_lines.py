@@ -66,7 +66,7 @@ def test_a_few_lost_packets_do_not_fail_a_configuration(packets: int) -> None:
 def test_many_lost_packets_fail_it_but_the_servo_is_not_reported_as_silent() -> None:
     bench = Bench()
     loses_the_question_for(sts.model_number, bench, 2 * ATTEMPTS)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers pings but not reads: set its status_level"):
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: responds to pings but not to reads: set its status_level"):
         bench.hardware.configure()
 
 
@@ -75,7 +75,7 @@ def test_a_servo_that_answers_intermittently_is_reported_with_joint_and_id(regis
     """The lost reply may be that to a request for the model or a setting."""
     bench = Bench()
     loses_the_question_for(register, bench, ATTEMPTS)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only intermittently: check"):
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: responds only intermittently: check"):
         bench.hardware.configure()
 
 
@@ -145,7 +145,7 @@ def test_two_servos_with_the_same_id_are_reported_at_configuration() -> None:
     bench = Doubled()
     bench.double()
     with pytest.raises(
-        DriverError, match=r"^elbow: servo 2: answers, but every reply is corrupted: do two servos have ID 2"
+        DriverError, match=r"^elbow: servo 2: responds, but every reply is corrupted: do two servos have ID 2"
     ):
         bench.hardware.configure()
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
@@ -164,7 +164,7 @@ def test_a_servo_missing_since_configuration_is_not_searched_at_other_baud_rates
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     begin_s = bench.clock.now()
-    with pytest.raises(ActivationError, match="elbow: servo 2 does not answer"):
+    with pytest.raises(ActivationError, match="elbow: servo 2 does not respond"):
         bench.hardware.activate()
     assert bench.clock.now() - begin_s < 0.6
 
@@ -176,4 +176,4 @@ def test_all_kinds_of_problems_are_reported_together() -> None:
         bench.hardware.configure()
     shoulder, elbow = str(caught.value).splitlines()
     assert shoulder.startswith("shoulder: servo 1: is model 777")
-    assert elbow.startswith("elbow: servo 2: answers, but every reply is corrupted")
+    assert elbow.startswith("elbow: servo 2: responds, but every reply is corrupted")

@@ -57,7 +57,7 @@ def test_a_servo_that_answers_again_gets_goals_after_its_torque_is_checked(rate_
     loop.bench.servos.faults.restore(1)
     while (faults := loop.cycle())["shoulder"].kind != "no_torque":
         pass
-    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, but its torque has not been checked")
+    assert faults["shoulder"].text.startswith("shoulder: servo 1 responds again, but its torque has not been checked")
     loop.late = 0
     waited = loop.cycles(LONGEST_S + 0.1)
     assert "shoulder" in waited[0] and waited[-1] == {}
@@ -150,7 +150,7 @@ def test_cycles_without_time_left_are_logged_at_most_once_a_second(caplog: pytes
         assert {fault.kind for fault in faults.values()} == ({"no_time"} if cycle % 2 == 0 else set())
         clock.sleep_until(clock.now() + loop.period_s)
     assert caplog.text.count("the cycle had no time left") == 3
-    assert caplog.text.count("answer again") == 3
+    assert caplog.text.count("respond again") == 3
 
 
 def test_a_servo_that_stays_silent_after_a_want_of_time_is_logged(caplog: pytest.LogCaptureFixture) -> None:
@@ -165,4 +165,4 @@ def test_a_servo_that_stays_silent_after_a_want_of_time_is_logged(caplog: pytest
     hardware.read()
     loop.bench.servos.faults.silence(1)
     loop.cycle()
-    assert "shoulder: servo 1 does not answer" in caplog.text
+    assert "shoulder: servo 1 does not respond" in caplog.text

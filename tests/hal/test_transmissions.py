@@ -74,7 +74,7 @@ def test_a_zero_of_the_robot_file_contains_the_offset(tmp_path: Path) -> None:
             r"gear'> is a transmission_interface/DifferentialTransmission \(",
         ),
         (GEAR.replace("<actuator", '<actuator name="b"/><actuator'), "", "needs one <joint> and one <actuator>"),
-        (GEAR.replace("{joint}", "knee"), "", "has joint 'knee', which its block does not have"),
+        (GEAR.replace("{joint}", "knee"), "", "refers to joint 'knee', which is not in its block"),
         (GEAR, "<mechanical_reduction>0</mechanical_reduction>", "mechanical_reduction must be from 0.001 to 1000"),
         (GEAR, "<offset>far</offset>", r"offset must be a number, not 'far' \(.*arm.urdf, line \d+\)"),
     ],

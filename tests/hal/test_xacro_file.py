@@ -60,7 +60,7 @@ def test_macros_includes_and_arguments_are_expanded(tmp_path: Path) -> None:
         (("arm.xacro", "leg.xacro"), {}, "leg.xacro"),
         (("<link name", "<link <name"), {}, "robot.urdf.xacro, line 5: not well-formed"),
         (("arm.xacro", "$(find my_arm)/arm.xacro"), {}, r"\$\(find PACKAGE\) finds a package only in a ROS workspace"),
-        (("", ""), {"prefx": "a"}, r"has no argument prefx \(it declares prefix, reach\): correct --xacro-arg"),
+        (("", ""), {"prefx": "a"}, r"has no xacro argument prefx \(it declares prefix, reach\): correct --xacro-arg"),
     ],
     ids=["argument", "macro", "property", "include", "XML", "find", "undeclared"],
 )

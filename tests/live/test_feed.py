@@ -240,7 +240,7 @@ def test_live_folder_is_private_to_its_user() -> None:
     make_live_folder()
     assert os.stat(live_folder()).st_mode & 0o777 == 0o700
     live_folder().chmod(0o755)
-    with pytest.raises(LiveError, match="other users own or can read"):
+    with pytest.raises(LiveError, match="another user owns or can read"):
         make_live_folder()
 
 

@@ -170,7 +170,7 @@ def test_a_stack_without_a_cycle_leaves_no_file(tmp_path: Path) -> None:
     rig = LiveRig()
     recording = Recording(tmp_path / "live.mcap")
     recording.stopped.set()
-    with pytest.raises(RecordingError, match="no cycle arrived"):
+    with pytest.raises(RecordingError, match="no cycles arrived"):
         recording.to_its_end()
     assert not (tmp_path / "live.mcap").exists()
     rig.feed.close((), failed=False)

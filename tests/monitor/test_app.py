@@ -72,8 +72,8 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         text = words(app)
         lines = [squeezed(line) for line in text.splitlines() if "joint3" in line]
-        assert "joint3 (servo 3) joint3: servo 3 does not answer" in lines[0]
-        assert lines[1].endswith("joint3: servo 3 does not answer") and "°C" in lines[1]
+        assert "joint3 (servo 3) joint3: servo 3 does not respond" in lines[0]
+        assert lines[1].endswith("joint3: servo 3 does not respond") and "°C" in lines[1]
         assert "silent " in lines[2]
 
     on_screen(FixedSource(watched(rig)), look)

@@ -39,7 +39,7 @@ def test_a_pose_survives_its_file_and_belongs_to_one_camera(tmp_path: Path) -> N
     again = read_pose(tmp_path / "pose.yaml", "camera")
     assert again.rotation == pytest.approx(VIEW.pose.rotation, abs=1e-7)
     assert again.position_m == pytest.approx(VIEW.pose.position_m) and again.plane_height_m == 0.02
-    with pytest.raises(CameraFileError, match="is the pose of camera camera, but the intrinsics are those of left"):
+    with pytest.raises(CameraFileError, match="contains the pose of camera camera, but the intrinsics are"):
         read_pose(tmp_path / "pose.yaml", "left")
 
 

@@ -76,7 +76,7 @@ def test_a_class_without_a_grade_gives_none(tmp_path: Path, scene) -> None:
 
 def test_a_corrupt_file_is_one_sentence(tmp_path: Path, scene) -> None:
     (tmp_path / "m.onnx").write_bytes(b"not a model")
-    with pytest.raises(DetectorError, match=r"m.onnx is not an ONNX model that can run: ") as error:
+    with pytest.raises(DetectorError, match=r"m.onnx is not a runnable ONNX model: ") as error:
         OnnxGrader(tmp_path / "m.onnx", CLASSES, scene[0])
     assert "\n" not in str(error.value)
     with pytest.raises(DetectorError, match=r"model .*n.onnx does not exist"):
@@ -124,8 +124,8 @@ def test_a_picture_keeps_its_shape_in_the_input() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("classes: [good, bad]\ngrades: {ugly: C}\n", "there is no class ugly: choose from good, bad"),
-        ("classes: [good, good]\ngrades: {good: A}\n", "a name occurs twice"),
+        ("classes: [good, bad]\ngrades: {ugly: C}\n", "unknown class ugly: choose from good, bad"),
+        ("classes: [good, good]\ngrades: {good: A}\n", "two classes have the same name"),
         ("classes: []\ngrades: {}\n", "classes.yaml:1: classes: "),
         (
             "classes: [good]\ngrades: {good: A}\nleast_score: 2\n",

@@ -42,7 +42,7 @@ def test_a_range_includes_its_lower_end(tmp_path: Path, values: tuple[float, flo
     ("old", "new", "message"),
     [
         ("[0.0, 0.5]", "[0.0, 0.6]", r"grades.yaml:3: grades A \(line 2\) and B overlap: change a range"),
-        ("[0.03, 1.0]", "[1.0, 0.03]", "grades.yaml:4: grades.2: defect_score: .* write the lower end first"),
+        ("[0.03, 1.0]", "[1.0, 0.03]", "grades.yaml:4: grades.2: defect_score: .* write the smaller value first"),
         ("[0.03, 1.0]", "[0.03, .nan]", "grades.yaml:4: .* must be a finite number"),
         ("grade: B, ", "", "grades.yaml:3: grades.1.grade: is missing"),
         ("red_ratio: [0.0", "redness: [0.0", "grades.yaml:3: grades.1.redness: is not a known key"),

@@ -231,7 +231,7 @@ def test_solutions_that_are_not_valid_are_left_out() -> None:
     solutions = SOLVERS["robot_arm"].solve(goal, start("robot_arm"), valid=lambda at: at[2] < 0.0, count=3)
     assert check("robot_arm", goal, solutions)
     assert (solutions[:, 2] < 0.0).all()
-    with pytest.raises(CollidingError, match="only in positions that are not valid") as caught:
+    with pytest.raises(CollidingError, match="only at invalid joint positions") as caught:
         SOLVERS["robot_arm"].solve(goal, start("robot_arm"), valid=lambda _: False)
     assert caught.value.code == "GOAL_IN_COLLISION"
     assert goal.contains(chain("robot_arm").transforms(caught.value.positions[None]))[0]

@@ -101,7 +101,7 @@ def test_a_single_joint_that_cannot_pass_an_object_names_it_at_once():
     arm = planar("one")
     request = PathRequest(np.array([-0.6]), (np.array([0.6]),))
     with pytest.raises(
-        PlanningError, match="on the only path to the goal, upper comes too near to ball: move them apart"
+        PlanningError, match="on the only path to the goal, upper comes too close to ball: move them apart"
     ) as caught:
         plan_path(arm, Collisions(arm, narrow(-1e-3)), request, lambda: 60.0)
     assert caught.value.code == "PLANNING_FAILED"

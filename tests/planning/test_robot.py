@@ -67,7 +67,7 @@ def test_a_point_of_a_link_is_brought_to_a_position() -> None:
 def test_goal_in_contact_names_the_link_and_the_object() -> None:
     wall = SceneObject("wall", ((Box(0.1, 0.1, 0.4), Pose()),), Pose(np.array([0.25, 0.0, 0.25])))
     goal = ToolGoal(goal_at(READY, "gripper_base_link"), "gripper_base_link")
-    with pytest.raises(PlanningError, match=r"is in contact, for example (\w+ touches wall|wall touches \w+)"):
+    with pytest.raises(PlanningError, match=r"is in collision \(for example, (\w+ touches wall|wall touches \w+)"):
         ROBOT.group("arm").plan(request({**READY, "joint1": 1.5}, goal, scene=SCENE.with_object(wall)))
 
 
@@ -120,7 +120,7 @@ def test_a_state_is_checked_for_contacts_and_limits() -> None:
 def test_names_that_do_not_exist_are_refused_with_those_that_do() -> None:
     with pytest.raises(PlanningError, match="no joint elbow: choose from joint1"):
         ROBOT.state({**READY, "elbow": 0.0})
-    with pytest.raises(PlanningError, match="no position of joint6: add the position"):
+    with pytest.raises(PlanningError, match="no position for joint6: add the position"):
         ROBOT.state({name: 0.0 for name in READY if name != "joint6"})
     with pytest.raises(PlanningError, match="position of joint1 is nan"):
         ROBOT.state({**READY, "joint1": float("nan")})

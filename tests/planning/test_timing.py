@@ -81,7 +81,7 @@ def test_a_corner_at_an_obstacle_is_not_cut():
 
 
 def test_a_path_that_touches_something_is_refused():
-    with pytest.raises(PlanningError, match="leaves left too near to post"):
+    with pytest.raises(PlanningError, match="brings left too close to post"):
         timed(np.array([[0.2, 0.0], [1.4, 0.0]]), LIMITS, BLOCKED)
 
 

@@ -76,12 +76,12 @@ def test_silent_servo_writes_the_time_before_the_fault(rig: FaultRig, caplog: py
     rig.pass_on(1.0)
     (path,) = rig.files
     assert path.name == "2026-01-31_12-00-00.000_joint3_silent.mcap"
-    assert f"joint3: silent: the last 30 s are recorded in {path}" in caplog.text
+    assert f"joint3: silent: the last 30 s were saved to {path}" in caplog.text
     assert faults(path) == ["joint3: silent"]
     stamps = [stamp_s(message) for message in by_rosbags(path)["/joint_states"]]
     assert stamps[-1] - stamps[0] == pytest.approx(KEPT_S, abs=0.1)
     texts = [status.message for array in by_rosbags(path)["/diagnostics"] for status in array.status]
-    assert "joint3: servo 3 does not answer" in texts
+    assert "joint3: servo 3 does not respond" in texts
 
 
 @pytest.mark.slow

@@ -52,7 +52,7 @@ def test_faults_and_goal_results_have_times(run: RecordedRun) -> None:
     ((name, begin_s, end_s),) = [fault for fault in run.faults if "joint3" in fault[0]]
     assert name == "joint3 (servo 3)" and 0.2 < end_s - begin_s < 0.6
     ((ended_s, text),) = run.results
-    assert begin_s < ended_s < end_s and text == "arm_controller: aborted joint3: servo 3 does not answer"
+    assert begin_s < ended_s < end_s and text == "arm_controller: aborted joint3: servo 3 does not respond"
 
 
 def test_page_needs_no_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:

@@ -103,7 +103,8 @@ def test_loop_continues_without_writer_and_dropped_cycles_are_counted(
     assert rig.stack.loop.figures.observer_errors == 0
     recorder.close(failed=False)
     assert len(sink.samples) == 7 and recorder.dropped == rig.stack.loop.figures.cycles - 7
-    assert f"{counted(recorder.dropped, 'cycle')} missing from the recordings: the disk was too slow" in caplog.text
+    lost = counted(recorder.dropped, "cycle")
+    assert f"the recordings lack {lost}, because the disk was too slow" in caplog.text
 
 
 def test_hanging_disk_does_not_block_the_end_of_the_program(

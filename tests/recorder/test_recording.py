@@ -86,7 +86,7 @@ def test_goals_begin_and_end(read: Read) -> None:
 
 def test_diagnostics_name_the_joint_that_was_silent(read: Read) -> None:
     texts = [status.message for array in read["/diagnostics"] for status in array.status]
-    assert "joint3: servo 3 does not answer" in texts
+    assert "joint3: servo 3 does not respond" in texts
     names = [status.name for status in read["/diagnostics"][0].status]
     assert "servoloop: control loop" in names and "servoloop: joint3 (servo 3)" in names
 

@@ -134,7 +134,7 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"source": "/dev/video99"}, "nothing is graded: there is no camera /dev/video99"),
+        ({"source": "/dev/video99"}, "no images are graded: there is no camera /dev/video99"),
         ({}, "no camera is specified"),
         ({"source": "0", "rate_hz": "30"}, "there is no camera /dev/video0"),
         ({"source": "pictures", "rate_hz": "fast"}, "parameter 'rate_hz' is 'fast': set it to a number"),
@@ -144,7 +144,7 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
         ({"source": "pictures", "detector": "onnx", "model_file": "grades.yaml"}, "parameter 'classes_file' is empty"),
         (
             {"source": "pictures", "detector": "onnx", "model_file": "grades.yaml", "classes_file": "classes.yaml"},
-            "grades.yaml is not an ONNX model that can run",
+            "grades.yaml is not a runnable ONNX model",
         ),
         ({"source": "black"}, "the image is almost black"),
     ],

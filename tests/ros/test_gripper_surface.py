@@ -222,7 +222,7 @@ def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) ->
     [
         ({"position": []}, "wrong number of position values, expects 1, got 0"),
         ({"position": [0.0, 0.0]}, "wrong number of position values, expects 1, got 2"),
-        ({"position": [0.0], "name": ["joint1"]}, f"the goal names joint1, but the joint of this gripper is {HAND}"),
+        ({"position": [0.0], "name": ["joint1"]}, f"the goal is for joint1, but the joint of this gripper is {HAND}"),
         (
             {"position": [0.0], "velocity": [-1.0]},
             f"max velocity of {HAND} must be finite and at least 0, not -1.0",

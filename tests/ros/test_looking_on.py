@@ -50,7 +50,7 @@ def test_running_stack_is_monitored_and_recorded_until_its_end(
             client.wait(client.send(PICK))
         terminal.wait_for(f"{np.degrees(PICK[5]):.1f}", "succeeded")
         ask(control_path(link), {"do": "fault", "text": "silent id=3"})
-        terminal.wait_for("servo 3 does not answer")
+        terminal.wait_for("servo 3 does not respond")
         assert stack.end() == 0
         terminal.wait_for("the stack has stopped. Waiting for it to restart")
         terminal.process.send_signal(signal.SIGTERM)

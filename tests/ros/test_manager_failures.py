@@ -113,7 +113,7 @@ def test_failed_controller_is_deactivated_and_its_fallback_takes_over(
         client.spin_until(lambda: {c.name: c.state.label for c in activity[-1].controllers} == changed)
     listed = client.listed()
     assert (listed["troublesome"].claimed_interfaces, listed["spare"].claimed_interfaces) == ([], ["joint6/position"])
-    assert "troublesome failed and is deactivated: its joints come to rest" in stack.words
+    assert "troublesome failed and is being deactivated: its joints are brought to rest" in stack.words
     assert stack.words.count(why) == before + 1
     move_the_hand(client, 0.02)
     move_the_hand(client, 0.03)
@@ -124,7 +124,7 @@ def test_failed_controller_without_fallback_releases_its_joint(client: ManagerCl
     assert client.put("/alone", "fault", "raises") == ""
     client.spin_until(lambda: client.states()["alone"] == "inactive")
     assert client.states() == {**AT_START, "alone": "inactive"}
-    assert "alone failed and is deactivated" in stack.words
+    assert "alone failed and is being deactivated" in stack.words
     move_the_hand(client, 0.01)
     # Its state is unchanged. The controller fails again immediately, and it can be activated after a repair.
     assert client.switch(["alone"]) == (True, f"{DONE}\nActivated controllers: [ alone ]")

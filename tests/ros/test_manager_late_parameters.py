@@ -45,10 +45,10 @@ def test_controller_is_loaded_set_configured_and_activated(client: ManagerClient
     load(client, "fingers", FORWARD)
     assert client.get("/fingers", "joints", "interface_name", "deactivate_on_wrong_length") == [None, None, False]
     assert not client.configure("fingers")
-    assert "fingers lacks joints, interface_name: set them on its node /fingers" in stack.words
+    assert "fingers requires joints, interface_name: set them on its node /fingers" in stack.words
     assert client.put("/fingers", "joints", ["hand_right_joint"]) == ""
     assert not client.configure("fingers")
-    assert "fingers lacks interface_name: set it on its node /fingers" in stack.words
+    assert "fingers requires interface_name: set it on its node /fingers" in stack.words
     assert client.put("/fingers", "interface_name", "position") == ""
     assert client.configure("fingers") and client.switch(["fingers"])[0]
     assert client.get("/fingers", "joints", "interface_name") == [["hand_right_joint"], "position"]

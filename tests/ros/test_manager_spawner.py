@@ -185,8 +185,8 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
         ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
         ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such'; known types are"),
         ("hand", "nowhere", FORWARD, "load", "cannot read"),
-        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node"),
-        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node"),
+        ("hand", "arm", FORWARD, "configure", "hand requires joints, interface_name: set them on its node"),
+        ("hand", "narrow", FORWARD, "configure", "hand requires interface_name: set it on its node"),
     ],
 )
 def test_failed_load_or_configuration_is_logged(

@@ -56,7 +56,7 @@ def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 result = client.send(PICK)
                 ask(control_path(link), {"do": "fault", "text": "silent id=3 for=2s"})
                 client.wait(result)
-            until(lambda: "are recorded in out/faults/" in stack.words)
+            until(lambda: "were saved to out/faults/" in stack.words)
             assert stack.end() == 0
     yield Recorded(folder / "run.mcap", stack.words, begun_s)
 
@@ -73,7 +73,7 @@ def test_every_cycle_is_recorded_in_wall_clock_time(recorded: Recorded) -> None:
 def test_goal_and_result_are_recorded(recorded: Recorded) -> None:
     (goal,), (result,) = (recorded.messages[f"/arm_controller/{name}"] for name in ("goal", "goal_result"))
     assert list(goal.points[0].positions) == list(PICK)
-    assert result.status == "aborted" and "servo 3 does not answer" in result.error_string
+    assert result.status == "aborted" and "servo 3 does not respond" in result.error_string
 
 
 def test_cube_position_is_recorded_with_an_emulated_arm(recorded: Recorded) -> None:
@@ -93,9 +93,9 @@ def test_fault_is_recorded_in_a_separate_file_named_in_the_log(recorded: Recorde
     """On a slow machine, all servos may have been late before. In that case, this fault is in a later file."""
     files = {path: faults(path) for path in recorded.fault_files}
     path = next(path for path in reversed(files) if "joint3: silent" in files[path])
-    assert f"{files[path][0]}: the last 30 s are recorded in out/faults/{path.name}" in recorded.words
+    assert f"{files[path][0]}: the last 30 s were saved to out/faults/{path.name}" in recorded.words
     texts = [status.message for array in by_mcap(path)["/diagnostics"] for status in array.status]
-    assert "joint3: servo 3 does not answer" in texts
+    assert "joint3: servo 3 does not respond" in texts
 
 
 @pytest.mark.slow

@@ -138,18 +138,18 @@ def test_silent_servo_is_named_and_the_others_are_read(ros_domain: int, tmp_path
         emulator.send_signal(signal.SIGUSR1)
         answer = client.wait(result)
         assert answer.status == ABORTED
-        assert answer.result.error_string == "joint4: servo 4 does not answer"
+        assert answer.result.error_string == "joint4: servo 4 does not respond"
         # At first, the servo is still read in every cycle.
         four = "servoloop: joint4 (servo 4)"
         client.spin_until(lambda: four in counts and counts[four]["skipped"] != "0")
-        assert "servo 4 does not answer" in levels[four]
+        assert "servo 4 does not respond" in levels[four]
         others = [levels[f"servoloop: {name} (servo {i})"] for i, name in enumerate(JOINTS, 1) if i != 4]
         assert others == ["ok"] * 5
         silent, sound = (counts[f"servoloop: joint{i} (servo {i})"] for i in (4, 3))
         assert int(silent["silent"]) >= 3
         assert int(sound["replies"]) > int(silent["replies"]) > 0 == int(sound["corrupt"])
         assert set(counts[f"servoloop: {link}"]) == {"noise", "strange"}
-        assert "joint4: servo 4 does not answer" in stack.words
+        assert "joint4: servo 4 does not respond" in stack.words
 
 
 def test_too_fast_rate_is_refused_before_torque_is_enabled(ros_domain: int, tmp_path: Path) -> None:

@@ -134,14 +134,14 @@ def test_the_arm_holds_when_the_sender_leaves(host: StackProcess, plugin: Plugin
     plugin.node.destroy_publisher(plugin.publisher)
     plugin.run(0.4)
     assert plugin.way_rad(0.1) == 0.0
-    assert plugin.phase() == f"holding: no program publishes on /{COMMANDS} any longer"
+    assert plugin.phase() == f"holding: no program publishes to /{COMMANDS} any longer"
 
 
 def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: PluginNode) -> None:
     for _ in range(20):
         plugin.publisher.publish(JointState(name=["panda_joint1"], position=[0.1]))
         plugin.run(0.02)
-    refusal = f"{COMMANDS}: the command names panda_joint1, but this arm moves {', '.join(JOINTS)}"
+    refusal = f"{COMMANDS}: the command contains panda_joint1, but this arm moves {', '.join(JOINTS)}"
     assert host.words.count(refusal) == 1
     plugin.phase()
     assert {v.key: v.value for v in plugin.statuses[-1].values}["refused_messages"] not in ("0", "1")

@@ -104,7 +104,8 @@ def test_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path, nu
     with running(tmp_path) as stack:
         emulator = emulator_of(stack)
         os.kill(emulator, number)
-        until(lambda: any(words in stack.words for words in ("does not answer", "no servo answers", "has disappeared")))
+        words = ("does not respond", "no servo responds", "has disappeared")
+        until(lambda: any(word in stack.words for word in words))
         assert stack.end(signal.SIGTERM) in (0, 1), stack.words
         assert "Traceback" not in stack.words
     assert not psutil.pid_exists(emulator)

@@ -114,7 +114,7 @@ def test_a_campaign_that_breaks_its_promises_fails_and_lists_them(tmp_path: Path
         ("{visits: [{phase: resting}]}", "unknown phase 'resting'"),
         ("{visits: [{fault: silence}]}", "unknown fault 'silence'"),
         ("{visits: [{make: dynamo}]}", "unknown make 'dynamo': choose one of dynamixel, feetech, none"),
-        ("{visits: [{client: moves}]}", "unknown client act 'moves': choose one of job, move, plan, "),
+        ("{visits: [{client: moves}]}", "unknown client action 'moves': choose one of job, move, plan, "),
     ],
 )
 def test_a_promise_with_an_unknown_name_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:

@@ -203,12 +203,12 @@ def test_a_campaign_ends_when_the_processes_of_three_seeds_in_a_row_are_killed(
     with pytest.raises(WorkerError) as ended:
         seen.extend(report.seed for report in campaign(SCENARIO, range(10), 2))
     assert str(ended.value) == (
-        "the processes of 3 seeds in a row were killed, most recently for seed 6 "
+        "the processes of 3 consecutive seeds were killed, most recently the process of seed 6 "
         "(its process was ended by SIGKILL). If memory ran out, use fewer processes: set --jobs"
     )
     (tmp_path / "scenario.yaml").write_text("{seconds: 1.0, faults: 2, within_s: 0.8}")
     words = ("--scenario", str(tmp_path / "scenario.yaml"), "--seeds", "10", "--out", str(tmp_path))
-    assert "3 seeds in a row were killed" in complaint(capsys, monkeypatch, "campaign", *words)
+    assert "3 consecutive seeds were killed" in complaint(capsys, monkeypatch, "campaign", *words)
     assert (tmp_path / "not-killed-seed-2.yaml").exists()
     assert "Interrupted: 7 of 10 runs were completed." in (tmp_path / "report.html").read_text()
 

@@ -49,7 +49,7 @@ def test_only_servos_lag_and_unknown_lags_are_logged(tmp_path: Path, caplog: pyt
     files = read_files(robot=robot)
     with caplog.at_level("INFO"):
         assert set(build(None, files, {}, SimulatedClock()).compliances) == {f"joint{i}" for i in range(2, 7)}
-    assert "joint1, hand_right_joint: servo stiffness unknown" in caplog.text
+    assert "joint1, hand_right_joint: the servo stiffness is unknown" in caplog.text
     assert build(HardwareKind.MOCK, files, {}, SimulatedClock()).compliances == {}
 
 

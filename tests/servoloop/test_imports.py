@@ -104,7 +104,11 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
         (["bench", "bus", "--help"], 0, "--ids"),
         (["ports", "--json"], 0, '"udev_rule"'),
         (["scan", "/dev/ttyACM77"], 1, "/dev/ttyACM77 does not exist"),
-        (["up", "--hardware", "mock", "--rtf", "5", "--step"], 1, "--step needs ROS, but the stack runs without ROS"),
+        (
+            ["up", "--hardware", "mock", "--rtf", "5", "--step"],
+            1,
+            "--step requires ROS, but the stack runs without",
+        ),
         (["pick", "A"], 1, "ROS 2 Jazzy is required, but Python cannot find rclpy"),
     ],
     ids=["help", "bench", "ports", "scan", "up", "pick"],

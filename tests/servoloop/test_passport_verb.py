@@ -154,5 +154,5 @@ def test_errors_are_reported(
     file.write_text("baud: 1\nservos: {1: {model: sts3215}}\n")
     said = complaint(capsys, monkeypatch, "passport", "restore", str(file), "--port", port)
     assert "broken.yaml:2: servos.1.registers" in said
-    assert "--to-new needs --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
+    assert "--to-new requires --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
     assert "add --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")

@@ -51,7 +51,7 @@ def test_a_port_without_a_device_is_refused(value: str, bus: str) -> None:
 
 
 def test_two_ports_for_one_bus_are_refused() -> None:
-    with pytest.raises(DriverError, match="the robot has only one bus: give only one --port"):
+    with pytest.raises(DriverError, match="the robot has only one bus: pass only one --port"):
         parse_ports(["/dev/a", "/dev/b"], [""])
 
 

@@ -85,7 +85,7 @@ def test_a_failed_job_reports_the_reason_and_the_states_of_the_node() -> None:
     stack.lines[""].faults.silence(3)
     job = run_job(stack, JobSettings(), "A")
     assert not job.success and job.bin is None
-    assert "joint3: servo 3 does not answer" in job.message
+    assert "joint3: servo 3 does not respond" in job.message
     assert [state.phase for state in job.states] == [JobPhase.START, JobPhase.READY, JobPhase.ERROR]
 
 

@@ -158,7 +158,7 @@ def test_an_overload_removes_the_drive_until_the_torque_switch_is_written(model:
 def test_a_value_outside_its_range_is_a_range_error(model: str, register: Register, value: int) -> None:
     bench = Bench(model)
     before = bench.bus.read(1, register)
-    with pytest.raises(ServoRefused, match=r"refused the instruction \(range error\)"):
+    with pytest.raises(ServoRefused, match=r"rejected the instruction \(range error\)"):
         bench.bus.write(1, register, value)
     assert bench.bus.read(1, register) == before
     bench.bus.write(1, register, register.largest)

@@ -103,7 +103,7 @@ def test_reactivation_reports_silent_servo_and_changes_nothing_else() -> None:
     rig.endure(0.5)
     rig.play(parse("silent id=3"))
     rig.endure(0.5)
-    with pytest.raises(ActivationError, match="joint3: servo 3 does not answer"):
+    with pytest.raises(ActivationError, match="joint3: servo 3 does not respond"):
         activated(rig).result()
     assert rig.made[0].state is ACTIVE
 
@@ -129,7 +129,7 @@ def test_request_reports_servo_that_has_just_become_silent() -> None:
     rig.up()
     rig.endure(0.5)
     rig.bus.faults.silence(3)
-    with pytest.raises(ActivationError, match="joint3: servo 3 does not answer"):
+    with pytest.raises(ActivationError, match="joint3: servo 3 does not respond"):
         activated(rig).result()
     assert rig.made[0].state is ACTIVE
 

@@ -76,7 +76,7 @@ def test_silent_servo_on_one_bus_does_not_hide_servos_on_the_other(bus: str, ser
     rig.run(0.2)
     state = rig.hardware.read()
     assert set(state.faults) == {joint}
-    assert f"(bus {bus}): servo {servo_id} does not answer" in state.faults[joint].text
+    assert f"(bus {bus}): servo {servo_id} does not respond" in state.faults[joint].text
     moved = np.abs(state.position - before) > 1e-4
     names = np.array(rig.hardware.joints)
     assert {"joint6", "hand_right_joint"} - {joint} <= set(names[moved])

@@ -214,7 +214,7 @@ def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
     rig.port.on_write = monitor.see
     rig.hardware.configure()
     rig.bus.faults.silence(4)
-    with pytest.raises(ActivationError, match=r"joint4.*servo 4 does not answer"):
+    with pytest.raises(ActivationError, match=r"joint4.*servo 4 does not respond"):
         rig.loop.activate()
     assert monitor.torque_on_seen == 0
 
@@ -226,7 +226,7 @@ def test_silent_servo_is_in_the_goal_result_and_others_are_still_read() -> None:
     rig.bus.faults.silence(3)
     rig.run(0.6)
     assert handle.status is GoalStatus.ABORTED
-    assert "joint3: servo 3 does not answer" in handle.error_text
+    assert "joint3: servo 3 does not respond" in handle.error_text
     state = rig.hardware.read()
     assert set(state.faults) == {"joint3"}
     others = [i for i in range(6) if i != 2]

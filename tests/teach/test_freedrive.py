@@ -279,7 +279,7 @@ def test_arm_with_a_silent_servo_does_not_become_soft_and_its_loop_is_not_delaye
     line.faults.silence(3)
     rig.run(0.5)
     before_s = rig.loop.clock.now()
-    with pytest.raises(ArmError, match=r"cannot be moved by hand: elbow_flex.*does not answer"):
+    with pytest.raises(ArmError, match=r"cannot be moved by hand: elbow_flex.*does not respond"):
         rig.backend.begin_freedrive()
     assert rig.loop.clock.now() - before_s <= 4 * rig.loop.period_s
     assert limits(rig) == full and FREEDRIVE not in running(rig)

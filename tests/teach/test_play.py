@@ -125,7 +125,7 @@ def test_infeasible_motion_is_refused_and_the_arm_does_not_move() -> None:
     position = np.tile(path().position[0], (4, 1))
     position[2:, PAN] += 0.5
     jump = RecordedMotion(path().joints, position, HandPath(times_s, position, np.zeros_like(position)))
-    with pytest.raises(TeachError, match="the motion cannot be played, and the arm has not moved: shoulder_pan"):
+    with pytest.raises(TeachError, match="the motion cannot be played; the arm has not moved: shoulder_pan"):
         Player(jump)
 
 

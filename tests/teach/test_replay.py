@@ -76,7 +76,7 @@ def test_incomplete_recording_is_played_up_to_its_end(recordings: tuple[Path, Pa
 def test_a_recording_of_another_arm_is_refused_by_its_joints(recordings: tuple[Path, Path]) -> None:
     so101 = read_arm_files(find_arm("so101")).robot.joints
     with pytest.raises(
-        TeachError, match=r"whole.mcap was recorded on another arm: it has no shoulder_pan, .* has no joint1, "
+        TeachError, match=r"whole.mcap was recorded on a different arm: it has no shoulder_pan, .* has no joint1, "
     ):
         recorded_motion(recordings[0], [joint.name for joint in so101], [joint.limits for joint in so101])
 
@@ -118,7 +118,7 @@ def test_without_a_port_the_recording_is_shown(monkeypatch: pytest.MonkeyPatch) 
 )
 def test_without_an_arm_the_options_of_a_motion_are_refused(options: tuple[str, ...]) -> None:
     done = CliRunner().invoke(app, ["replay", "run.mcap", *options])
-    refusal = f"{options[0]} applies to an arm that moves: add --port or --running, or omit {options[0]}"
+    refusal = f"{options[0]} applies only if the arm moves: add --port or --running, or omit {options[0]}"
     assert isinstance(done.exception, DriverError) and str(done.exception) == refusal
 
 
@@ -129,5 +129,5 @@ def test_command_reports_errors_before_it_opens_a_port(recordings: tuple[Path, P
         return str(error.value)
 
     assert "no key can be held because stdin is not a terminal" in refused(str(recordings[0]))
-    assert "was recorded on another arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
+    assert "was recorded on a different arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
     assert "no_such_port" in refused(str(recordings[0]), "--hands-free")

@@ -146,7 +146,7 @@ def test_joints_are_reordered_and_unknown_joints_are_refused() -> None:
     turned = PATH.of(NAMES[::-1], "wave")
     assert turned.path is not None and turned.position[1, -1] == turned.path.position[1, -1] == pytest.approx(0.123456)
     with pytest.raises(
-        TeachError, match=r"wave was recorded on another arm: it has no wrist; the arm has no gripper\."
+        TeachError, match=r"wave was recorded on a different arm: it has no wrist; the arm has no gripper\."
     ):
         PATH.of([*NAMES[:-1], "wrist"], "wave")
 
@@ -191,7 +191,7 @@ def test_errors_have_the_lines_of_the_points(motions: MotionStore) -> None:
     far[1, 0] = 4.0
     for taught, message in (
         (JUMPS[0][0], r"between points 1 \(line 8\) and 2 \(line 11\)"),
-        (JUMPS[3][0], r"between points 1 \(line 8\) and 2 \(line 11\), whose velocities do not fit"),
+        (JUMPS[3][0], r"between points 1 \(line 8\) and 2 \(line 11\), whose velocities do not match"),
         (RecordedMotion(NAMES, far), r"shoulder_pan would go to 4.0000 at point 1 \(line 6\)"),
     ):
         motions.save("wave", taught, JOINTS)

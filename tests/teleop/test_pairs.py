@@ -37,10 +37,10 @@ def test_ports_are_assigned_to_the_buses_of_the_follower_in_pairs() -> None:
 @pytest.mark.parametrize(
     ("ports", "leader", "message"),
     [
-        (["a"], ("",), "1 ports cannot be pairs of a leader and a follower"),
-        (["a", "b", "c"], NAMES, "3 ports cannot be pairs"),
-        (["a", "b", "c", "d"], ("",), r"2 pairs of ports do not fit the buses of the leader \(one without a name\)"),
-        (["a", "b"] * 3, NAMES, "3 pairs of ports do not fit .*combine the arms of each side with `servoloop arms"),
+        (["a"], ("",), "1 ports cannot form leader-follower pairs"),
+        (["a", "b", "c"], NAMES, "3 ports cannot form leader-follower pairs"),
+        (["a", "b", "c", "d"], ("",), r"2 pairs of ports do not match the buses of the leader \(one without a name\)"),
+        (["a", "b"] * 3, NAMES, "3 pairs of ports do not match .*combine the arms of each side with `servoloop arms"),
     ],
 )
 def test_ports_that_do_not_fit_are_refused(ports: list[str], leader: tuple[str, ...], message: str) -> None:

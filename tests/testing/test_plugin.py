@@ -156,7 +156,7 @@ def test_only_controllers_with_goals_accept_goals_and_cancel_their_own(virtual_a
         arm.send_goal({"joint1": 0.0}, controller="hand_controller")
     with pytest.raises(ArmTestError, match="drift has no joint 'joint1': choose from hand_right_joint"):
         arm.send_goal({"joint1": 0.0}, controller="drift")
-    with pytest.raises(ArmTestError, match="drift refuses the goal: it goes up only"):
+    with pytest.raises(ArmTestError, match="drift rejects the goal: it goes up only"):
         arm.send_goal({"hand_right_joint": -0.1}, controller="drift")
     with pytest.raises(ArmTestError, match=r"the goal to cancel is unknown: pass the handle"):
         arm.cancel(GoalHandle(TrajectoryGoal((), ())))
@@ -184,7 +184,7 @@ def test_errors_explain_the_correction(virtual_arm: VirtualArm) -> None:
     virtual_arm.up()
     with pytest.raises(ArmTestError, match="arm_controller has no joint 'elbow': choose from joint1"):
         virtual_arm.send_goal({"elbow": 0.0})
-    with pytest.raises(ArmTestError, match="refuses the goal"):
+    with pytest.raises(ArmTestError, match="rejects the goal"):
         virtual_arm.send_goal({"joint1": 100.0})
     with pytest.raises(SwitchError):
         virtual_arm.switch_controllers(activate=["sway"])

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.distribution import ComputingAside, in_real_time
+from tests.pages import ROOT
+from tests.tiers import long_tests
 
 
 class Worker:
@@ -105,3 +107,11 @@ def test_other_workers_take_over_from_dead_workers_and_repeat_their_current_test
     died = Counter(run(tests, workers, request, deaths))
     assert max(died.values(), default=0) <= 2
     assert sorted(test for worker in workers for test in worker.ran) == sorted(t for t in tests if died[t] < 2)
+
+
+def test_every_long_test_exists() -> None:
+    """A long test that was renamed would run in full again."""
+    for test in long_tests():
+        path, *_, name = test.split("::")
+        defined = "TestCase" if name == "runTest" else f"def {name}("
+        assert defined in (ROOT / path).read_text(), test

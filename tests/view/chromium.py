@@ -20,7 +20,7 @@ def find_chromium() -> str:
     """Return the path of Chromium. Without Chromium, the test is skipped, but in CI it fails."""
     path = shutil.which("chromium")
     if path is None:
-        (pytest.fail if os.environ.get("CI") else pytest.skip)("there is no chromium on PATH: apt-get install chromium")
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("chromium is not on PATH")
     return str(path)
 
 

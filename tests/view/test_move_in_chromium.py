@@ -168,7 +168,7 @@ def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
 def check_fault(shown: OpenPage, robot: LiveRobot, link: Path) -> None:
     """A joint does not move if another servo of its controller is silent, and the page shows the name of this servo."""
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
-    shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
-    hold(shown, ON, says(shown, "\njoint3: servo 3 does not answer"))
+    shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not respond")
+    hold(shown, ON, says(shown, "\njoint3: servo 3 does not respond"))
     shown.page.mouse.up()
     resting(robot)

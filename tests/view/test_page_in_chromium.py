@@ -43,7 +43,7 @@ def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path,
         shown.wait_for_text("the stack has stopped. Waiting for it to restart")
         with emulating(tmp_path / "again"), running(tmp_path / "again", "--port", str(tmp_path / "again" / "bus")):
             shown.wait_for_text("robot_arm: live")
-            until(lambda: "does not answer" not in shown.page.inner_text("body"))
+            until(lambda: "does not respond" not in shown.page.inner_text("body"))
         check_requests(shown)
 
 
@@ -75,11 +75,11 @@ def check_motion(shown: OpenPage) -> None:
 
 def check_fault(shown: OpenPage, link: Path) -> None:
     """The page shows the name of a silent servo and counts its missing answers."""
-    assert "does not answer" not in shown.page.inner_text("body")
+    assert "does not respond" not in shown.page.inner_text("body")
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
-    shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
+    shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not respond")
     until(lambda: "silent" in shown.cells("joint3 (servo 3)")[1])
-    assert "does not answer" in shown.cells("joint3")[5]
+    assert "does not respond" in shown.cells("joint3")[5]
 
 
 def check_requests(shown: OpenPage) -> None:

@@ -56,10 +56,10 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     player.update(rig.stack.clock.now())
     rig.run(1.5)
     snapshot = watched(rig).state.snapshot
-    assert "joint3 (servo 3)" in faults(snapshot) and "does not answer" in faults(snapshot)
+    assert "joint3 (servo 3)" in faults(snapshot) and "does not respond" in faults(snapshot)
     row = next(row for row in counter_table(snapshot).split("<tr") if "joint3" in row)
     assert "silent " in row
-    assert ">joint3: servo 3 does not answer</b>" in servo_table(snapshot, {})
+    assert ">joint3: servo 3 does not respond</b>" in servo_table(snapshot, {})
 
 
 def test_messages_of_a_stack_are_escaped(seen: ObservedRobot) -> None:

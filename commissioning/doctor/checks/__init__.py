@@ -1,1 +1,1 @@
-"""Checks of the doctor. Each check is a pure function that yields the findings in a snapshot."""
+"""Checks performed by the doctor. Each check is a pure function that yields the findings for a snapshot."""

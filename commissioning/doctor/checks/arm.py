@@ -1,4 +1,4 @@
-"""Check the arm: joint positions against limits, and the calibration file against EEPROM and URDF."""
+"""Check the arm: compare joint positions with the limits, and the calibration file with EEPROM and URDF."""
 
 from collections.abc import Iterator
 
@@ -46,7 +46,7 @@ def _wrong_offsets(bus: BusSnapshot) -> list[ServoSnapshot]:
 
 
 def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding]:
-    """Find pairs of servos whose homing offsets are exchanged."""
+    """Find pairs of servos whose homing offsets are swapped."""
     for at, one in enumerate(wrong):
         for other in wrong[at + 1 :]:
             if (one.registers["homing_offset"], other.registers["homing_offset"]) == (

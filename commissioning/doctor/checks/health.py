@@ -68,7 +68,7 @@ def _alarms(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
 def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """Return the command that clears an alarm.
 
-    A Feetech servo clears most alarms when their cause has disappeared, but clears an overload only when its torque is
+    A Feetech servo clears most alarms when their cause has disappeared, but it clears an overload only when torque is
     disabled. A Dynamixel needs a reboot.
     """
     if series_of(servo.joint.model).make == "dynamixel":
@@ -87,7 +87,7 @@ def _heat(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
-    """Find a servo that is at full drive without moving in all states, such as a gripper on an object."""
+    """Find servos that are at full drive without moving in all states, such as a gripper that holds an object."""
     limit = series_of(servo.joint.model).torque_limit
     allowed = servo.registers.get(limit.name, 0) / series_of(servo.joint.model).full_torque if limit else 0.0
     still = all(state.velocity_counts_s == 0 for state in servo.states)

@@ -12,7 +12,7 @@ VERSIONS: Final = (("firmware_major", "firmware_minor"), ("firmware_version",))
 
 
 def check_identity(snapshot: ArmSnapshot) -> Iterator[Finding]:
-    """Check every servo that answers."""
+    """Check every servo that responds."""
     for bus in snapshot.buses:
         for servo in bus.servos:
             yield from _model(bus, servo)
@@ -33,7 +33,7 @@ def _model(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def firmware(servo: ServoSnapshot) -> str | None:
-    """Return the firmware version of a servo as text; None if it is unknown."""
+    """Return the firmware version of a servo as a string; None if it is unknown."""
     for names in VERSIONS:
         if all(name in servo.registers for name in names):
             return ".".join(str(servo.registers[name]) for name in names)

@@ -8,9 +8,9 @@ from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, LineFigures
 from drivers.port.latency import HELD_BACK
 
 TOLERATED_SHARE: Final = 0.002
-"""Maximum fraction of failed requests. The control loop repeats a few failed requests without problems."""
+"""Maximum fraction of failed requests. The control loop can repeat a few failed requests without problems."""
 TOLERATED_LATE_S: Final = 0.0035
-"""Maximum round-trip time in addition to transmission and return delay. USB adapters buffer bytes for 1 ms in each
+"""Maximum round-trip time in excess of transmission time and return delay. USB adapters buffer bytes for 1 ms in each
 direction.
 """
 

@@ -10,11 +10,11 @@ from commissioning.drive_trial import STUCK_SHARE, TrialMotion
 from hal.joint import Joint
 
 SHAKES_COUNTS: Final = 12.0
-"""Maximum swing at rest, in counts (about 1 degree). Backlash alone causes a smaller swing."""
+"""Maximum oscillation at rest, in counts (about 1 degree). Backlash alone causes less oscillation."""
 GIVES_WAY: Final = 2.0
-"""Maximum position error, as a multiple of the error that stiffness, dead band and friction explain."""
+"""Maximum position error, as a multiple of the error explained by stiffness, dead band and friction."""
 SPEED_FACTOR: Final = 1.5
-"""Minimum speed per drive that indicates a different gear, as a multiple of the model's value.
+"""Minimum ratio of speed to drive that indicates a different gear, as a multiple of the model's value.
 
 The other gears of an STS3215 are 1.8 times (1:191) and 2.3 times (1:147) faster than 1:345.
 """
@@ -28,7 +28,7 @@ def check_motion(snapshot: ArmSnapshot) -> Iterator[Finding]:
     for motion in snapshot.motions:
         place, servo = known[motion.joint.name]
         restless = list(_rest(place, servo, motion))
-        # The drive of a joint that sags or swings does not show its gear.
+        # The drive of a joint that sags or oscillates does not indicate its gear.
         yield from restless or _way(place, motion)
 
 
@@ -55,7 +55,7 @@ def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
 def gear_ratio(motion: TrialMotion) -> float | None:
     """Return the ratio of the servo's speed to its model's speed at the same drive.
 
-    None if the ratio is not clearly above 1.
+    Return None if the ratio is not clearly above 1.
     """
     ratio = motion.faster
     return ratio if ratio is not None and ratio > SPEED_FACTOR else None

@@ -22,11 +22,11 @@ COMPLAINTS: Final = {
     "brltty": ("brltty_present", "the port may disappear soon after the adapter is plugged in"),
     "modem_manager": ("modem_manager", "the port is busy for a few seconds after the adapter is plugged in"),
 }
-"""Problems of adapters whose ports can still be opened."""
+"""Adapter problems with which the port can still be opened."""
 
 
 def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[Finding]:
-    """Check the port of every bus; ``report`` describes the adapters of the machine, or is None if unknown."""
+    """Check the port of every bus; ``report`` describes the machine's adapters, or is None if they are unknown."""
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:
         place = FindingPlace(bus=bus.name)
@@ -51,7 +51,7 @@ def _not_open(bus: BusSnapshot, problem: PortProblem, own: list[Adapter]) -> Fin
 
 
 def _gone(bus: BusSnapshot, place: FindingPlace, report: PortsReport | None) -> Iterator[Finding]:
-    """Find the new name of a missing port, or the program that has taken it."""
+    """Find the new name of a missing port, or the program that is using the port."""
     if report is None:
         return
     for complaint in report.complaints:

@@ -18,10 +18,10 @@ from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wa
 WIDE_COUNTS: Final = 8
 """Maximum dead zone, in counts (0.7 degrees)."""
 SLOW_COUNTS_S2: Final = 20
-"""Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: a fifth of the goals' acceleration."""
+"""Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: one fifth of the goals' acceleration."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
-"""Maximum return delay without a finding, in units of 2 us. The factory value of a Dynamixel, 250, costs half a
-millisecond per servo and cycle.
+"""Maximum return delay that is not reported as a finding, in units of 2 us. The factory default of a Dynamixel, 250,
+costs half a millisecond per servo and cycle.
 """
 
 
@@ -61,7 +61,7 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
         operating = wanted_mode(joint, registers.get("homing_offset", 0)) if series is X else 0
         value = {"operating_mode": operating, "control_mode": 2}[mode]
         command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
-        yield finding("wrong_mode", place, "the servo answers without an alarm, but does not move to its goals",
+        yield finding("wrong_mode", place, "the servo responds without an alarm, but does not move to its goals",
                       f"The servo {wrong}", command)  # fmt: skip
     if odd:
         yield finding("speed_unit", place, "the joint moves far too slowly or far too fast", f"Its {odd}")
@@ -69,7 +69,7 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     if servo.joint.extended or counts_turns(servo.registers):
-        return  # The servo ignores its position limits, or will ignore them in the right mode.
+        return  # The servo ignores its position limits now, or will ignore them in the right mode.
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
     if low is None or high is None or (low, high) == (0, 0):
         return

@@ -12,8 +12,8 @@ SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
 """Minimum voltage drop of a sagging supply, as a fraction of the rated voltage. The drop must also exceed ``SAG_V``."""
 DROP_V: Final = 0.8
-"""Maximum difference between two servos of one bus at rest. A larger difference shows a cable or plug with high
-resistance.
+"""Maximum voltage difference between two servos on one bus at rest. A larger difference indicates a cable or plug with
+high resistance.
 """
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 UNIT_V: Final = 0.1
@@ -70,7 +70,7 @@ def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding]:
     """Compare the voltages of servos with the same rated voltage.
 
-    Servos with a different rated voltage have a separate supply.
+    Servos with a different rated voltage have their own power supply.
     """
     for rated in dict.fromkeys(servo.joint.model.rated_voltage_v for servo in servos):
         at = [(max(_volts(servo)), servo.joint) for servo in servos if servo.joint.model.rated_voltage_v == rated]
@@ -103,7 +103,7 @@ def _volts(servo: ServoSnapshot) -> list[float]:
 
 
 def _sag(bus: BusSnapshot, servos: list[ServoSnapshot], moving_v: Mapping[str, float]) -> Iterator[Finding]:
-    """Find a voltage that drops at rest or during the motion test."""
+    """Find voltage drops at rest and during the motion test."""
     for servo in servos:
         volts = _volts(servo)
         lowest = min(*volts, moving_v.get(servo.joint.name, volts[0]))

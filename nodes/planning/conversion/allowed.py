@@ -12,14 +12,14 @@ from planning.arm_model import Pair, pair
 
 @dataclass(frozen=True, slots=True)
 class AllowedCollisions:
-    """Whether links and objects may touch: for single pairs, and for one name with all other names."""
+    """Whether links and objects may touch, for individual pairs and, by default, for one name and all others."""
 
     pairs: Mapping[Pair, bool] = field(default_factory=dict)
     defaults: Mapping[str, bool] = field(default_factory=dict)
 
     @classmethod
     def from_message(cls, message: AllowedCollisionMatrix) -> "AllowedCollisions":
-        """Read a message. Raises RequestError if the matrix of the message is not square."""
+        """Read a message. Raises RequestError if the matrix in the message is not square."""
         names, rows = message.entry_names, message.entry_values
         defaults, values = message.default_entry_names, message.default_entry_values
         if len(names) != len(rows) or any(len(row.enabled) != len(names) for row in rows):
@@ -30,7 +30,7 @@ class AllowedCollisions:
         if len(defaults) != len(values):
             raise RequestError(
                 "INVALID_OBJECT_NAME",
-                f"the allowed collision matrix has {len(defaults)} default names and {len(values)} values for them",
+                f"the allowed collision matrix has {len(defaults)} default names but {len(values)} default values",
             )
         pairs = {
             pair(names[i], names[j]): bool(rows[i].enabled[j] or rows[j].enabled[i])
@@ -39,7 +39,7 @@ class AllowedCollisions:
         return cls(pairs, dict(zip(defaults, map(bool, values), strict=True)))
 
     def message(self, names: Iterable[str]) -> AllowedCollisionMatrix:
-        """Return the message. The matrix contains these names and the names of the pairs."""
+        """Return the message. The matrix contains these names and the names in the pairs."""
         known = sorted({*names, *(name for one in self.pairs for name in one)})
         rows = [
             AllowedCollisionEntry(enabled=[self.pairs.get(pair(one, other), False) for other in known]) for one in known
@@ -52,7 +52,7 @@ class AllowedCollisions:
         )
 
     def touching(self, names: Iterable[str]) -> frozenset[Pair]:
-        """Return all pairs of these names that may touch."""
+        """Return all pairs of these names that may touch each other."""
         known = set(names)
         loose = [name for name, may_touch in self.defaults.items() if may_touch and name in known]
         strict = {name for name, may_touch in self.defaults.items() if not may_touch}

@@ -22,32 +22,32 @@ from planning.robot import PlanningRobot
 from planning.scene import Pose
 
 FREE_RAD: Final = math.pi
-"""Minimum tolerance at which an orientation counts as free, in rad."""
+"""Minimum tolerance at which an orientation is considered free, in rad."""
 ANYWHERE_M: Final = 900.0
 """Radius of the position region if a constraint has no position, in m."""
 SMALLEST_M: Final = 1e-4
 """Radius or length that replaces 0 in a position region, in m."""
 SMALLEST_RAD: Final = 1e-3
-"""Tolerance that replaces 0 in an orientation, in rad."""
+"""Tolerance that replaces 0 in an orientation constraint, in rad."""
 
 Region = tuple[Pose, PositionSphere | PositionBox]
-"""Center of a position region in the planning frame, and the region."""
+"""A position region and its center in the planning frame."""
 
 
 class ConstraintReader:
-    """Reader of constraints. Poses are converted with the frames in one state of the robot."""
+    """Reader of constraints. Poses are converted with the frames of one robot state."""
 
     def __init__(self, robot: PlanningRobot, frames: Frames, tip: str | None) -> None:
         self._robot = robot
         self._frames = frames
         self.tip = tip
-        """Tip of the group. Constraints without a link apply to the tip."""
+        """Tip of the group. Constraints without a link apply to the tip of the group."""
 
     def goals(self, message: Constraints) -> list[Goal]:
         """Return goals, each of which satisfies the constraints.
 
         Raises:
-            RequestError, PlanningError: The constraints are invalid, or of a kind that the planner does not support.
+            RequestError, PlanningError: The constraints are invalid, or of a type that the planner does not support.
         """
         _check_kind(message)
         if not message.joint_constraints:
@@ -80,15 +80,15 @@ class ConstraintReader:
         )
 
     def goal_pose(self, message: PoseMessage) -> Pose:
-        """Return the pose of a goal. Raises RequestError if the pose is not finite or its quaternion is not of length
-        1."""
+        """Return the pose of a goal. Raises RequestError if the pose is not finite or its quaternion is not
+        normalized."""
         return _goal_pose(message)
 
     def planned_frame(self, name: str | None) -> tuple[str | None, Pose]:
         """Return the link to plan for, and the pose of a frame relative to this link.
 
         Args:
-            name: A link, an attached object or a subframe of an attached object; None means the tip of the group.
+            name: A link, an attached object or a subframe of an attached object. None means the tip of the group.
 
         Raises:
             RequestError: The frame does not exist.
@@ -112,7 +112,7 @@ class ConstraintReader:
             if joint is None or (name not in self._robot.limits and joint.mimic is None):
                 raise _invalid(f'there is no joint "{name}": choose one of {", ".join(self._robot.limits)}')
             if joint.mimic is not None and name not in self._robot.limits:
-                continue  # This joint follows another joint of the goal.
+                continue  # This joint mimics another joint of the goal.
             for what, value in (("tolerance_below", one.tolerance_below), ("tolerance_above", one.tolerance_above)):
                 if not 0.0 <= value < math.inf:
                     raise _invalid(f"{what} of {name} is {value}: send a finite number, 0 or more")
@@ -150,7 +150,8 @@ class ConstraintReader:
         return ToolGoal(PoseGoal(target, volume, tolerance_rad, angles), link, frame @ Pose(np.array(offset_m)))
 
     def _orientation(self, message: OrientationConstraint | None) -> tuple[Pose, tuple[float, float, float], Angles]:
-        """Return the orientation in the planning frame, its tolerances in rad and the meaning of their angles."""
+        """Return the orientation in the planning frame, its tolerances in rad and the parameterization of the
+        tolerances."""
         if message is None:
             return Pose(), (FREE_RAD, FREE_RAD, FREE_RAD), "rotation_vector"
         checked = checked_pose((0.0, 0.0, 0.0), quaternion_of(message.orientation))
@@ -185,7 +186,7 @@ def _region(shape: SolidPrimitive, center: Pose) -> Region:
     kind, count = shape.type, len(sizes)
     if kind == SolidPrimitive.SPHERE and count == 1:
         return center, PositionSphere(sizes[0])
-    if kind == SolidPrimitive.CYLINDER and count == 2:  # A box that fits in the cylinder replaces it.
+    if kind == SolidPrimitive.CYLINDER and count == 2:  # The cylinder is replaced by a box that fits inside it.
         side_m = sizes[1] * math.sqrt(2.0)
         return center, PositionBox((side_m, side_m, sizes[0]), _quaternion(center))
     if kind == SolidPrimitive.BOX and count == 3:
@@ -210,8 +211,8 @@ def _quaternion(pose: Pose) -> tuple[float, float, float, float]:
 
 
 def _tolerance(value: float, smallest: float) -> float:
-    """Return a size, or the smallest allowed size instead of 0. Raises RequestError if the size is negative or not
-    finite."""
+    """Return a size, raised to the smallest allowed size if necessary. Raises RequestError if the size is negative or
+    not finite."""
     if not 0.0 <= value < math.inf:
         raise _invalid(f"a tolerance of the goal is {value}: send a finite number, 0 or more")
     return max(float(value), smallest)

@@ -1,4 +1,4 @@
-"""Check states of the robot against constraints, one by one, as MoveIt reports them."""
+"""Check robot states against constraints, one by one, and report the results like MoveIt."""
 
 import math
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ class Evaluation:
     distance: float
     """Distance from the center of the constraint, in rad or m."""
     text: str = ""
-    """Description of the violation; empty if the constraint is satisfied."""
+    """Description of the violation, or empty if the constraint is satisfied."""
 
 
 class ConstraintChecks:
-    """Checks of states against the constraints of a message, in MoveIt's order: joints, positions, orientations.
+    """Checks states against the constraints in a message, in MoveIt's order: joints, positions, orientations.
 
     Raises:
         RequestError, PlanningError: A constraint is invalid.
@@ -38,7 +38,7 @@ class ConstraintChecks:
         self._parts = [(one, reader.path(one)) for one in _singles(message)]
 
     def results(self, state: State, frames: Frames) -> list[Evaluation]:
-        """Return a result for each constraint, given the frames of the robot in a state."""
+        """Return a result for each constraint, given the robot's frames in one state."""
         return [
             self._joint(message, path, state) if message.joint_constraints else self._region(message, path, frames)
             for message, path in self._parts
@@ -52,7 +52,7 @@ class ConstraintChecks:
         (asked,) = message.joint_constraints
         name = asked.joint_name
         if name not in path.joints:
-            return Evaluation(0.0)  # This joint follows another joint.
+            return Evaluation(0.0)  # This joint mimics another joint.
         lower, upper = path.joints[name]
         away = state[name] - asked.position
         if self._robot.description.joints[name].kind == "continuous":

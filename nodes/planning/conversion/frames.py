@@ -17,7 +17,7 @@ from planning.scene import Pose, Scene
 
 @dataclass(frozen=True, slots=True)
 class LinkPoint:
-    """A frame that is fixed to a link of the planning model."""
+    """A frame that is fixed to a link in the planning model."""
 
     link: str
     pose: Pose
@@ -25,7 +25,7 @@ class LinkPoint:
 
 
 class Frames:
-    """Frames of a robot in one state, with the objects around the robot. If the state is not known, only fixed frames
+    """Frames of the robot in one state, with the objects around the robot. If the state is unknown, only fixed frames
     are available."""
 
     def __init__(
@@ -49,7 +49,7 @@ class Frames:
         """Return the pose of a frame in the world of the scene. An empty name means the planning frame.
 
         Raises:
-            RequestError: The frame does not exist. The message lists the existing frames.
+            RequestError: The frame does not exist. The error message lists the existing frames.
         """
         name = name.removeprefix("/")
         point = self.point(name)
@@ -63,7 +63,7 @@ class Frames:
         return self._robot.origin.inverse() @ self.in_scene(name)
 
     def point(self, name: str) -> LinkPoint | None:
-        """Return a frame relative to the link with which it moves; None for links and for frames of the world.
+        """Return a frame relative to the link with which it moves, or None for links and for world frames.
 
         The frame is a link that exists only in the URDF, an attached object or a subframe of such an object.
         """
@@ -74,7 +74,8 @@ class Frames:
         return LinkPoint(held.link, held.item.pose @ subframe) if held is not None else None
 
     def _subframe(self, name: str) -> tuple[str, Pose]:
-        """Return the object of a subframe, and the pose of the subframe in this object. Other names do not change."""
+        """Return the object to which a subframe belongs, and the pose of the subframe in this object. Other names are
+        returned unchanged."""
         owner, slash, subframe = name.partition("/")
         names = list(getattr(self._items.get(owner), "subframe_names", ()))
         if not slash or subframe not in names:
@@ -88,7 +89,7 @@ class Frames:
             and (name in self._robot.links or name in self._scene.attached)
         ):
             raise RequestError(
-                "ROBOT_STATE_STALE", f"the pose of {name} is not known without /joint_states: start the stack"
+                "ROBOT_STATE_STALE", f"the pose of {name} is unknown without /joint_states: start the stack"
             )
         try:
             return self._robot.frame_pose(name, self._state or self._robot.rest, self._scene)
@@ -97,8 +98,8 @@ class Frames:
 
 
 def link_point(robot: PlanningRobot, name: str) -> LinkPoint | None:
-    """Return the pose of a link that exists only in the URDF, relative to a link of the planning model; None for other
-    links."""
+    """Return the pose of a link that exists only in the URDF, relative to a link of the planning model, or None for
+    other links."""
     parents = {joint.child: joint for joint in robot.description.joints.values()}
     pose, link = Pose(), name
     while link not in robot.links:

@@ -10,13 +10,13 @@ from planning.scene import Pose
 
 
 def pose_of(message: PoseMessage) -> Pose:
-    """Return the pose of a message. Raises PlanningError if the pose is not finite or the quaternion is not of length
-    1."""
+    """Convert a pose message to a pose. Raises PlanningError if the pose is not finite or the quaternion is not
+    normalized."""
     return Pose.from_quaternion(vector_of(message.position), quaternion_of(message.orientation))
 
 
 def pose_message(pose: Pose) -> PoseMessage:
-    """Return the message of a pose."""
+    """Convert a pose to a pose message."""
     x, y, z, w = quaternions(pose.matrix).tolist()
     return PoseMessage(position=point_message(pose), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
@@ -28,7 +28,7 @@ def point_message(pose: Pose) -> Point:
 
 
 def tool_pose(pose: Pose) -> ToolPose:
-    """Return a pose in the form that goals use."""
+    """Return a pose in the form used by goals."""
     return ToolPose(np.array(pose.position_m), quaternions(pose.matrix))
 
 
@@ -43,5 +43,5 @@ def quaternion_of(message: Quaternion) -> tuple[float, float, float, float]:
 
 
 def is_identity(message: PoseMessage) -> bool:
-    """Return whether a pose is the default pose of a message."""
+    """Return whether a pose message has its default value."""
     return vector_of(message.position) == (0.0, 0.0, 0.0) and quaternion_of(message.orientation) == (0.0, 0.0, 0.0, 1.0)

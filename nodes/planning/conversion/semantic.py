@@ -1,4 +1,4 @@
-"""The SRDF of a robot as text, for clients of move_group: groups, named states, end effectors and pairs."""
+"""The SRDF of a robot as a string, for clients of move_group: groups, named states, end effectors and pairs."""
 
 import xml.etree.ElementTree as ET
 
@@ -7,12 +7,12 @@ from planning.robot import PlanningRobot
 
 
 def robot_name(robot: PlanningRobot) -> str:
-    """Return the name of the robot in its URDF."""
+    """Return the robot's name from its URDF."""
     return ET.fromstring(robot.description.xml).get("name", "")
 
 
 def srdf_text(robot: PlanningRobot) -> str:
-    """Return the SRDF of a robot."""
+    """Return the robot's SRDF."""
     root = ET.Element("robot", name=robot_name(robot))
     for group in robot.groups.groups.values():
         _add_group(root, robot, group)
@@ -46,7 +46,8 @@ def _add_group(root: ET.Element, robot: PlanningRobot, group: Group) -> None:
 
 
 def _chain_base(robot: PlanningRobot, group: Group, tip: str) -> str:
-    """Return the first link of a group's chain that ends at ``tip``; empty if the group is not such a chain."""
+    """Return the first link of a group's chain that ends at ``tip``, or an empty string if the group is not such a
+    chain."""
     if tip not in robot.description.links:
         return ""
     path = path_to(robot.description, tip)

@@ -18,10 +18,10 @@ from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
 PLANE_M: Final = 20.0
 """Side of the box that replaces a plane, in m."""
 PLANE_DEPTH_M: Final = 0.1
-"""Depth of the box that replaces a plane, in m. The box lies below the plane."""
+"""Depth of the box that replaces a plane, in m. The box is below the plane."""
 
 _LISTS: Final = (("primitives", "primitive_poses"), ("meshes", "mesh_poses"), ("planes", "plane_poses"))
-"""Fields of a collision object with its shapes, and with their poses."""
+"""Fields of a collision object that contain its shapes and their poses."""
 
 Shapes = tuple[tuple[Shape, Pose], ...]
 """Shapes with their poses in the frame of the object."""
@@ -41,7 +41,7 @@ def shapes_of(item: CollisionObject) -> Shapes:
 
     Raises:
         PlanningError: A pose is invalid.
-        RequestError: A shape is unknown or has no size, or the number of poses is wrong.
+        RequestError: A shape has an unknown type or no size, or the number of poses is wrong.
     """
     return tuple(
         chain(
@@ -53,12 +53,12 @@ def shapes_of(item: CollisionObject) -> Shapes:
 
 
 def has_shapes(item: CollisionObject) -> bool:
-    """Return whether a collision object has a shape."""
+    """Return whether a collision object has any shapes."""
     return bool(item.primitives or item.meshes or item.planes)
 
 
 def centered(item: CollisionObject) -> CollisionObject:
-    """If an object without a pose has one shape, move the shape's pose to the object, as MoveIt does."""
+    """If an object has no pose and only one shape, move the shape's pose to the object, as MoveIt does."""
     poses = (item.primitive_poses, item.mesh_poses, item.plane_poses)
     if not is_identity(item.pose) or sum(map(len, poses)) != 1:
         return item
@@ -91,7 +91,7 @@ def joined(item: CollisionObject, added: CollisionObject) -> CollisionObject:
 
 
 def with_shape_poses(item: CollisionObject, message: CollisionObject) -> CollisionObject:
-    """Return an object with the poses of shapes in a message. A message without such poses does not change them.
+    """Return an object with the shape poses from a message. A message without such poses leaves the object unchanged.
 
     Raises:
         RequestError: The number of poses differs from the number of shapes.
@@ -139,7 +139,7 @@ def mesh(owner: str, message: MeshMessage) -> tuple[Shape, Pose]:
 
 
 def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
-    """Return the box below the plane a x + b y + c z + d = 0. Raises RequestError if the plane has no normal."""
+    """Return the box below the plane a x + b y + c z + d = 0. Raises RequestError if the plane's normal is zero."""
     *normal, offset = map(float, message.coef)
     length = math.hypot(*normal)
     if not math.isfinite(length + offset) or length == 0.0:
@@ -155,7 +155,7 @@ def add_shapes(item: CollisionObject, shapes: Sequence[tuple[Shape, Pose]]) -> N
     """Append boxes, cylinders, cones, spheres and meshes to a message."""
     for shape, pose in shapes:
         if isinstance(shape, Mesh):
-            raise TypeError("the triangles of a mesh are known only in its message")
+            raise TypeError("only the original message of a mesh contains its triangles")
         kind = next(kind for kind, (_, _, known) in _SOLIDS.items() if known is type(shape))
         item.primitives.append(SolidPrimitive(type=kind, dimensions=list(shape.sides_m())))
         item.primitive_poses.append(pose_message(pose))
@@ -172,7 +172,7 @@ def _posed(
         counts = f"{len(shapes)} {field} and {len(poses)} poses"
         raise _invalid(f'object "{owner}" has {counts}: send at most one pose for each')
     found = []
-    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses may be omitted.
+    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, the poses may be omitted.
         converted, own = convert(owner, shape)
         found.append((converted, pose_of(pose) @ own))
     return found

@@ -16,7 +16,7 @@ from planning.paths.timing import TimedPath
 
 
 def trajectory_message(motion: Motion, frame: str) -> RobotTrajectory:
-    """Return the message of a motion that begins at time 0."""
+    """Return the message for a motion that begins at time 0."""
     path = motion.path
     rows = zip(path.times_s, path.positions, path.velocities, path.accelerations, strict=True)
     points = [
@@ -33,7 +33,7 @@ def trajectory_message(motion: Motion, frame: str) -> RobotTrajectory:
 
 
 def duration(seconds: float) -> Duration:
-    """Return the message of a time in seconds."""
+    """Return the message for a time in seconds."""
     nanoseconds = round(seconds * 1e9)
     return Duration(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
@@ -47,7 +47,7 @@ def checked_points(message: JointTrajectory) -> None:
     """Check the points of a client's trajectory.
 
     Raises:
-        RequestError: There is no point, a point lacks a finite position for a joint, or the times do not increase.
+        RequestError: There are no points, a point lacks a finite position for a joint, or the times do not increase.
     """
     if not message.points or not message.joint_names:
         raise _invalid("the trajectory has no points: plan first")
@@ -72,7 +72,7 @@ def checked_points(message: JointTrajectory) -> None:
 
 
 def part(message: JointTrajectory, joints: Sequence[str]) -> JointTrajectory:
-    """Return the part of a trajectory that concerns some of its joints."""
+    """Return the part of a trajectory that concerns the given joints."""
     columns = [message.joint_names.index(joint) for joint in joints]
 
     def chosen(values: Sequence[float]) -> list[float]:

@@ -1,1 +1,1 @@
-"""Motions around obstacles: the planner of an arm, its scene and poses of its tool."""
+"""Motions around obstacles: an arm's planner, its scene and its tool poses."""

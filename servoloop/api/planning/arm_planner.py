@@ -1,4 +1,4 @@
-"""Plan motions of a running arm from its measured state."""
+"""Plan motions for a running arm from its measured state."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -17,19 +17,19 @@ MOVED: Final = 0.01
 
 
 class ArmPlanner:
-    """Motion planner of a running arm. It avoids the obstacles in the arm's scene."""
+    """Motion planner for a running arm. The planner avoids the obstacles in the arm's scene."""
 
     def __init__(self, arm: str, limits: Mapping[str, JointLimits], state: Callable[[], ArmState]) -> None:
         """Read the files of an arm.
 
         Args:
             arm: Name or folder of the arm.
-            limits: Limits of the joints, keyed by joint name.
+            limits: Joint limits, keyed by joint name.
             state: Function that returns the latest state of the arm.
 
         Raises:
-            ArmSetupError: The extra ``planning`` is not installed, or the files of the arm are invalid.
-            PlanFailedError: The scene file lacks a joint or the tool.
+            ArmSetupError: The ``planning`` extra is not installed, or the files of the arm are invalid.
+            PlanFailedError: A joint or the tool is missing from the scene file.
         """
         with plan_errors():
             self._planner = MotionPlanner(arm)
@@ -42,7 +42,7 @@ class ArmPlanner:
         for joint, position in state.position.items():
             if not math.isfinite(position):
                 raise ArmInputError(
-                    f"{joint} has not answered yet, so its position is not known: check its servo", joint
+                    f"{joint} has not responded yet, so its position is unknown: check its servo", joint
                 )
         return state.position
 
@@ -53,7 +53,7 @@ class ArmPlanner:
         return ArmPose(tuple(position_m.tolist()), tuple(quaternion.tolist()), tool=tool)
 
     def plan(self, goal: Mapping[str, float] | ArmPose, speed: float, time_limit_s: float) -> PlannedTrajectory:
-        """Plan a motion from the measured state to a goal. The goal may include the current position of the gripper."""
+        """Plan a motion from the measured state to a goal. The goal may include the gripper's current position."""
         start = self.position()
         if not isinstance(goal, ArmPose):
             goal = {
@@ -63,10 +63,10 @@ class ArmPlanner:
             return self._planner.plan(start, goal, speed=speed, time_limit_s=time_limit_s)
 
     def check(self, trajectory: ArmTrajectory) -> None:
-        """Check that the arm is at the start of a planned trajectory and that no obstacle is in the way.
+        """Check that the arm is at the start of a planned trajectory and that the path is not blocked by an obstacle.
 
         Raises:
-            PlanFailedError: The arm has moved since the planning, or an obstacle is in the way.
+            PlanFailedError: The arm has moved since the trajectory was planned, or an obstacle blocks the path.
         """
         if not isinstance(trajectory, PlannedTrajectory):
             return

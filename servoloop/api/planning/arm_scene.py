@@ -27,15 +27,15 @@ def plan_errors() -> Iterator[None]:
 class ArmScene:
     """Obstacles around an arm. Lengths are in m, and poses are in the frame of the arm's base.
 
-    Initially, the obstacles are the objects in the arm's scene file. All methods raise PlanFailedError for an object
-    that has no size or whose pose is not finite.
+    Initially, the obstacles are the objects from the arm's scene file. All methods raise PlanFailedError if an object
+    has no size or its pose is not finite.
     """
 
     def __init__(self, planner: MotionPlanner, position: Callable[[], Mapping[str, float]]) -> None:
-        """Provide access to the scene of a planner.
+        """Provide access to a planner's scene.
 
         Args:
-            planner: Planner of the arm.
+            planner: Planner for the arm.
             position: Function that returns the measured positions of all joints.
         """
         self._planner, self._position = planner, position
@@ -61,7 +61,7 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a box, or replace the object of this name.
+        """Add a box, or replace the object with this name.
 
         ``size_m`` (3,) contains the lengths of the box along x, y and z.
         """
@@ -76,11 +76,11 @@ class ArmScene:
         position_m: Sequence[float],
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
-        """Add a cylinder along z, or replace the object of this name. The position of a cylinder is its center."""
+        """Add a cylinder along z, or replace the object with this name. The position of a cylinder is its center."""
         self._add(name, Cylinder(height_m, radius_m), position_m, quaternion_xyzw)
 
     def add_sphere(self, name: str, radius_m: float, position_m: Sequence[float]) -> None:
-        """Add a sphere, or replace the object of this name."""
+        """Add a sphere, or replace the object with this name."""
         self._add(name, Sphere(radius_m), position_m, UPRIGHT)
 
     def add_mesh(
@@ -91,16 +91,16 @@ class ArmScene:
         quaternion_xyzw: Sequence[float] = UPRIGHT,
         scale: float = 1.0,
     ) -> None:
-        """Add the convex hull of an STL or OBJ file, or replace the object of this name.
+        """Add the convex hull of an STL or OBJ file, or replace the object with this name.
 
-        ``scale`` multiplies all lengths, such as 0.001 for a file in mm.
+        ``scale`` is a factor applied to all lengths, such as 0.001 for a file in mm.
         """
         with plan_errors():
             mesh = read_mesh(Path(file), scale)
         self._add(name, mesh, position_m, quaternion_xyzw)
 
     def load(self, file: str | Path) -> tuple[str, ...]:
-        """Add the objects in a YAML file or a MoveIt ``.scene`` file, and return their names."""
+        """Add the objects from a YAML file or a MoveIt ``.scene`` file, and return their names."""
         with plan_errors():
             items, scene = read_scene_file(Path(file)), self._planner.scene
             for item in items:
@@ -115,7 +115,7 @@ class ArmScene:
         self._planner.scene = self._planner.scene.without(name)
 
     def allow(self, one: str, other: str) -> None:
-        """Allow contact between two links or objects."""
+        """Allow two links or objects to touch each other."""
         known = (*self.names, *self.attached, *self._planner.links)
         for name in (one, other):
             if name not in known:
@@ -123,7 +123,7 @@ class ArmScene:
         self._planner.scene = self._planner.scene.allow(one, other)
 
     def attach(self, name: str, link: str | None, touch_links: Sequence[str] | None) -> None:
-        """Attach an obstacle to a link, so that it moves with the link."""
+        """Attach an obstacle to a link, so that the obstacle moves with the link."""
         robot, scene, state = self._planner.robot, self._planner.scene, self._position()
         if name not in scene.objects:
             raise self._unknown(name)

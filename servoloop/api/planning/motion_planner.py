@@ -1,4 +1,4 @@
-"""Plan motions of an arm around the objects in its scene and around objects that the program adds."""
+"""Plan motions of an arm around the objects in its scene and around objects added by the program."""
 
 import math
 import threading
@@ -24,20 +24,20 @@ from servoloop.extras import require_extras
 from servoloop.motion_planning.robot import arm_groups, planning_robot
 
 TIME_LIMIT_S: Final = 5.0
-"""Default maximum time of a search, in seconds."""
+"""Default maximum search time, in seconds."""
 
 SEARCH: Final = threading.Lock()
-"""Lock that is held during a search, because OMPL's random generator is global in the process."""
+"""Lock that is held during a search, because OMPL's random number generator is global in the process."""
 
 Positions = Mapping[str, float]
 """Joint positions in rad or m, keyed by joint name."""
 
 
 class MotionPlanner:
-    """Motion planner of one arm. The same seed, scene and request give the same motion.
+    """Motion planner for one arm. The same seed, scene and request produce the same motion.
 
-    Obstacles are the objects in the arm's scene file, such as its table, and all objects in ``scene``. The planner only
-    computes trajectories; ``Arm.follow`` executes them.
+    Obstacles are the objects in the arm's scene file, such as a table, and all objects in ``scene``. The planner only
+    computes trajectories, which ``Arm.follow`` executes.
     """
 
     def __init__(self, arm: str, tool: str | None = None, seed: int = 1) -> None:
@@ -45,12 +45,12 @@ class MotionPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            tool: Link or site of the scene file that is moved to a pose goal. If None, the group's tip is moved.
-            seed: Seed of all random numbers, at least 1.
+            tool: Link or site in the scene file that is moved to a pose goal. If None, the group's tip is moved.
+            seed: Seed for all random numbers, at least 1.
 
         Raises:
-            ArmSetupError: The files of the arm are invalid, or the extra ``planning`` is not installed.
-            PlanningError: The scene file lacks a joint or the tool.
+            ArmSetupError: The files of the arm are invalid, or the ``planning`` extra is not installed.
+            PlanningError: A joint or the tool is missing from the scene file.
         """
         with setup_errors():
             require_extras("motion planning", "planning")
@@ -65,18 +65,18 @@ class MotionPlanner:
         self.scene: Scene = self.robot.scene
         """Objects, and pairs of objects or links that may touch each other.
 
-        To change the scene, assign a changed copy, for example from ``scene.with_object``.
+        To change the scene, assign a modified copy, for example from ``scene.with_object``.
         """
         self.joints = self._group.joints
         """Names of the planned joints. If the robot has several arms, these are the joints of the first arm."""
         self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
         self.objects = self.robot.objects
-        """Names of the objects in the arm's scene file. ``scene.without(name)`` removes an object."""
+        """Names of the objects in the arm's scene file. To remove an object, use ``scene.without(name)``."""
 
     @property
     def plannable(self) -> tuple[str, ...]:
-        """Names of the joints of all arms, which a goal may name."""
+        """Names of the joints of all arms, which can be used in a goal."""
         return tuple(dict.fromkeys(joint for group in self._groups for joint in group.joints))
 
     @property
@@ -86,7 +86,7 @@ class MotionPlanner:
 
     @property
     def carrier(self) -> str:
-        """Link to which objects are attached by default: the tip of the arm's group."""
+        """Link to which objects are attached by default, which is the tip of the arm's group."""
         return self._group.group.tip or self.links[-1]
 
     def pose(self, positions: Positions, tool: str | None = None) -> tuple[FloatArray, FloatArray]:
@@ -97,7 +97,8 @@ class MotionPlanner:
         return pose.position_m, pose.quaternion_xyzw
 
     def clearance(self, positions: Positions) -> Clearance:
-        """Return the smallest distance from the arm to itself and to all objects, and the pair with this distance."""
+        """Return the smallest distance from the arm to itself or any object, and the pair of links or objects at this
+        distance."""
         return self._group.clearance(self._state("the positions", positions), self.scene)
 
     def plan(
@@ -108,19 +109,19 @@ class MotionPlanner:
         speed: float = 1.0,
         time_limit_s: float = TIME_LIMIT_S,
     ) -> PlannedTrajectory:
-        """Plan a collision-free motion within the limits of velocity, acceleration and jerk.
+        """Plan a collision-free motion within the velocity, acceleration and jerk limits.
 
         Args:
-            start: Start positions of all planned joints. Start positions of other joints, such as the hand's, are used
+            start: Start positions of all planned joints. Start positions of other joints, such as hand joints, are used
                 only for the collision checks.
-            goal: Positions of planned joints, or a region of tool poses in the base frame. Planned joints
-                without a position keep their start position. If a robot has several arms, the goal may be for one arm
-                or for all arms.
-            speed: Fraction of the limits, above 0 and at most 1.
+            goal: Positions of planned joints, or a region of tool poses in the base frame. Planned joints without a
+                goal position keep their start positions. If a robot has several arms, the goal may be for one arm or
+                for all arms.
+            speed: Fraction of the velocity and acceleration limits, above 0 and at most 1.
             time_limit_s: Maximum time of the search, in seconds.
 
         Returns:
-            A trajectory for ``Arm.follow``, which begins and ends at rest.
+            A trajectory for ``Arm.follow``, which starts and ends at rest.
 
         Raises:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
@@ -148,7 +149,7 @@ class MotionPlanner:
         )
 
     def _group_for(self, goal: JointGoal | ToolGoal) -> GroupPlanner:
-        """Return the first group with all joints of a goal, or the group of the arm that carries the tool."""
+        """Return the first group that contains all joints of a goal, or the group of the arm that carries the tool."""
         if isinstance(goal, JointGoal):
             return next(group for group in self._groups if set(group.joints).issuperset(goal.positions))
         return self._group_of(goal.link)
@@ -158,18 +159,18 @@ class MotionPlanner:
         return next((group for group in self._groups if group.group.tip == tool), self._group)
 
     def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
-        """Return what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
+        """Describe what a trajectory of the planned joints touches in ``scene``, or return an empty string.
 
         Args:
             trajectory: Points of the planned joints.
-            start: Positions of all joints. Only the positions of joints that the trajectory does not move are used.
+            start: Positions of all joints. Only the positions of joints that are not moved by the trajectory are used.
         """
         moved = set(trajectory.positions)
         group = next((group for group in self._groups if set(group.joints) == moved), self._group)
         positions = np.array([trajectory.positions[joint] for joint in group.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
         found = group.future_contact(path, 0.0, self._state("the start", start), self.scene)
-        return "" if found is None else f"{found.one} comes too near to {found.other} after {found.time_s:.1f} s"
+        return "" if found is None else f"{found.one} comes too close to {found.other} after {found.time_s:.1f} s"
 
     def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:
         if isinstance(goal, ArmPose):
@@ -181,17 +182,17 @@ class MotionPlanner:
             return ToolGoal(goal, self._tool)
         if unknown := sorted(goal.keys() - set(self.plannable)):
             known = ", ".join(self.plannable)
-            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {known}")
+            raise ArmInputError(f"no planning group moves joint {unknown[0]} of the goal: choose one of {known}")
         if not any(set(group.joints).issuperset(goal) for group in self._groups):
             raise ArmInputError(f"no planning group has all of the joints {', '.join(goal)}: add a group to the SRDF")
         _check_finite("the goal", goal)
         return JointGoal(goal)
 
     def _state(self, what: str, positions: Positions) -> dict[str, float]:
-        """Return the state of all driven joints. The joints of the hand need no position. Raises ArmInputError."""
+        """Return the state of all driven joints. Positions of hand joints are optional. Raises ArmInputError."""
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
-                f"{missing[0]} has no position in {what}: give a position for each of {', '.join(self.joints)}"
+                f"{missing[0]} has no position in {what}: specify a position for each of {', '.join(self.joints)}"
             )
         _check_finite(what, positions)
         return self.robot.state({**self.robot.rest, **positions})

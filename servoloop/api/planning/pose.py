@@ -1,4 +1,4 @@
-"""Pose of an arm's tool, as the goal of a motion or as a measurement."""
+"""Pose of an arm's tool, used as a motion goal or as a measurement."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ArmPose:
-    """Pose of a tool in the frame of the arm's base, with tolerances for its use as a goal."""
+    """Pose of a tool in the frame of the arm's base, with tolerances that apply if the pose is used as a goal."""
 
     position_m: Sequence[float]
     """Position (3,), in m."""
@@ -16,12 +16,12 @@ class ArmPose:
     tolerance_m: float = 0.005
     """Maximum distance from the position, in m."""
     tolerance_rad: float | Sequence[float] = 0.05
-    """Maximum rotation from the orientation, in rad: one value for all axes of the tool, or values for x, y and z (3,).
+    """Maximum rotation from the orientation, in rad: one value for all tool axes, or one each for x, y and z (3,).
 
-    A value of pi or more leaves the rotation about an axis free, which suits arms with five joints.
+    A value of pi or more leaves the rotation about an axis free, which is useful for arms with five joints.
     """
     tool: str | None = None
-    """Link or site that is moved to the pose. If None, the tool of the arm is moved."""
+    """Link or site that is moved to the pose. If None, the arm's tool is moved."""
 
     def tolerances_rad(self) -> tuple[float, float, float]:
         """Return the tolerance about each axis (3,), in rad."""

@@ -1,4 +1,4 @@
-"""Invariant on activation: the servos have the settings that an independent reader finds in the arm's files."""
+"""Invariant on activation: the servos have the settings that an independent parser reads from the arm's files."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -27,7 +27,7 @@ CHANGES: Final = frozenset(
         "wrong_rate",
     }
 )
-"""Faults after which a servo's registers may differ from the values written by the activation."""
+"""Faults after which a servo's registers may differ from the values that the activation wrote."""
 OUTSIDE_SHARE: Final = 0.06
 """Maximum distance outside the limits at which a joint may be activated, as a fraction of its range: 0.05 plus
 backlash."""
@@ -36,7 +36,8 @@ LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 
 
 def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str:
-    """Return a sentence if the torque limit in a servo's memory differs from the robot file, or an empty string.
+    """Return a message if the torque limit in a servo's memory differs from the robot file, or an empty string if they
+    agree.
 
     A series without a torque limit raises ValueError.
     """
@@ -50,11 +51,11 @@ def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str
 
 
 class ActivatedAsConfigured(Invariant):
-    """After an activation, every servo has the torque limit, gains and settings of the robot file.
+    """After an activation, every servo has the torque limit, gains and settings that the robot file specifies.
 
-    A joint that was far outside its limits has not been activated.
+    A joint that was far outside its limits must not have been activated.
 
-    Both conditions also hold for a single servo that has lost its power and is activated again.
+    Both conditions also hold for a single servo that has lost power and is activated again.
     """
 
     name = "activated as configured"
@@ -82,7 +83,8 @@ class ActivatedAsConfigured(Invariant):
                 self._examine(joint, self._reference[joint.name])
 
     def _starts_wrong(self, joint: Joint) -> bool:
-        """Return whether all wrong settings of a joint began before the start, so that activation corrects them."""
+        """Return whether all wrong settings of a joint existed before the start, so that the activation corrects
+        them."""
         faults = (*self.stack.player.active.values(), *self.stack.player.happened)
         wrong = [one for one in faults if one.kind == WRONG_SETTING and joint.name in touched_joints(one, self.joints)]
         return all(one.since == "start" and one.at_s == 0.0 for one in wrong)

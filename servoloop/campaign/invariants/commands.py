@@ -1,4 +1,4 @@
-"""Invariants on commands: on the bus, and after the safety gate."""
+"""Invariants on commands, both on the bus and after the safety gate."""
 
 import math
 from collections import Counter
@@ -18,32 +18,32 @@ ROUNDING: Final = 1e-9
 RETURN_SHARE: Final = 0.1
 """Speed at which a joint outside its limits returns, as a fraction of its velocity limit."""
 TAKEN_OVER_S: Final = 0.02
-"""Maximum age of the measured position from which a controller takes over a moving joint, in seconds."""
+"""Maximum age, in seconds, of the measured position that a controller uses to take over a moving joint."""
 OFF_CYCLES: Final = 6
-"""Maximum number of cycles until the stack detects a servo that disabled its own torque.
+"""Maximum number of cycles until the stack detects that a servo has disabled its own torque.
 
-A servo without power is silent for longer.
+A servo that has lost power remains silent for longer.
 """
 FOUND_CYCLES: Final = 12
-"""Maximum number of cycles until the stack detects lost torque if a goal does not enable the torque of the servo.
+"""Maximum number of cycles until the stack detects lost torque on a servo whose torque is not enabled by goals.
 
-On a bad bus, the torque of such servos is read less often.
+On a bus with many errors, the torque of such servos is read less often.
 """
 SHARED_ID: Final = frozenset({"wrong_id", "collision", "eeprom_gone"})
-"""Faults after which another servo may have answered for a servo that had lost its torque."""
+"""Faults after which another servo may have replied instead of a servo that had lost its torque."""
 LEAP_COUNTS: Final = 300
-"""Minimum difference between two position readings, in counts, at which the stack must use neither of them."""
+"""Minimum difference between two position readings, in counts, at which the stack must discard both."""
 
 
 class SafeWire(Invariant):
-    """No goal is outside the limits or jumps, and torque is enabled only with the goal at the measured position.
+    """Goals stay within the limits and do not jump, and torque is enabled only with the goal at the measured position.
 
-    Before an activation, the stack must have read the position at least twice. The invariant examines the bytes on the
+    Before an activation, the stack must have read the position at least twice. The invariant checks the bytes on the
     bus, not the commands of the layers above. Any goal enables the torque of an STS servo. As soon as the stack can
-    know that a servo has lost its torque, it may send the servo only goals at its own position. Two servos with the
+    know that a servo has lost its torque, it may send that servo only its own position as a goal. Two servos with the
     same ID are skipped, because it is unknown which of them reports its torque. Servos that report false positions are
-    also skipped, except at an activation if every second position is true. At an activation, the stack must compare two
-    readings.
+    also skipped, except during an activation if only every second position is false. During an activation, the stack
+    must compare two readings.
     """
 
     name = "safe wire"
@@ -88,9 +88,9 @@ class SafeCommands(Invariant):
     """Commands after the safety gate are finite, within the limits, and change by at most the velocity limit times the
     period.
 
-    The layers below the gate also check some of these conditions, but the conditions must hold without these layers.
-    After an activation, a joint is taken over at its position in the simulated world. The state of a joint without a
-    fault is finite.
+    The layers below the gate also check some of these conditions, but the conditions must hold without these checks.
+    After an activation, each joint starts at its position in the simulated world. The state of a joint without a fault
+    is finite.
     """
 
     name = "safe commands"
@@ -128,7 +128,7 @@ class SafeCommands(Invariant):
             self.say("a command of the loop has become NaN")
         if last is None or self._released or not np.array_equal(before, last):
             self._taken_over(before, last)
-        # A joint that was outside its limits when its torque was enabled may be on its way back.
+        # A joint that was outside its limits when its torque was enabled may still be returning to them.
         outside = np.maximum(self._lower - command, command - self._upper)
         was_outside = np.maximum(self._lower - before, before - self._upper)
         if (outside > np.maximum(was_outside, 0.0) + ROUNDING).any():

@@ -18,15 +18,16 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
 WRITES_AGAIN_S: Final = 2.0
-"""Maximum time after a fault until the stack has repeated a write to a register, in seconds."""
+"""Maximum time, in seconds, that the stack needs to repeat a register write after a fault."""
 
 
 class EndsAsChosen(Invariant):
-    """At the end the arm is held, or parked and released, as ``on_exit`` specifies, if its servos can be reached.
+    """At the end, the arm is held, or parked and released, as ``on_exit`` specifies, provided that its servos can be
+    reached.
 
-    A servo that should hold may still release its torque for protection and report an error. No joint of a held arm
-    presses against an obstacle, and each has the torque limit of the robot file. Faults that are active while the
-    program ends excuse the joints that they affect, except for gears that jammed before the end.
+    A servo that should hold may still disable its torque to protect itself and report an error. The joints of a held
+    arm do not press against an obstacle, and each has the torque limit from the robot file. A joint that is affected by
+    a fault while the program ends is exempt, unless the fault is a gear that jammed earlier.
     """
 
     name = "ends as chosen"
@@ -37,7 +38,8 @@ class EndsAsChosen(Invariant):
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
-        """Whether a client had deactivated the hardware by the last cycle, so that the torque is left unchanged."""
+        """Whether a client had deactivated the hardware by the last cycle, in which case the torque is left
+        unchanged."""
         self._happened = 0
         """Number of faults that had begun or ended by the last cycle."""
 
@@ -82,7 +84,7 @@ class EndsAsChosen(Invariant):
             self.say(problem)
 
     def _presses(self, joint: str) -> bool:
-        """Return whether a joint of the arm is held far from its command, and was not moved by hand."""
+        """Return whether a joint of the arm is held far from its command although it was not moved by hand."""
         if joint not in self.driven_joints or self.deceived(joint):
             return False
         place = self.commanded.index(joint)
@@ -92,7 +94,7 @@ class EndsAsChosen(Invariant):
     def _affected_at_the_end(self) -> set[str]:
         """Return the joints that faults have affected since the last cycle.
 
-        Gears that jammed earlier are not an excuse: the stack must relieve the joint.
+        Gears that jammed earlier are not an excuse, because the stack must relieve the joint.
         """
         lasting = (event for event in self.stack.player.active.values() if event.kind != "jammed")
         events = (*self.stack.player.happened[self._happened :], *lasting)

@@ -1,4 +1,4 @@
-"""Invariants on the path to a goal: commands pass through the client's points at the client's times."""
+"""Invariants on the path to a goal: commands pass through the client's points at the specified times."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -16,28 +16,30 @@ from servoloop.simulation.goal_log import LoggedGoal
 PASSES: Final = 0.03
 """Maximum distance at which a sampled reference counts as passing through a point, in rad or m.
 
-Paths cut corners by a few thousandths.
+Paths cut corners by a few thousandths of a radian or meter.
 """
 JOINED_S: Final = 0.3
-"""Time after which a path that starts in motion must pass through the points of the client, in seconds."""
+"""Time after which a path that starts in motion must pass through the client's points, in seconds."""
 EARLY_CYCLES: Final = 2.0
 """Number of cycles by which a goal may end before its last point's time, because its start is rounded to a cycle."""
 ENDS_EARLY_CYCLES: Final = 4
-"""Number of cycles by which a reference may rest at the last point before its time, because a path ends slowly."""
+"""Number of cycles by which a reference may reach the last point early, because a path ends slowly."""
 AT_POINT: Final = 1e-4
 """Maximum distance at which a reference counts as at rest at a point, in rad or m."""
 FORWARDED_S: Final = 0.5
 """Time allowed for a joint with a forward controller to start and stop, in seconds."""
 FORWARDED_FACTOR: Final = 1.2
-"""Allowed factor on the time that the joint takes over its whole range at its velocity limit."""
+"""Allowed duration of a motion, as a multiple of the time the joint takes over its whole range at its velocity
+limit."""
 FORWARDED_SHARE: Final = 0.01
-"""Allowed distance from the value that was sent, as a fraction of the joint's range."""
+"""Allowed distance from the commanded value, as a fraction of the joint's range."""
 REPLACED_CYCLES: Final = 2
 """Maximum number of cycles until a replaced goal ends."""
 
 
 class PathIsAsSent(Invariant):
-    """The path of a goal that succeeds passes through all points of its client, and no path ends before their times."""
+    """The path of a successful goal passes through all points of the client, and no path ends before their scheduled
+    times."""
 
     name = "path is as sent"
     of_each_arm = True
@@ -45,7 +47,7 @@ class PathIsAsSent(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._paths = defaultdict[int, list[FloatArray]](list)
-        """References of each open goal, in each cycle on its path."""
+        """References of each unfinished goal in each cycle on its path."""
         self._begun_s: dict[int, float] = {}
         limits = dict(zip(self.commanded, stack.loop.limits, strict=True))
         self._bounded = {joint for joint in arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
@@ -65,7 +67,8 @@ class PathIsAsSent(Invariant):
                 self._examine(logged, np.array(path), begun_s)
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
-        """Check that an open goal with one point does not rest at this point before its time."""
+        """Check that an unfinished goal with one point does not come to rest at this point before the scheduled
+        time."""
         goal = logged.goal
         early_s = logged.sent_s + goal.delay_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
         if len(goal.points) > 1 or early_s <= ENDS_EARLY_CYCLES * self.stack.loop.period_s or len(path) < 2:
@@ -115,7 +118,7 @@ def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
 class ReplacedGoalsEnd(Invariant):
     """A goal ends when its controller accepts another goal.
 
-    A controller accepts no goal while its joints still slow down from the motion of another controller.
+    A controller does not accept a goal while its joints are still slowing down from the motion of another controller.
     """
 
     name = "replaced goals end"
@@ -143,9 +146,9 @@ class ForwardedIsFollowed(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._sent: dict[str, tuple[tuple[float, ...] | None, int]] = {}
-        """Latest values of each forward controller, and the number of cycles for which they have been valid.
+        """Latest values sent to each forward controller, and the number of cycles for which they have been valid.
 
-        Time is counted in cycles, because a write to a servo that does not answer delays the loop.
+        Time is counted in cycles, because writing to a servo that does not respond delays the loop.
         """
 
     def on_state(self, state: JointState) -> None:

@@ -1,4 +1,4 @@
-"""Invariants on the result and the feedback of a goal: both agree with the motion."""
+"""Invariants on the result and the feedback of a goal: both agree with the actual motion."""
 
 import math
 import re
@@ -18,22 +18,22 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
 DEVIATION: Final = 0.1
-"""Deviation allowed in addition to the tolerance, in rad or m: two readings must agree, and servos overshoot."""
+"""Deviation allowed in addition to the tolerance, in rad or m, because two readings must agree and servos overshoot."""
 DEVIATES_S: Final = 0.6
-"""Maximum time until a goal with a larger deviation ends, in seconds."""
+"""Maximum time until a goal ends if its deviation is larger, in seconds."""
 OWN_S: Final = 0.4
 """Maximum time until a goal ends if a reported position deviates by more than the goal's tolerance, in seconds."""
 READING: Final = 0.003
 """Deviation of a reported position allowed in addition to the goal's own tolerance, in rad or m."""
 HISTORY: Final = 150
-"""Number of cycles before the end of a goal that are searched for a deviation.
+"""Number of cycles before the end of a goal in which to search for a deviation.
 
-The goal ends only once its joints are at rest and relieved.
+The goal ends only after its joints are at rest and relieved.
 """
 
 
 class AbortsAreTrue(Invariant):
-    """A joint that is named in an abort actually deviates from its path or is actually not measured."""
+    """A joint named in the abort message has really deviated from its path or could not be measured."""
 
     name = "aborts are true"
     of_each_arm = True
@@ -71,7 +71,8 @@ class AbortsAreTrue(Invariant):
 
 
 class FeedbackIsTrue(Invariant):
-    """Feedback contains the measurement of its cycle, the reference and their difference, and its time increases."""
+    """Feedback contains the measurement of its cycle, the reference and the difference between them, and its time
+    increases."""
 
     name = "feedback is true"
     of_each_arm = True
@@ -106,10 +107,10 @@ class FeedbackIsTrue(Invariant):
 
 
 class DeviationEnds(Invariant):
-    """A goal ends if a joint deviates from the path by more than its tolerance for some time.
+    """A goal ends if a joint deviates from the path by more than its tolerance for too long.
 
     The deviation is measured in the simulated world. The allowed lag of a moving joint is added to its tolerance.
-    Tolerances that a client has set may be small, so they are compared with the reported positions.
+    Tolerances set by a client may be small, so they are compared with the reported positions.
     """
 
     name = "deviation ends a goal"
@@ -119,7 +120,8 @@ class DeviationEnds(Invariant):
         super().__init__(stack, say, arm)
         self._off_s = defaultdict[str, float](float)
         self._own_s = defaultdict[str, float](float)
-        """Seconds that the reported position has been outside the goal's own tolerance, keyed by joint name."""
+        """Time that the reported position has been outside the goal's own tolerance, in seconds, keyed by joint
+        name."""
         self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
@@ -150,7 +152,7 @@ class DeviationEnds(Invariant):
                 self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
 
     def _examine_own(self, joint: str, off: float, allowed: float) -> None:
-        """Examine a reported deviation against a tolerance of the goal."""
+        """Compare a reported deviation with a tolerance of the goal."""
         period_s = self.stack.loop.period_s
         self._own_s[joint] = self._own_s[joint] + period_s if abs(off) > allowed + READING else 0.0
         if self._own_s[joint] > OWN_S:

@@ -1,4 +1,4 @@
-"""Invariants on goals: each goal is accepted or rejected correctly, and ends in time, also after a cancel."""
+"""Invariants on goals: each goal is accepted or rejected correctly and ends in time, even after a cancellation."""
 
 import math
 from collections import defaultdict
@@ -23,13 +23,14 @@ from servoloop.simulation.goal_log import LoggedGoal
 REST_S: Final = 1.5
 """Maximum time until the joints are at rest at the end of a goal, in seconds."""
 FAULT_ENDS_S: Final = 1.5
-"""Maximum time until a goal with an unmeasured joint ends, in seconds: the fault timeout and one second to stop."""
+"""Maximum time until a goal with an unmeasured joint ends, in seconds: the fault timeout plus one second to stop."""
 RELIEF_S: Final = 6.0
-"""Maximum time until a stopping goal ends, in seconds, even if its joints are blocked and must be relieved."""
+"""Maximum time until a goal that is being stopped ends, in seconds, even if its joints are blocked and must be
+relieved."""
 BEYOND: Final = 0.01
-"""Margin around a limit in which a goal may be accepted or rejected, as a fraction of the joint's range."""
+"""Margin around a limit in which a goal may be either accepted or rejected, as a fraction of the joint's range."""
 RESTS: Final = 0.02
-"""Maximum velocity of a reference that counts as rest, as a fraction of the velocity limit."""
+"""Maximum velocity at which a reference counts as at rest, as a fraction of the velocity limit."""
 SILENT_CYCLES: Final = 2
 """Maximum number of cycles until a stream ends after its latest target has become too old."""
 
@@ -37,12 +38,12 @@ SILENT_CYCLES: Final = 2
 class GoalsEnd(Invariant):
     """Every goal ends in time.
 
-    The time of a goal on its path is the sum of the time of its points, the goal time tolerance and the time to come to
-    rest. Joint limits may extend the time of the points. A goal may also take time before its path to wait for other
-    controllers, and after its path to stop. Cycles in which a joint is not measured do not count, but the goal ends
-    after the fault timeout.
+    The time of a goal on its path is at most the sum of its points' times, the goal time tolerance and the time to come
+    to rest. Joint limits may increase the times of the points. A goal may also need time before its path to wait for
+    other controllers, and time after its path to stop. Cycles in which a joint is not measured do not count, but the
+    goal ends after the fault timeout.
 
-    A stream of targets over the command socket ends soon after its latest target.
+    A stream of targets over the command socket ends soon after the latest target.
     """
 
     name = "every goal ends"
@@ -54,7 +55,7 @@ class GoalsEnd(Invariant):
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
         self._silent_cycles = 0
-        """Number of cycles for which a stream has continued without targets."""
+        """Number of cycles for which a stream has continued without new targets."""
 
     def on_state(self, state: JointState) -> None:
         self._watch_stream()
@@ -111,7 +112,7 @@ class GoalsEnd(Invariant):
 class CancelsAreFollowed(Invariant):
     """A canceled goal brakes and soon ends as canceled, with the joints at rest, unless it has already ended.
 
-    A program that has died no longer has control of the arm.
+    A program that has died no longer controls the arm.
     """
 
     name = "cancels are followed"
@@ -129,7 +130,8 @@ class CancelsAreFollowed(Invariant):
             self.say(f"{owner} has died, but it still owns the motion")
 
     def _require_rest(self, logged: LoggedGoal) -> None:
-        """Report an arm that still moves at the end of a canceled goal, because clients continue from there."""
+        """Report an arm that is still moving at the end of a canceled goal, because clients start from that
+        position."""
         tracking = self.arm.tracking
         own = [one for one in self.stack.goals.goals if one.controller == self.arm.name]
         if tracking is None or not own or own[-1] is not logged:  # A newer goal ends a canceled goal immediately.
@@ -157,7 +159,7 @@ class CancelsAreFollowed(Invariant):
 class GoalsAreJudged(Invariant):
     """A goal that is malformed or exceeds a limit is rejected. A goal within the limits is accepted.
 
-    A goal for a joint outside its limits may also be between the joint's position and the limit.
+    A goal for a joint outside its limits may also lie between the joint's position and the limit.
     """
 
     name = "goals are judged"
@@ -167,7 +169,7 @@ class GoalsAreJudged(Invariant):
         self._reference = read_reference(stack.files, stack.narrowed)
         self._sent = self._rejected = 0
         self._stood: dict[str, list[float]] = {}
-        """Positions and commands of joints with narrowed limits in the last cycles, in rad or m."""
+        """Positions and commands of joints with narrowed limits in the most recent cycles, in rad or m."""
 
     def on_state(self, state: JointState) -> None:
         log, answers = self.stack.goals, self.stack.stack_faults.answers
@@ -188,12 +190,12 @@ class GoalsAreJudged(Invariant):
                 self.say(f"a goal within the limits was rejected: {reason}")
 
     def _beyond(self, goal: TrajectoryGoal, share: float) -> str:
-        """Describe the first joint that the goal commands beyond a limit by more than ``share`` of its range."""
+        """Describe the first joint for which the goal exceeds a limit by more than ``share`` of the joint's range."""
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
                 if known is None and share > 0.0 and any(joint in arm.joints for arm in self.stack.arms):
-                    continue  # The reference reader cannot read the limits of this joint.
+                    continue  # The reference parser cannot read the limits of this joint.
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
                 slack = share * (known.upper - known.lower)
@@ -208,7 +210,7 @@ class GoalsAreJudged(Invariant):
 
 
 def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:
-    """Return an upper bound of the duration of a goal's path within the joint limits, in seconds.
+    """Return an upper bound on the duration of a goal's path within the joint limits, in seconds.
 
     The motion to the first point may cover the whole range of a joint.
     """
@@ -222,6 +224,6 @@ def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:
 
 
 def _duration_s(distance: float, limit: JointLimits) -> float:
-    """Return an upper bound of the time (s) that a joint takes from rest to rest over a distance (rad or m)."""
+    """Return an upper bound on the time (s) that a joint takes to move a distance (rad or m) from rest to rest."""
     distance = min(distance, 2.0 * math.tau)  # The range of a joint without limits is infinite.
     return distance / limit.velocity + 2.0 * limit.velocity / limit.acceleration + 4.0 * limit.acceleration / limit.jerk

@@ -12,7 +12,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.grips import GripperClient, LoggedGrip
 
 LATE_S: Final = 2.0
-"""Time allowed in addition to the stall timeout, in seconds, because the fingers may be at rest when a goal begins."""
+"""Time allowed in addition to the stall timeout, in seconds, because the fingers may be at rest when a goal starts."""
 FAULT_ENDS_S: Final = 1.0
 """Maximum time until a goal ends if its joint is not measured, in seconds."""
 ANSWER_CYCLES: Final = 2
@@ -26,10 +26,10 @@ STANDS_S: Final = 0.5
 
 
 class GripsAreFollowed(Invariant):
-    """A gripper goal ends in time with a true result. A canceled or replaced goal ends immediately.
+    """A gripper goal ends in time, and its result is true. A canceled or replaced goal ends immediately.
 
-    Positions are those of the simulated world. Cycles in which the joint moves or is not measured do not count toward
-    the end, but the goal ends after the fault timeout.
+    Positions are taken from the simulated world. Cycles in which the joint moves or is not measured do not count, but
+    the goal ends after the fault timeout.
     """
 
     name = "gripper goals are followed"
@@ -38,9 +38,9 @@ class GripsAreFollowed(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._open: dict[int, float] = {}
-        """Time the joint has been measured at rest during each open goal, in seconds, keyed by goal index."""
+        """Time the joint has been measured at rest during each unfinished goal, in seconds, keyed by goal index."""
         self._unmeasured_s: dict[int, float] = {}
-        """Seconds since the joint was last measured, for each open goal, keyed by goal index."""
+        """Time since the joint was last measured, in seconds, for each unfinished goal, keyed by goal index."""
         self._seen = 0
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 
@@ -88,7 +88,7 @@ class GripsAreFollowed(Invariant):
             self.say(f"a gripper goal continues although {joint} has been at rest for {self._open[index]:.1f} s")
 
     def _creep(self, client: GripperClient) -> float:
-        """Return the distance that a joint at rest may move in a cycle, in rad or m."""
+        """Return the maximum distance that a joint at rest may move in a cycle, in rad or m."""
         return CREEP_SHARE * client.parameters.goal_tolerance * self.stack.loop.period_s
 
     @staticmethod
@@ -101,7 +101,7 @@ class GripsAreFollowed(Invariant):
         return client.parameters.stall_timeout + LATE_S
 
     def _judge(self, client: GripperClient, logged: LoggedGrip) -> None:
-        """Compare the result of a goal with the true position of the joint."""
+        """Compare the result of a goal with the joint's true position."""
         joint, handle = client.parameters.joint, logged.handle
         if self.deceived(joint):
             return

@@ -1,4 +1,4 @@
-"""Base class of invariants: a condition that is examined while a simulated stack runs."""
+"""Base class of invariants: conditions that are checked while a simulated stack runs."""
 
 import math
 from collections.abc import Callable
@@ -28,7 +28,7 @@ DECEIVING: Final = frozenset(
         "collision",
     }
 )
-"""Faults after which the position that a servo reports differs temporarily or permanently from that of its joint."""
+"""Faults after which the position that a servo reports temporarily or permanently differs from its joint's position."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
 """Registers that are 0 unless the servo reports an error."""
 
@@ -40,7 +40,7 @@ class Violation:
     invariant: str
     """Name of the invariant."""
     time_s: float
-    """Time on the clock of the stack, in seconds."""
+    """Time of the violation on the stack's clock, in seconds."""
     text: str
     """Description of the violation."""
 
@@ -48,11 +48,11 @@ class Violation:
 class Invariant:
     """Condition that must hold in a run of a simulated stack.
 
-    A subclass sets ``name``, overrides the methods for the events that it needs, counts each examination in
-    ``examined``, and calls ``say`` with a description of each violation.
+    A subclass sets ``name`` and overrides the methods for the events that it needs. It counts each check in
+    ``examined`` and calls ``say`` with a description of each violation.
 
     Args:
-        stack: The stack, before it is up.
+        stack: The stack, before it is started.
         say: Function that reports a violation. Only the first violation of an invariant is kept.
         arm: Trajectory controller of the arm.
     """
@@ -60,41 +60,47 @@ class Invariant:
     name = ""
     """Name of the invariant, as printed and as used in scenarios."""
     promised = True
-    """Whether a campaign without ``promises`` fails if this invariant never examined its condition."""
+    """Whether a campaign without ``promises`` fails if the condition of this invariant was never checked."""
     of_each_arm = False
-    """Whether each arm of the robot has its own invariant of this class. If False, the robot has only one."""
+    """Whether each arm of the robot has its own invariant of this class. If False, there is only one for the whole
+    robot."""
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         self.stack = stack
         self.arm = arm
         self.say = say
         self.examined = 0
-        """Number of times the condition was examined. Zero means that the run proves nothing about it."""
+        """Number of times the condition was checked. Zero means that the run proves nothing about this invariant."""
         self.joints = stack.files.robot.joints
         self.driven_joints = [joint for one in stack.arms for joint in one.joints]
         """Joints of the trajectory controllers of all arms."""
         self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
-        """The joint of each command interface."""
+        """The joint that each command interface belongs to."""
         place = stack.player.targets.place
         self.servos: dict[str, Any] = {joint.name: place(joint.servo_id, joint.bus).servo for joint in self.joints}
         """The virtual servo of each joint."""
 
     @property
     def active(self) -> bool:
-        """Whether the hardware is active and none of its components is in a transition."""
+        """Whether the hardware is active and none of its components is changing its state."""
         hardware = self.stack.loop.hardware
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
 
     @property
+    def upset(self) -> bool:
+        """Whether a fault changes the commands of a controller now."""
+        return any(controller.upsets for controller in self.stack.controllers.values())
+
+    @property
     def open_goals(self) -> list[LoggedGoal]:
-        """Goals that have not ended, except for those of the other arms of the robot."""
+        """Unfinished goals, except for those of the other arms of the robot."""
         others = {one.name for one in self.stack.arms} - {self.arm.name}
         return [logged for logged in self.stack.goals.open if logged.controller not in others]
 
     def true_positions(self) -> dict[str, float]:
         """Return the joint positions of the simulated world, in rad or m, keyed by joint name.
 
-        The positions do not come from servos.
+        They do not come from servos.
         """
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
@@ -103,9 +109,9 @@ class Invariant:
         return dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
 
     def end_of_goal(self, joint: str, position: float) -> float:
-        """Return the position at which a goal ends.
+        """Return the joint position at which a goal ends.
 
-        A joint outside its limits may be sent goals at its own position. Such goals end at the limit.
+        A joint outside its limits may be sent its own position as a goal. Such a goal ends at the limit.
         """
         lower, upper = self.stack.narrowed.get(joint, (-math.inf, math.inf))
         return min(max(position, lower), upper)
@@ -115,7 +121,7 @@ class Invariant:
         return bool(DECEIVING & self.stack.touches.kinds(joint))
 
     def never_confirmed(self, joint: str, leap_counts: float) -> bool:
-        """Return whether two readings of a joint can never confirm a false position.
+        """Return whether two readings of a joint can never agree on a false position.
 
         This is the case if no two consecutive readings are false and all false readings are further from the true
         position than ``leap_counts``.
@@ -132,13 +138,13 @@ class Invariant:
 
     @property
     def shared_id(self) -> bool:
-        """Whether two servos have the same ID, because of a collision or a lost EEPROM."""
+        """Whether two servos have the same ID, because of a collision or lost EEPROM contents."""
         if any(one.kind == "collision" for one in self.stack.player.active.values()):
             return True
         return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
 
     def torque(self, joint: Joint) -> bool:
-        """Return whether the torque of the joint's virtual servo is enabled. The stack may report another state."""
+        """Return whether the torque of the joint's virtual servo is enabled. The stack may report a different state."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def released(self, state: JointState) -> set[str]:
@@ -151,7 +157,7 @@ class Invariant:
         """Called with every packet before the servos on this bus receive it."""
 
     def on_command(self, values: FloatArray) -> None:
-        """Called with each command after the safety gate, shape (m,), even while the program ends."""
+        """Called with each command after the safety gate, as an array of shape (m,), even while the program ends."""
 
     def on_step(self, time_s: float) -> None:
         """Called after each physics step of one millisecond."""
@@ -160,9 +166,9 @@ class Invariant:
         """Called at the end of each cycle with the measured state."""
 
     def at_end(self) -> None:
-        """Called after the program has ended and the hardware was released."""
+        """Called after the program has ended and the hardware has been released."""
 
 
 def reports_error(joint: Joint, servo: Any) -> bool:
-    """Return whether a virtual servo reports an error, for example overload protection."""
+    """Return whether a virtual servo reports an error, such as overload protection."""
     return any(servo.memory.get(one) for one in series_of(joint.model).registers if one.name in COMPLAINTS)

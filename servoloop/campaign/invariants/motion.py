@@ -13,17 +13,17 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 OVER_STEPS: Final = 100
-"""Time over which a distance is measured, in ms. A servo moves to each goal at its own speed and waits there."""
+"""Time over which a distance is measured, in ms. A servo moves to each goal at its own speed and waits there for the
+next one."""
 LAG_S: Final = 0.03
-"""Time by which a servo may lag behind its goal before it catches up, in seconds. Soft servos lag more
+"""Time by which a servo may lag behind its goal before it catches up, in seconds. Soft servos lag further behind
 (hal/compensation/servo_compliance.py)."""
 OVERSHOOT_RAD: Final = 0.1
-"""Overshoot of a joint that stops, in rad (0.05 in benchmarks.fidelity), or that comes free of an obstacle at full
-drive."""
+"""Overshoot of a joint that stops (0.05 in benchmarks.fidelity) or is freed from an obstacle at full drive, in rad."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 AFTER_STEPS: Final = 500
-"""Maximum time until a joint has sprung back after a fault in ``NOT_ITS_OWN``, in ms."""
+"""Maximum time until a joint has sprung back after one of the faults in ``NOT_ITS_OWN``, in ms."""
 
 
 class NoFasterThanAllowed(Invariant):
@@ -41,7 +41,7 @@ class NoFasterThanAllowed(Invariant):
         ]
         self._excused = 0
         self._happened = 0
-        """Number of faults that have begun or ended so far."""
+        """Number of faults that have started or ended so far."""
         self._positions = deque[list[float]](maxlen=OVER_STEPS + 1)
 
     def on_step(self, time_s: float) -> None:
@@ -71,6 +71,6 @@ class NoFasterThanAllowed(Invariant):
 
 
 def _furthest(joint: Joint, within_s: float) -> float:
-    """Return the largest distance (rad or m) that a joint may move within a time."""
+    """Return the maximum distance (rad or m) that a joint may move within a time."""
     lag_s = max(LAG_S, joint.compliance.lag_s) if joint.compliance else LAG_S
     return joint.limits.velocity * (within_s + lag_s) + OVERSHOOT_RAD

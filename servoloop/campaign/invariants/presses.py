@@ -1,4 +1,4 @@
-"""Invariant on long presses: the drive of a joint that presses without motion is reduced."""
+"""Invariant on prolonged pressing: the drive of a joint that presses without moving is reduced."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 REDUCED_S: Final = 1.7
-"""Maximum time until the drive of a joint that presses without motion is reduced, in seconds. The overload protection
-of an STS would reduce the drive after 2 s.
+"""Maximum time until the drive of a joint that presses without moving is reduced, in seconds. The overload protection
+of an STS servo would reduce the drive after 2 s.
 """
 PRESSES: Final = 0.9
-"""Minimum drive at which a joint counts as pressing, as a fraction of its torque limit. The stack reduces the drive
-from 0.8 on. The reported drive must be as large, because a strong motor has up to 1.2 times the torque that its servo
-reports.
+"""Minimum drive at which a joint counts as pressing, as a fraction of its torque limit. The stack starts to reduce the
+drive at 0.8. The reported drive must also reach this value, because a strong motor has up to 1.2 times the torque that
+its servo reports.
 """
 STILL_TURNS: Final = 0.003
-"""Largest motion of a joint, or change of its command, during a press, in turns of its servo."""
+"""Largest motion of a joint, or change of its command, while it presses, in turns of its servo."""
 
 
 @dataclass(slots=True)
 class _Press:
-    """Position and command of a joint (rad or m) at the beginning of a press, and the cycles since then."""
+    """Position and command of a joint (rad or m) when it began to press, and the number of cycles since then."""
 
     position: float
     command: float
@@ -33,10 +33,11 @@ class _Press:
 
 
 class LongPressesAreReduced(Invariant):
-    """The drive of a joint with a torque limit below 1 is reduced after it has pressed a few seconds without motion.
+    """The drive of a joint with a torque limit below 1 is reduced after the joint has pressed for a few seconds without
+    moving.
 
-    The drive follows from the joint's effort in the simulated world. A press begins again when the joint or its command
-    moves, when the joint is reported, and during each fault of the joint.
+    The drive is computed from the joint's effort in the simulated world. The time starts again when the joint or its
+    command moves, when the joint is reported as faulty, and during each fault of the joint.
     """
 
     name = "long presses are reduced"

@@ -26,7 +26,7 @@ class ReferenceJoint:
     servo_id: int
     zero_counts: int
     units_per_count: float
-    """Units per count, negative if the servo turns against the joint."""
+    """Units per count; negative if the servo turns in the opposite direction to the joint."""
     counts_per_turn: int
     lower: float
     upper: float
@@ -37,13 +37,13 @@ class ReferenceJoint:
     """Values of servo registers that the robot file sets, keyed by register name."""
 
     def position(self, counts: int) -> float:
-        """Return the position of the joint at a reading of its servo, in counts."""
+        """Return the joint position for a servo reading in counts."""
         return (counts - self.zero_counts) * self.units_per_count
 
     def readings(self, position: float, noise_counts: float) -> list[float]:
-        """Return the positions that the servo may report at a true position.
+        """Return the positions that the servo may report when the joint is at a true position.
 
-        A servo that does not count turns reports a position beyond its encoder wrap with an error of a whole turn.
+        A servo that does not count turns reports a position beyond its encoder wrap with an error of one whole turn.
         """
         counts = self.zero_counts + position / self.units_per_count
         near = (counts - noise_counts, counts, counts + noise_counts)
@@ -65,7 +65,7 @@ def read_reference(
 
     Args:
         files: Files of the arm.
-        narrowed: Limits (lower, upper) that replace those of the files, in rad or m, keyed by joint name.
+        narrowed: Limits (lower, upper) that replace the limits in the files, in rad or m, keyed by joint name.
 
     Returns:
         The joints, keyed by joint name.
@@ -106,7 +106,7 @@ def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, floa
 
 
 def _gears(urdf: str) -> dict[str, dict[str, float]]:
-    """Return the reduction and the offset of each joint with a transmission."""
+    """Return the reduction and offset of each joint that has a transmission."""
     found: dict[str, dict[str, float]] = {}
     for block in ElementTree.fromstring(urdf).iter("ros2_control"):
         for joint in block.findall("transmission/joint"):
@@ -122,7 +122,7 @@ def _gain(entry: Mapping[str, Any]) -> dict[str, int]:
 
 
 def _limits(urdf: str) -> dict[str, tuple[float, float, float]]:
-    """Return the lower, upper and velocity limit of each joint whose limits are plain numbers."""
+    """Return the lower limit, upper limit and velocity limit of each joint whose limits are plain numbers."""
     found: dict[str, tuple[float, float, float]] = {}
     for joint in ElementTree.fromstring(urdf).iter("joint"):
         limit = joint.find("limit")

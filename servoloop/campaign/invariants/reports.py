@@ -25,26 +25,26 @@ CYCLES_TO_NAME: Final = 2
 FOUND_S: Final = 0.5
 """Maximum time until silently lost torque is detected at 20 Hz, in seconds."""
 SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
-"""Faults during which a servo does not answer."""
+"""Faults during which a servo does not respond."""
 PASSING: Final = frozenset(
     {"silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate"}
 )
-"""Faults that leave a servo unchanged when they end."""
+"""Faults that leave a servo unchanged after they end."""
 TAKEN_BACK_S: Final = 2.0
-"""Maximum time until a servo that answers again returns to the cycle, in seconds."""
+"""Maximum time until a servo that responds again returns to the cycle, in seconds."""
 SAMPLED_COUNTS: Final = 3.0
-"""Tolerance for a turning servo between two samples of its position, in counts."""
+"""Tolerance for a moving servo between two samples of its position, in counts."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
-"""Faults that themselves falsify the replies of a servo."""
+"""Faults that falsify the replies of a servo themselves."""
 LOSING: Final = "adapter_unplugged"
 """Fault that makes a component lose a bus."""
 
 
 class NamedAlone(Invariant):
-    """A silent servo is reported within two cycles. No joint with a working servo and bus is reported.
+    """A silent servo is reported within two cycles. A joint whose servo and bus work is not reported.
 
-    A fault of another servo does not excuse a violation, but a component that loses one of its buses is lost as a
-    whole. Two servos with the same ID are skipped, because either of them may have answered.
+    A fault of another servo does not excuse a violation, but a component that loses one of its buses is entirely lost.
+    Two servos with the same ID are skipped, because either of them may have replied.
     """
 
     name = "silent servo is reported"
@@ -77,7 +77,7 @@ class NamedAlone(Invariant):
         return fault.kind == "component" and any(LOSING in self.stack.touches.kinds(one.name) for one in self.joints)
 
     def _silences(self, event: Event) -> bool:
-        """Return whether a servo with this fault does not answer."""
+        """Return whether a servo with this fault does not respond."""
         rates = {port.baud for port in self.stack.ports.values()}
         return event.kind in SILENCING and getattr(event, "baud", None) not in rates
 
@@ -87,7 +87,7 @@ class NamedAlone(Invariant):
 
 
 class TakenBack(Invariant):
-    """A joint whose servo answers again with its torque enabled returns to the control cycle."""
+    """A joint whose servo responds again with its torque enabled returns to the control cycle."""
 
     name = "taken back"
 
@@ -107,14 +107,14 @@ class TakenBack(Invariant):
             self._reported_s[joint.name] = self._reported_s[joint.name] + self.stack.loop.period_s if reported else 0.0
             if self._reported_s[joint.name] > TAKEN_BACK_S:
                 text = state.faults[joint.name].text
-                self.say(f"{joint.name} answers again but is still reported after {TAKEN_BACK_S:g} s: {text}")
+                self.say(f"{joint.name} responds again but is still reported after {TAKEN_BACK_S:g} s: {text}")
 
 
 class MeasuredNow(Invariant):
-    """The reported position of a joint without a fault is a position that its servo had since the last cycle.
+    """The reported position of a joint without a fault is a position that its servo has had since the last cycle.
 
     Reporting an older position, the position of another servo, or the command is a violation. Two servos with the same
-    ID are skipped, because it is unknown which of them answered.
+    ID are skipped, because it is unknown which of them replied.
     """
 
     name = "measured now"
@@ -126,12 +126,12 @@ class MeasuredNow(Invariant):
         servos = [self.servos[joint.name] for joint in self.joints]
         self._sample: Callable[[], NDArray[Any]] = lambda: np.array([_own_count(servo) for servo in servos])
         if len(stack.lines) == 1 and (tables := stack.bus.rig.tables) is not None:
-            # Copy the registers of all servos at once, as bytes, because this happens every millisecond.
+            # Copy the registers of all servos at once, as bytes, because this function is called every millisecond.
             servos = list(stack.bus.servos)
             self._sample = tables[:, _POSITION].copy
         self._columns = [servos.index(self.servos[joint.name]) for joint in self.joints]
         self._steps = [self._sample()]
-        """Positions of all servos in the last cycle and after each step since then."""
+        """Positions of all servos in the last cycle and after each simulation step since then."""
 
     def on_step(self, time_s: float) -> None:
         self._steps.append(self._sample())
@@ -153,7 +153,8 @@ class MeasuredNow(Invariant):
 
 
 def _decoded(samples: NDArray[Any]) -> FloatArray:
-    """Return counts, shape (m, n), from counts of that shape or from register bytes, shape (m, n, 2)."""
+    """Convert samples to counts, shape (m, n), from counts of the same shape or from register bytes, shape (m, n,
+    2)."""
     if samples.ndim == 2:
         return samples
     words = samples.astype(np.int64) @ (1, 256)
@@ -165,7 +166,7 @@ def _own_count(servo: Any) -> float:
     """Return the position that the servo would report now, in counts."""
     if isinstance(servo, VirtualServo):
         return servo.memory.get(sts.present_position)
-    return float(servo.firmware.position)  # A Dynamixel updates its register only when it is read.
+    return float(servo.firmware.position)  # A Dynamixel servo updates its register only when it is read.
 
 
 class LimpIsFound(Invariant):

@@ -1,4 +1,4 @@
-"""Invariants after the end of a goal: the arm comes to rest, stays there, and does not press against anything."""
+"""Invariants after a goal ends: the arm comes to rest, stays there, and does not press against anything."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -17,26 +17,28 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
-"""Largest change of a command after the joints of an ended goal are at rest, as a fraction of the joint's range."""
+"""Largest change of a command after the joints of a finished goal are at rest, as a fraction of the joint's range."""
 RESTS: Final = 0.1
 """Speed below which a joint counts as at rest, in rad/s."""
 CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
-"""Factor on the shortest braking time of the slowest joint, because all joints brake together along the path."""
+"""Factor by which the shortest braking time of the slowest joint is multiplied, because all joints brake together along
+the path."""
 PRESSES_SHARE: Final = 0.03
-"""Allowed distance between command and joint, as a fraction of its range. Servos yield, and relief is not exact."""
+"""Allowed distance between the command and the joint, as a fraction of the joint's range. Servos give way under load,
+and relief is not exact."""
 RELIEVED_S: Final = 0.3
 """Maximum time a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
 """Maximum time a joint may press after a fault or a deactivation has ended a goal, in seconds.
 
-The result of such a goal does not wait for relief.
+Such a goal reports its result without waiting for relief.
 """
 RELIEF_OVER_S: Final = 1.0
-"""Time without a change of any command of the arm after which its relief counts as over, in seconds."""
+"""Time without a change of any command after which the relief of the arm counts as complete, in seconds."""
 PUSHED_S: Final = 0.5
-"""Time that a joint may move on after an external torque has acted on the arm, in seconds."""
+"""Time that a joint may continue to move after an external torque has acted on the arm, in seconds."""
 
 
 @dataclass(slots=True)
@@ -50,11 +52,11 @@ class _End:
     """Joint positions in the previous cycle."""
 
     def extend(self, here: FloatArray, reported: FloatArray, period_s: float) -> None:
-        """Extend the range to the positions of joints at rest, which may be blocked and whose commands may yield.
+        """Extend the range to the positions of joints at rest, which may be blocked and whose commands may give way.
 
         Args:
             here: True positions, shape (n,).
-            reported: Lowest and highest position that the servos may report for the joints, shape (2, n).
+            reported: Lowest and highest positions that the servos may report for the joints, shape (2, n).
             period_s: Time since the previous cycle, in seconds.
         """
         rests = np.abs(here - self.here) < RESTS * period_s
@@ -64,7 +66,7 @@ class _End:
 
 
 class NothingTravels(Invariant):
-    """After a goal or a stream of targets has ended, commands only brake the joints or yield to an obstacle."""
+    """After a goal or a stream of targets has ended, commands only brake the joints or give way to an obstacle."""
 
     name = "nothing travels after the end"
     of_each_arm = True
@@ -79,7 +81,7 @@ class NothingTravels(Invariant):
         self._reference = read_reference(stack.files)
         self._end: _End | None = None
         self._streamed = False
-        """Whether a stream drove the arm in the previous cycle."""
+        """Whether a stream was driving the arm in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         loop = self.stack.loop
@@ -105,16 +107,16 @@ class NothingTravels(Invariant):
             )
 
     def _streams(self) -> bool:
-        """Return whether a stream of targets drives the arm."""
+        """Return whether a stream of targets is driving the arm."""
         stream = self.stack.manager.registry.loaded.get(STREAM)
         return stream is not None and stream.active
 
     def _disturbed(self, state: JointState) -> bool:
-        """Return whether a goal, a fault or an activation moves the arm."""
+        """Return whether a goal, a fault or an activation is moving the arm."""
         stack = self.stack
         entry = stack.manager.registry.loaded[self.arm.name]
-        upset = any(one.upsets for one in stack.controllers.values())
-        return bool(self.open_goals) or not self.active or not entry.active or upset or "component" in _kinds(state)
+        away = not self.active or not entry.active or "component" in _kinds(state)
+        return bool(self.open_goals) or away or self.upset
 
     def _begun(self, command: FloatArray, before: FloatArray) -> _End:
         velocity = (command - before) / self.stack.loop.period_s
@@ -130,7 +132,7 @@ class NothingTravels(Invariant):
         return np.array([true[joint] for joint in self.arm.joints])
 
     def _reported(self, here: FloatArray, state: JointState) -> FloatArray:
-        """Return the lowest and the highest position (2, n) that the servos may report for true positions (n,)."""
+        """Return the lowest and the highest positions (2, n) that the servos may report for true positions (n,)."""
         ends = []
         for joint, true in zip(self.arm.joints, here.tolist(), strict=True):
             known = self._reference.get(joint)
@@ -142,10 +144,10 @@ class NothingTravels(Invariant):
 
 
 class NothingPresses(Invariant):
-    """Some time after a goal has failed, no joint of the arm is driven against an obstacle.
+    """Shortly after a goal has failed, none of the arm's joints is driven against an obstacle.
 
-    The relief of one joint may move another joint, which is relieved next. A joint that an external torque moves later
-    is not examined until a command of the arm changes, because an arm without a goal keeps its commands.
+    Relieving one joint may move another joint, which is then relieved next. A joint that an external torque moves later
+    is not checked until a command of the arm changes, because an arm without a goal keeps its commands.
     """
 
     name = "nothing presses after the end"
@@ -165,11 +167,11 @@ class NothingPresses(Invariant):
         self._before: dict[str, tuple[float, float]] = {}
         """Position and command of each joint in the last cycle."""
         self._guided = False
-        """Whether the arm was moved by hand since the last goal."""
+        """Whether the arm has been moved by hand since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
         self._deactivated = False
-        """Whether the controller has been inactive since the end of the last goal, so that the relief began late."""
+        """Whether the controller has been inactive since the last goal ended, so that the relief started late."""
         self._last: object = None
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
@@ -184,7 +186,8 @@ class NothingPresses(Invariant):
             self._off_s.clear()
             return
         ended = [one for one in self.stack.goals.goals if one.controller == self.arm.name and one.ended_s]
-        if self.open_goals or not ended or not self.active or ended[-1].handle.status is GoalStatus.SUCCEEDED:
+        unwanted = bool(ended) and ended[-1].handle.status is not GoalStatus.SUCCEEDED
+        if self.open_goals or not unwanted or not self.active or self.upset:
             self._forget()
             return
         last = ended[-1].handle
@@ -214,7 +217,7 @@ class NothingPresses(Invariant):
             self._before[joint] = true[joint], command
 
     def _update_pushed(self, true: dict[str, float]) -> None:
-        """Find the joints that an external torque has moved from their ``true`` positions in the last cycle."""
+        """Find the joints that an external torque has moved since the last cycle, based on their ``true`` positions."""
         loop = self.stack.loop
         places = list(self._places.values())
         kept = np.array_equal(loop.command[places], loop.previous_command[places])
@@ -248,7 +251,7 @@ class NothingPresses(Invariant):
         return {joint for joint in self._places if owners.get(f"{joint}/position", arm) != arm}
 
     def _pulled(self, joint: str) -> bool:
-        """Return whether a fault other than jammed gears affects the joint now."""
+        """Return whether a fault other than jammed gears currently affects the joint."""
         touches = self.stack.touches
         return touches.since_s(joint, touches.kinds(joint) - {"jammed"}) <= 0.0
 

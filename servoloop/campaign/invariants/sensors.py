@@ -16,14 +16,14 @@ from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 
 MOVES: Final = 0.15
-"""Minimum speed at which a reported velocity is examined, as a fraction of the joint's velocity limit."""
+"""Minimum speed at which a reported velocity is checked, as a fraction of the joint's velocity limit."""
 STANDS: Final = 0.03
-"""Maximum speed at which a reported effort is examined, as a fraction of the joint's velocity limit."""
+"""Maximum speed at which a reported effort is checked, as a fraction of the joint's velocity limit."""
 PULLS: Final = 0.3
-"""Minimum effort at which a reported effort is examined, in N m or N."""
+"""Minimum effort at which a reported effort is checked, in N m or N."""
 PULLS_SHARE: Final = 0.05
-"""Minimum effort at which a reported effort is examined, as a fraction of the full effort. Friction in the gears hides
-a smaller effort from the servo.
+"""Minimum effort at which a reported effort is checked, as a fraction of the full effort. Because of friction in the
+gears, the servo does not detect a smaller effort.
 """
 CYCLES: Final = 5
 """Number of cycles in which a joint must move or pull in one direction, because servos average their velocity."""
@@ -31,11 +31,11 @@ FACTOR: Final = 2.0
 """Factor by which a reported velocity may be outside the range of the true values in the latest cycles."""
 EFFORT_FACTOR: Final = 8.0
 """Factor by which a reported effort may be outside the range of the true values. The servo estimates the effort from
-its drive (0.2 to 1.8 measured)."""
+its drive (measured factors: 0.2 to 1.8)."""
 STEADY: Final = 1.5
-"""Largest ratio of two true values in the latest cycles at which the reported magnitude is examined."""
+"""Maximum ratio between the true values in the latest cycles at which the reported magnitude is checked."""
 WRONG_CYCLES: Final = 2
-"""Maximum number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
+"""Maximum number of consecutive cycles in which a value may be wrong because it changed within a cycle."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
 TEMPERATURES: Final = ("present_temperature",)
 VOLTS: Final = 0.1
@@ -45,11 +45,11 @@ OFF_V: Final = 1.0
 OFF_C: Final = 3.0
 """Allowed difference between a reported temperature and the servo's register, in degrees Celsius."""
 LATE_S: Final = 1.0
-"""Maximum time until a change of a servo's health is reported, in seconds."""
+"""Maximum time until a change in a servo's health is reported, in seconds."""
 
 
 class MotionIsTrue(Invariant):
-    """Reported velocities and efforts have the same signs and about the same magnitudes as in the simulated world."""
+    """Reported velocities and efforts have the same signs as in the simulated world, and about the same magnitudes."""
 
     name = "motion is true"
 
@@ -100,13 +100,14 @@ class MotionIsTrue(Invariant):
 
 
 def _near(reported: float, true: FloatArray, factor: float) -> bool:
-    """Return whether a magnitude is near the true magnitudes, or these differ too much for a comparison."""
+    """Return whether a magnitude is close to the true magnitudes, or whether these vary too much for a comparison."""
     lowest, highest = true.min(), true.max()
     return bool(highest > STEADY * lowest or lowest / factor <= reported <= highest * factor)
 
 
 class HealthIsTrue(Invariant):
-    """Reported voltages, temperatures and alarms agree with the servo's registers, and wrong voltages are faults."""
+    """Reported voltages, temperatures and alarms agree with the servo's registers, and wrong voltages are reported as
+    faults."""
 
     name = "health is true"
 
@@ -130,7 +131,7 @@ class HealthIsTrue(Invariant):
                     self.say(f"the {quantity} of {joint.name} is reported as {found[quantity]}")
 
     def _differences(self, joint: Joint, health: ServoHealth) -> dict[str, str]:
-        """Return the reported and the true value of each quantity that differs."""
+        """Return the reported and the true value of each quantity for which they differ."""
         memory, found = self.servos[joint.name].memory, {}
         voltage, temperature = self._voltage[joint.name], self._temperature[joint.name]
         if voltage is not None and abs((true := VOLTS * memory.get(voltage)) - health.voltage_v) > OFF_V:
@@ -148,6 +149,6 @@ class HealthIsTrue(Invariant):
 
 
 def _register(joint: Joint, names: tuple[str, ...]) -> Register | None:
-    """Return the first register of the joint's servo with one of these names."""
+    """Return the first register of the joint's servo that has one of these names."""
     registers = series_of(joint.model).registers
     return next((register for register in registers if register.name in names), None)

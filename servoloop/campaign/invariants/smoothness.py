@@ -1,4 +1,4 @@
-"""Invariants on changes of commands: acceleration, jerk and NaN."""
+"""Invariants on command changes: acceleration, jerk and NaN."""
 
 import math
 from collections import deque
@@ -15,25 +15,26 @@ from servoloop.simulation.faulty_stack import FaultyStack
 LATE: Final = 1.5
 """Number of periods after which a cycle counts as late."""
 SHARE: Final = 1.02
-"""Tolerance factor on a limit, for derivatives computed as differences of the sampled reference."""
+"""Tolerance factor on a limit, for derivatives computed from differences of the sampled reference."""
 STOP_JERK_SHARE: Final = 3.0
-"""Allowed jerk of a stop or of a change of speed on a path, as a factor on the limit. The jerk of the path adds to the
-jerk of braking."""
+"""Allowed jerk of a stop or of a speed change on a path, as a multiple of the limit. The path's jerk adds to the jerk
+of braking."""
 RELIEF_SHARE: Final = 2.0
-"""Allowed acceleration at the end if joints are relieved, as a factor on the limit. Commands lead by the servo lag."""
+"""Allowed acceleration at the end if joints are relieved, as a multiple of the limit. Commands lead the reference by
+the servo lag."""
 COMMANDS_SHARE: Final = 1.05
-"""Allowed acceleration at the end if no joints are relieved, as a factor on the limit.
+"""Allowed acceleration at the end if joints are not relieved, as a multiple of the limit.
 
 A command applies to the end of its period.
 """
 AT_END: Final = 1e-9
 """Maximum distance from a limit at which a command counts as at the limit, in rad or m."""
 UPSET_S: Final = 3.0
-"""Duration after a controller's fault during which commands at the end are not examined, in seconds."""
+"""Duration after a controller's fault during which commands at the end are not checked, in seconds."""
 
 
 class SmoothReference(Invariant):
-    """The reference of a jerk-limited trajectory controller keeps the limits of velocity, acceleration and jerk.
+    """The reference of a jerk-limited trajectory controller stays within the limits of velocity, acceleration and jerk.
 
     The limits apply to motions and to stops. Late cycles are skipped, because the reference advances by up to two
     periods in a late cycle.
@@ -54,7 +55,7 @@ class SmoothReference(Invariant):
 
     def on_state(self, state: JointState) -> None:
         arm, tracking = self.arm, self.arm.tracking
-        waits = all(joint in state.faults for joint in arm.joints)  # The reference waits until a joint answers.
+        waits = all(joint in state.faults for joint in arm.joints)  # The reference waits until a joint responds.
         late = state.stamp_s - self._times[-1] > LATE * self.stack.loop.period_s if self._times else False
         if tracking is None or waits or late or arm.parameters.interpolation_method != "ruckig":
             self._times.clear()
@@ -82,7 +83,7 @@ class SmoothReference(Invariant):
 
 
 def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
-    """Return the mean derivative of order m - 1 of m sampled values.
+    """Return the mean derivative of order m - 1, computed from m sampled values.
 
     Args:
         values: Samples, shape (m, n).
@@ -104,12 +105,12 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
-    A joint that has lost its controller stops within its acceleration limit, too.
+    A joint that has lost its controller also stops within its acceleration limit.
 
-    Commands are not examined after a controller with a fault has made them jump, because only their speed is limited.
-    Commands of limp joints are not examined either, because they follow falling joints. A command leads its reference
-    by the servo lag. At a joint limit, the command is not examined, because it stays at the limit while the reference
-    still brakes before the limit.
+    Commands are not checked after a faulty controller has made them jump, because only their speed is limited. Commands
+    of limp joints are not checked either, because they follow the falling joints. A command leads its reference by the
+    servo lag. A command at a joint limit is not checked, because it stays at the limit while the reference is still
+    braking before the limit.
     """
 
     name = "smooth end"
@@ -124,14 +125,14 @@ class SmoothEnd(Invariant):
 
     def on_command(self, values: FloatArray) -> None:
         now_s = self.stack.clock.now()
-        if any(controller.upsets for controller in self.stack.controllers.values()):
+        if self.upset:
             self._upset_s = now_s
         if not self.active or now_s - self._upset_s < UPSET_S:
             self._commands.clear()
             return
         if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
             self._commands.clear()  # Joints were taken over.
-        self._commands.append(values.copy())  # The last commands before the end show how fast each joint moved.
+        self._commands.append(values.copy())  # The last commands before the end show how fast each joint was moving.
         claimed = self.stack.manager.registry.claimed
         examined = [self.stack.ending or one not in claimed for one in self.stack.loop.hardware.command_interfaces]
         if any(examined) and len(self._commands) == 3:
@@ -149,10 +150,10 @@ class SmoothEnd(Invariant):
 
 
 class NanHolds(Invariant):
-    """While a controller commands NaN, its joints hold: their commands do not change.
+    """While a controller commands NaN, its joints hold their position: their commands do not change.
 
-    A joint outside its limits returns to its limits.
-    A controller commands its joints only after the joints have come to rest from the motion of another controller.
+    A joint outside its limits moves back to its limits.
+    A controller commands its joints only after they have come to rest from the motion of another controller.
     """
 
     name = "nan holds"

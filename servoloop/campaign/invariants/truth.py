@@ -18,34 +18,36 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 READING_COUNTS: Final = 4.0
-"""Tolerance for the resolution and noise of a servo's reading, in counts."""
+"""Tolerance for the resolution and noise of a servo reading, in counts."""
 READING_AGE_S: Final = 0.004
 """Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a fraction of the joint's range."""
 OFFSET: Final = 0.006
-"""Smallest compensation offset whose direction is examined, in rad or m: several counts of a servo."""
+"""Smallest compensation offset whose direction is checked, in rad or m: several counts of a servo."""
 LOADED: Final = 0.15
-"""Minimum holding effort at which the direction of the offset is examined, as a fraction of the full effort. A joint
+"""Minimum holding effort at which the direction of the offset is checked, as a fraction of the full effort. A joint
 with a smaller holding effort may also have an offset against friction.
 """
 NEAR_COMMAND: Final = 0.05
 """Maximum distance from its command at which a joint counts as free, in rad or m."""
 CONTACT: Final = 0.5
-"""Maximum effort of contacts and friction on a free joint, as a fraction of the effort that holds it."""
+"""Maximum effort of contacts and friction on a free joint, as a fraction of its holding effort."""
 BLOCKED_CYCLES: Final = 5
-"""Minimum number of cycles for which a joint rests off its goal before the distance to the goal is examined."""
+"""Minimum number of cycles for which a joint must be at rest away from its goal before the distance to the goal is
+checked."""
 LEAD: Final = 0.05
-"""Allowed distance between a goal and a blocked joint beyond that of full drive and two cycles, in rad or m."""
+"""Distance allowed between a goal and a blocked joint, in rad or m, in addition to that of full drive and two
+cycles."""
 STANDS: Final = 0.01
 """Speed below which a joint is at rest, in rad/s or m/s."""
 STANDS_CYCLES: Final = 10
-"""Minimum number of cycles for which a joint is at rest before the direction of its offset is examined."""
+"""Minimum number of cycles for which a joint must be at rest before the direction of its offset is checked."""
 RECENT_S: Final = 0.5
-"""Time a joint is skipped after a false position, or after it was reported and the stack has no previous reading for a
-comparison, in seconds."""
+"""Time for which a joint is skipped after a false position, or after a fault report that leaves the stack without a
+previous reading to compare, in seconds."""
 LEAP_S: Final = 0.1
-"""Maximum time between two readings of a joint that was not reported, in seconds, including the stack's margin."""
+"""Maximum time between two readings of a joint without a reported fault, in seconds, including the stack's margin."""
 REPORTED: Final = 0.002
 """Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
 ARRIVED: Final = 0.02
@@ -53,7 +55,8 @@ ARRIVED: Final = 0.02
 
 
 class ReportedTruly(Invariant):
-    """The reported position of a joint without a fault is its position in the simulated world, in sign and scale."""
+    """The reported position of a joint without a fault matches its position in the simulated world in sign and
+    scale."""
 
     name = "reported truly"
 
@@ -94,9 +97,10 @@ class ReportedTruly(Invariant):
                 self.say(f"{name} is reported at {reported[place]:.4f}, but was between {low:.4f} and {high:.4f}")
 
     def _believes(self, name: str, now_s: float) -> bool:
-        """Return whether the stack may believe a false position of a joint.
+        """Return whether the stack may accept a false position of a joint.
 
-        A leap that no second reading confirms must be reported. The first reading after a fault has none before it.
+        A jump that is not confirmed by a second reading must be reported. The first reading after a fault has no
+        previous reading.
         """
         touches, joint = self.stack.touches, self._by_name[name]
         kinds = touches.kinds(name)
@@ -118,11 +122,12 @@ class ReportedTruly(Invariant):
 
 
 class GoalsMeanCommands(Invariant):
-    """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
+    """A goal on the bus, when converted independently, equals the joint's command or lies between the command and the
+    joint.
 
-    The goal may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a
-    limited speed, so a goal outside of this range may still be approaching the range. The compensation of a joint at
-    rest acts against the gravity torque of the simulated world.
+    The goal may differ by the compensation for the servo's compliance, within narrow bounds. Goals change at a limited
+    speed, so a goal outside this range may still be approaching it. The compensation for a joint at rest acts against
+    the gravity torque in the simulated world.
     """
 
     name = "goals mean commands"
@@ -178,7 +183,7 @@ class GoalsMeanCommands(Invariant):
     def _examine_lead(self, joint: str, true: float, speed: float) -> None:
         """Check that the goal of a blocked joint is not further ahead than full drive requires.
 
-        Otherwise, the joint would leap as soon as it is free. A joint that was turned beyond its limits is skipped,
+        Otherwise, the joint would jump as soon as it is free. A joint that was turned beyond its limits is skipped,
         because its servo may press in the direction of the other limit.
         """
         known, goal = self._known.get(joint), self._last.get(joint)
@@ -216,12 +221,13 @@ class GoalsMeanCommands(Invariant):
 
 
 def _outside(value: float, low: float, high: float) -> float:
-    """Return the distance from a value to a range."""
+    """Return the distance between a value and a range."""
     return max(low - value, value - high, 0.0)
 
 
 class SuccessIsTrue(Invariant):
-    """When a goal succeeds, its joints are reported within its goal tolerance of the positions that its client sent.
+    """When a goal succeeds, its joints are reported to be within the goal tolerance of the positions that the client
+    sent.
 
     The joints are also near these positions in the simulated world.
     """

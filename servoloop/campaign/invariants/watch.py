@@ -59,7 +59,8 @@ ALL: Final[tuple[type[Invariant], ...]] = (
 
 
 class Watch:
-    """Watch that connects invariants to a stack that is not up yet, and collects the first violation of each invariant.
+    """Watch that connects invariants to a stack that has not been started yet, and collects the first violation of each
+    invariant.
 
     Args:
         stack: The stack, before it is up.
@@ -96,7 +97,7 @@ class Watch:
 
     @property
     def examined(self) -> dict[str, int]:
-        """Number of times that each invariant examined its condition, keyed by invariant name."""
+        """Number of times that the condition of each invariant was checked, keyed by invariant name."""
         examined = Counter[str]()
         for one in self._invariants:
             examined[one.name] += one.examined
@@ -114,7 +115,7 @@ class Watch:
             one.at_end()
 
     def _guarded(self, hook: str) -> Callable[..., None]:
-        """Return a function that calls this method of all invariants and hides their exceptions from the stack."""
+        """Return a function that calls this method on all invariants and hides their exceptions from the stack."""
         kept = [one for one in self._invariants if getattr(type(one), hook) is not getattr(Invariant, hook)]
         hooks = [getattr(one, hook) for one in kept]
 

@@ -19,22 +19,23 @@ from sim_backend.packets.dynamixel_groups import Span, bulk_entries, bulk_spans,
 from sim_backend.packets.instructions import Instruction, Parser
 
 MEASURED_WITHIN_COUNTS: Final = 3
-"""Tolerance for joints that sag between the measurement and the enabling of the torque, in counts."""
+"""Tolerance for joints that sag between the measurement and the moment the torque is enabled, in counts."""
 SWITCHED_ON_S: Final = 0.02
 """Maximum time to read the servos of an arm, send their goals and enable their torque, in seconds.
 
-The stack cannot know how far a joint moves in this time.
+The stack cannot know how far a joint moves during this time.
 """
 SPEED_SHARE: Final = 1.1
-"""Largest goal speed of a Feetech servo, as a fraction of its joint's velocity limit, so that the servo catches up."""
+"""Maximum goal speed of a Feetech servo, as a fraction of its joint's velocity limit, so that the servo can catch
+up."""
 SPEED_COUNTS_S: Final = 101.0
 """Goal speed allowed in addition to ``SPEED_SHARE`` of the velocity limit, in counts/s."""
 CONFIRMING_READS: Final = 2
-"""Minimum number of position readings between the last setting written to a limp servo and its first goal."""
+"""Minimum number of position readings between the last setting written to a limp servo and the servo's first goal."""
 
 
 class WireMonitor:
-    """Monitor that examines each packet in ``see``, before the servos receive it. ``broken`` lists the violations."""
+    """Monitor that checks each packet in ``see`` before the servos receive it. ``broken`` lists the violations."""
 
     def __init__(
         self,
@@ -50,9 +51,8 @@ class WireMonitor:
             joints: Joints whose servos are on the bus.
             line: The simulated bus.
             period_s: Period of the control loop, in seconds.
-            limp: Names of joints that the stack must know to be limp. The caller keeps these names up to date.
-            activating: Function that returns whether the hardware is being activated, regardless of the torque of its
-                servos.
+            limp: Names of joints that the stack must know are limp. The caller keeps these names up to date.
+            activating: Function that returns whether the hardware is being activated, regardless of its servos' torque.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
         self._positions = {joint.servo_id: _position_address(joint) for joint in joints}
@@ -74,14 +74,14 @@ class WireMonitor:
         self.enabled: set[str] = set()
         """Names of joints whose torque the stack has enabled since the caller last updated ``limp``.
 
-        Such a servo may lose its torque again before the stack can know it. The caller clears this set.
+        The servo of such a joint may lose its torque again before the stack can know. The caller clears this set.
         """
         self.broken: list[str] = []
         self.goals_seen = 0
         self.torque_on_seen = 0
 
     def see(self, data: bytes) -> None:
-        """Examine one write to the bus."""
+        """Check one write to the bus."""
         for instruction in self._parser.feed(data):
             for servo_id, address, size in self._reads(instruction):
                 if servo_id in self._joints:
@@ -140,18 +140,18 @@ class WireMonitor:
         self._goals[joint.servo_id] = goal
 
     def _speed(self, joint: Joint, speed: int) -> None:
-        """Examine the speed of a goal, in counts/s. At speed 0, an STS servo moves as fast as it can."""
-        reach = joint.limits.velocity / abs(joint.units_per_count) + 1.0 / self._period_s  # whole counts in a period
+        """Check the speed of a goal, in counts/s. At speed 0, an STS servo moves as fast as it can."""
+        reach = joint.limits.velocity / abs(joint.units_per_count) + 1.0 / self._period_s  # whole counts per period
         fastest = SPEED_SHARE * reach + SPEED_COUNTS_S
         if not 0 < speed <= fastest:
             self.broken.append(f"{joint.name}: goal speed {speed}, but at most {fastest:.0f} counts/s are allowed")
 
     def _torque(self, joint: Joint, value: int, position: int, goal: int | None) -> None:
-        """Examine a write to the torque register. A servo that was driven since its last goal may have sagged.
+        """Check a write to the torque register. A servo that was driven since its last goal may have sagged.
 
-        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack has sent.
-        ``goal`` is None if the servo's torque is enabled, or if the servo has no power or restarts, so that it receives
-        nothing.
+        ``goal`` is the goal in the memory of a limp servo, which may have missed the goal that the stack sent. ``goal``
+        is None if the servo's torque is enabled, or if the servo receives nothing because it has no power or is
+        restarting.
         """
         if value != 1:
             self._driven.discard(joint.servo_id)
@@ -168,7 +168,7 @@ class WireMonitor:
         self._driven.add(joint.servo_id)
 
     def _within_counts(self, joint: Joint) -> float:
-        """Return the distance by which a limp joint may have moved since it was measured, in counts."""
+        """Return the distance by which a limp joint may have moved since its last measurement, in counts."""
         servo = self._joints[joint.servo_id][1]
         velocity_rad_s = self._line.rig.plant.velocities()[self._line.servos.index(servo)]
         turns = abs(velocity_rad_s) * SWITCHED_ON_S / (2.0 * pi)
@@ -176,10 +176,10 @@ class WireMonitor:
 
 
 class GoalReader:
-    """Extractor of goal positions, in counts, from the instructions on a bus."""
+    """Extractor that finds goal positions, in counts, in the instructions on a bus."""
 
     def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
-        """Read the goals of the servos in ``series``, which maps each servo ID to the series of the servo."""
+        """Read the goals of the servos in ``series``, which maps each servo ID to the servo's series."""
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
         self._writes = _writes_2 if second else _writes_1
@@ -202,7 +202,7 @@ class GoalReader:
 
 
 def _value(register: Register, order: ByteOrder, memory: Any, address: int, content: bytes) -> int | None:
-    """Return the value that a write stores in a register; None if it does not write the whole register."""
+    """Return the value that a write stores in a register, or None if it does not write the whole register."""
     written = dict(zip(_addresses(memory, address, len(content)), content, strict=False))
     places = range(register.address, register.address + register.size)
     if not all(place in written for place in places):
@@ -215,7 +215,8 @@ def _position_address(joint: Joint) -> int:
 
 
 def _addresses(memory: Any, address: int, size: int) -> Sequence[int]:
-    """Return the addresses of a read or write. Dynamixels have indirect addresses, which refer to bytes elsewhere."""
+    """Return the addresses of a read or write. Dynamixel servos have indirect addresses, which refer to bytes
+    elsewhere."""
     return memory.resolved(address, size) if hasattr(memory, "resolved") else range(address, address + size)
 
 
@@ -226,7 +227,7 @@ def _reads_1(instruction: Instruction) -> Iterator[Span]:
         yield instruction.servo_id, parameters[0], parameters[1]
     elif instruction.code == code.SYNC_READ and len(parameters) > 1:
         yield from ((servo_id, parameters[0], parameters[1]) for servo_id in parameters[2:])
-    elif instruction.code == code.BULK_READ:  # a zero, then size, ID and address of each servo
+    elif instruction.code == code.BULK_READ:  # a zero, followed by the size, ID and address for each servo
         for at in range(1, len(parameters) - 2, 3):
             yield parameters[at + 1], parameters[at + 2], parameters[at]
 

@@ -23,7 +23,8 @@ NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was n
 
 
 class Terminal:
-    """Dialog with the person who calibrates. The dialog uses stderr, so that stdout contains only the result."""
+    """Dialog with the person who performs the calibration. The dialog uses stderr, so that stdout contains only the
+    result."""
 
     def __init__(self, signals: Signals, yes: bool) -> None:
         """Start the dialog. If ``yes`` is True, no confirmation is requested."""
@@ -44,7 +45,7 @@ class Terminal:
         self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
 
     def until_done(self, task: "CalibrationTask", update: Callable[[], None]) -> None:
-        """Show the task and the positions of all joints until Enter is pressed."""
+        """Show the instruction and the positions of all joints until Enter is pressed."""
         self.console.print(f"[bold]{task.text}[/]; press Enter when done", soft_wrap=True)
         with self._table() as show:
             while self._keyboard.line() is None:
@@ -60,7 +61,7 @@ class Terminal:
             yield lambda task: live.update(_sweep_table(task))
 
     def confirm(self, question: str) -> bool:
-        """Ask for a confirmation, or return True without asking if ``yes`` was set."""
+        """Ask for confirmation, or return True without asking if ``yes`` was set."""
         if self._yes:
             self.say(f"{question} yes")
         agreed = self._yes or self._keyboard.agrees(question)
@@ -71,11 +72,11 @@ class Terminal:
     def moved_so(self, joint: str, text: str) -> bool:
         """Ask whether a joint first moved in the direction that ``text`` describes.
 
-        Raises StoppedError if a key was pressed before the question. Enter alone is not an answer: the user may have
+        Raises StoppedError if a key was pressed before the question. Enter alone is not accepted: the user may have
         meant to stop the arm, and a wrong answer would reverse the direction of the joint.
         """
         if self._keyboard.pressed():  # The key was pressed after the last cycle of the motion.
-            raise StoppedError("stopped; the torque of the arm is off")
+            raise StoppedError("stopped; the arm's torque is off")
         question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
         return self._keyboard.agrees(question, enter_is_no=False)
 
@@ -87,7 +88,7 @@ class Terminal:
                 self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
 
     def stopped(self) -> bool:
-        """Return whether a key was pressed or a signal received."""
+        """Return whether a key was pressed or a signal was received."""
         return self._keyboard.pressed() or self._signals.count > 0
 
 
@@ -108,7 +109,7 @@ def _sweep_table(task: "CalibrationTask") -> Table:
 
 
 def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
-    """Return a table of the previous and new sign, zero and offset of each joint, its travel and its URDF range."""
+    """Return a table of each joint's previous and new sign, zero and offset, its travel and its URDF range."""
     prefix = common_prefix([one.joint for one in differences])
     table = Table(f"{prefix}…" if prefix else "joint", "servo", "sign", "zero", "homing offset")
     for title in ("zero moved", "zero within", "travel", "URDF range"):
@@ -132,7 +133,8 @@ def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
 
 
 def common_prefix(joints: Sequence[str]) -> str:
-    """Return the common prefix of the joint names, such as ``left_`` for one of two arms; empty if there is none."""
+    """Return the common prefix of the joint names, such as ``left_`` for one of two arms, or an empty string if there
+    is none."""
     first = joints[0]
     heads = (first[: end + 1] for end, letter in enumerate(first) if letter == "_")
     return max((head for head in heads if all(name.startswith(head) for name in joints[1:])), key=len, default="")

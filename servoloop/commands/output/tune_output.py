@@ -34,7 +34,7 @@ ROWS: Final = (
 
 
 def table(report: TuneReport) -> Table:
-    """Return a table of the results before the change, as predicted, and after the change."""
+    """Return a table of the results: before the change, as predicted, and after the change."""
     shown: list[tuple[str, JointFigures | Predicted]] = [(_gains(report.before.gains), report.before.figures)]
     if report.predicted is not None:
         values = {one.gain: one.new for one in report.written} or dict(report.proposal.values)
@@ -101,5 +101,5 @@ def words(report: TuneReport, robot_file: Path) -> Iterator[str]:
 
 
 def _flow(values: object) -> str:
-    """Return the values as YAML in one line."""
+    """Return the values as YAML on one line."""
     return yaml.safe_dump(values, default_flow_style=True, sort_keys=False, width=1000).strip()[1:-1]

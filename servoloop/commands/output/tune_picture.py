@@ -1,4 +1,4 @@
-"""Plot of ``servoloop tune``. The plot needs the extra ``report``."""
+"""Plot of ``servoloop tune``. The plot requires the ``report`` extra."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class _Curves(NamedTuple):
 
 
 def picture(report: TuneReport) -> str:
-    """Return an SVG plot with positions above and errors, in encoder counts, below."""
+    """Return an SVG plot with positions at the top and errors at the bottom, in encoder counts."""
     measured = [one for one in (report.before, report.after) if one is not None]
     columns = [
         ("step away", [one.steps[0] for one in measured]),

@@ -1,1 +1,1 @@
-"""Commands of the planner: the planning server, motions to a pose, and the objects of the scene."""
+"""Planner commands: the planning server, motions to a pose, and the objects in the scene."""

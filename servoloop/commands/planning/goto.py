@@ -1,4 +1,4 @@
-"""``servoloop goto``: move the tool to a pose, around the obstacles that move_group knows."""
+"""``servoloop goto``: move the tool to a pose while avoiding the obstacles known to move_group."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from planning.groups import Group
 
 ARM: Final = "arm"
-"""Name of the group that moves to the pose if more than one group has a tool."""
+"""Name of the group that moves to the pose, if more than one group has a tool."""
 PLANNING_TIME_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class MotionOptions:
-    """Options of a motion."""
+    """Options for a motion."""
 
     speed: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="Fraction of the velocity and acceleration limits.")
@@ -38,7 +38,7 @@ def goto(
     pose: PoseOptions,
     motion: MotionOptions,
 ) -> None:
-    """Move the tool to a pose, around all known obstacles.
+    """Move the tool to a pose while avoiding all known obstacles.
 
     Without `--rpy`, the tool may have any orientation. The command needs a motion planner: `servoloop up --plan`,
     `servoloop plan-server` or MoveIt. Example: `servoloop goto 0.25 0.1 0.2 --rpy 0 3.14 0`

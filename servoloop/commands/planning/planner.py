@@ -1,4 +1,4 @@
-"""Parts that the commands for the motion planner share: the client of move_group, and options of poses."""
+"""Code shared by the commands for the motion planner: the move_group client and pose options."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from planning.scene import Pose
 
 LEFT: Final = "the arm finishes its current motion and holds its position"
-"""Message after a second signal."""
+"""Message printed after a second signal."""
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class PoseOptions:
-    """Options of a pose, in addition to its position."""
+    """Options for a pose, in addition to its position."""
 
-    rpy: Annotated[Triple | None, typer.Option("--rpy", help="Roll, pitch and yaw in rad.")] = None
+    rpy: Annotated[Triple | None, typer.Option("--rpy", help="Roll, pitch and yaw angles in rad.")] = None
     frame: Annotated[str, typer.Option("--frame", help="Frame of the pose (default: the base of the arm).")] = ""
     network: NetworkOption = False
     namespace: NamespaceOption = ""
@@ -36,7 +36,7 @@ class PoseOptions:
 
 @contextmanager
 def move_group(name: str, network: bool, namespace: str) -> "Iterator[MoveGroupClient]":
-    """Provide a client of the move_group in a namespace, for the command ``name``.
+    """Provide a client of move_group in a namespace for the command ``name``.
 
     Raises:
         DriverError: An extra is missing.

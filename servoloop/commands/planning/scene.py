@@ -1,4 +1,4 @@
-"""``servoloop scene``: list and change the obstacles that the motion planner knows."""
+"""``servoloop scene``: list and change the obstacles known to the motion planner."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,14 +17,14 @@ from servoloop.stack.arm_options import NamespaceOption
 if TYPE_CHECKING:
     from planning.scene import SceneObject, Shape
 
-app = typer.Typer(no_args_is_help=True, help="List and change the obstacles that the motion planner knows.")
+app = typer.Typer(no_args_is_help=True, help="List and change the obstacles that the motion planner avoids.")
 FILES: Final = (".scene", ".yaml", ".yml")
 """Suffixes of scene files."""
 
 
 @app.command("list")
 def list_objects(network: NetworkOption = False, namespace: NamespaceOption = "") -> None:
-    """List the objects of the scene, with their positions in m.
+    """List the objects in the scene with their positions in m.
 
     Example: `servoloop scene list`
     """
@@ -84,7 +84,7 @@ def load(
     network: NetworkOption = False,
     namespace: NamespaceOption = "",
 ) -> None:
-    """Add the objects of a file to the scene.
+    """Add the objects in a file to the scene.
 
     Example: `servoloop scene load bench.yaml`
     """
@@ -106,7 +106,7 @@ def _add(items: "Sequence[SceneObject]", options: PoseOptions) -> None:
 
 
 def shape_of(kind: str, size: Sequence[str]) -> "Shape":
-    """Return a shape from its kind and its size as text. Raises DriverError, or PlanningError for a mesh."""
+    """Return a shape from its type and its size, given as strings. Raises DriverError, or PlanningError for a mesh."""
     from planning.mesh_file import read_mesh
     from planning.scene import Box, Cone, Cylinder, Sphere
 
@@ -121,7 +121,7 @@ def shape_of(kind: str, size: Sequence[str]) -> "Shape":
         raise DriverError(f"there is no shape {kind}: choose one of {', '.join(shapes)}")
     names, shape = shapes[kind]
     if len(size) != len(names.split()):
-        raise DriverError(f"the size of a {kind} is {names}, but {len(size)} values were given")
+        raise DriverError(f"the size of a {kind} must be {names}, but {len(size)} values were given")
     return shape(*(size if kind == "mesh" else map(_length, size)))
 
 

@@ -1,1 +1,1 @@
-"""Parts that several commands share: options, tables and questions."""
+"""Code that several commands share: options, tables and questions."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 UNLIMITED: Final = 1000
-"""Width for measuring tables, in columns. No table is wider."""
+"""Width for measuring tables, in columns. Tables are never wider than this."""
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
@@ -58,7 +58,7 @@ def print_table(console: "Console", table: "Table", *texts: str) -> None:
 
 
 def confirm(question: str, yes: bool) -> None:
-    """Ask for a confirmation unless ``yes`` is set. A refusal ends the command with exit status 1."""
+    """Ask for confirmation unless ``yes`` is set. If the user declines, the command ends with exit status 1."""
     if yes:
         return
     try:
@@ -79,7 +79,7 @@ class Keyboard:
     """Reader of lines and keys from standard input. Nothing else in the process may read from standard input."""
 
     def __init__(self, signals: Signals, left: str = "") -> None:
-        """Read from standard input; ``left`` describes the resulting state in the message of an interruption."""
+        """Read from standard input; ``left`` describes the state that an interruption leaves, for the error message."""
         self.left = left
         self._signals = signals
         self._typed = b""
@@ -113,7 +113,8 @@ class Keyboard:
     def agrees(self, question: str, enter_is_no: bool = True) -> bool:
         """Ask a yes-or-no question and repeat it until the answer is valid.
 
-        Enter alone means no, unless ``enter_is_no`` is False. Keys that were typed before the question are discarded.
+        Pressing Enter alone means no, unless ``enter_is_no`` is False. Keys that were typed before the question are
+        discarded.
         """
         while True:
             self._forget()
@@ -125,7 +126,7 @@ class Keyboard:
                 return True
 
     def pressed(self) -> bool:
-        """Return whether any key was pressed since the last question, or the terminal was closed.
+        """Return whether any key was pressed since the last question or the terminal was closed.
 
         Until the next question, the terminal delivers each key immediately and does not echo it.
         """
@@ -137,7 +138,7 @@ class Keyboard:
         return bool(self._typed or select.select([sys.stdin], [], [], 0.0)[0])
 
     def whole_lines(self) -> None:
-        """Set the terminal back to delivering whole lines."""
+        """Restore the terminal to line-by-line input."""
         self._raw.close()
         self._gives_keys = False
 
@@ -149,7 +150,7 @@ class Keyboard:
                 termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
     def _read(self) -> bytes:
-        """Read the available input. The result is empty at the end of the input or if the terminal was closed."""
+        """Read the available input. The result is empty at the end of the input or if the terminal is closed."""
         try:
             return os.read(sys.stdin.fileno(), CHUNK)
         except OSError:

@@ -15,17 +15,17 @@ MARKUP: Final = "markdown"
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of a command's function or of a group's ``typer.Typer``, such as ``up:demo``, in PACKAGE."""
+    """Location of a command's function or of a group's ``typer.Typer``, such as ``up:demo``, in PACKAGE."""
 
     path: str
     panel: str | None = None
     """Panel of ``servoloop --help``, or None for the panel without a title."""
     negative_numbers: bool = False
-    """Whether arguments may be negative numbers, although negative numbers look like options."""
+    """Whether arguments may be negative numbers, although these look like options."""
 
 
 class LazyCommands(Mapping[str, Any]):
-    """Commands of typer, keyed by name. A command is imported when it is read."""
+    """Typer commands, keyed by name. A command is imported when it is looked up."""
 
     def __init__(self, places: Mapping[str, Place]) -> None:
         self._places = places
@@ -44,7 +44,7 @@ class LazyCommands(Mapping[str, Any]):
 
 
 def lazy_group(places: Mapping[str, Place]) -> type[TyperGroup]:
-    """Return a class of command groups that has the commands at ``places``."""
+    """Return a class of command groups that contains the commands in ``places``."""
 
     class LazyGroup(TyperGroup):
         def __init__(self, **attributes: Any) -> None:

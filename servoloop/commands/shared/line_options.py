@@ -1,4 +1,4 @@
-"""Options that select a serial port, a servo or a baud rate, and functions that open the bus they select."""
+"""Options that select a serial port, a servo or a baud rate, and functions that open the selected bus."""
 
 import signal
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,7 +41,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo
 def interruptible() -> Iterator[None]:
     """Let SIGTERM and SIGHUP interrupt the block like Ctrl-C, so that EEPROMs are locked and torque is disabled.
 
-    Raises Interrupted after a signal. The message of the error describes what could not be restored.
+    Raises Interrupted after a signal. The error message describes what could not be restored.
     """
     former = {number: signal.signal(number, _interrupt) for number in end_signals() if number != signal.SIGINT}
     try:
@@ -55,21 +55,22 @@ def interruptible() -> Iterator[None]:
 
 
 def _left(error: BaseException | None) -> Iterator[str]:
-    """Yield the notes of an error and of the errors in its context, such as those of a first Ctrl-C."""
+    """Yield the notes attached to an error and to the errors in its context, such as those of a first Ctrl-C."""
     while error is not None:
         yield from getattr(error, "__notes__", ())
         error = error.__context__
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if number == signal.SIGHUP:  # the kernel and the shell both send SIGHUP; the second must not interrupt the cleanup
+    # The kernel and the shell both send SIGHUP; the second signal must not interrupt the cleanup.
+    if number == signal.SIGHUP:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 @contextmanager
 def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """Open the port and find a servo for the duration of the block. Signals can interrupt the block."""
+    """Open the port and find a servo while the block runs. Signals can interrupt the block."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
@@ -98,7 +99,7 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
 
 
 def bus_of(robot: "RobotFile", name: str | None) -> str:
-    """Return the name of the chosen bus of a robot file, or of its only bus. Raises CommissioningError."""
+    """Return the name of the selected bus in a robot file, or of its only bus. Raises CommissioningError."""
     from commissioning.errors import CommissioningError
 
     names = list(robot.lines())
@@ -115,8 +116,8 @@ def bus_of(robot: "RobotFile", name: str | None) -> str:
 def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
     """Yield the serial device of each bus, as selected by ``--port``.
 
-    The default device is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
-    block. Raises DriverError.
+    If none is selected, the only connected adapter is used. With ``virtual``, a child process serves virtual servos
+    until the block ends. Raises DriverError.
     """
     from commissioning.errors import CommissioningError
     from commissioning.ports.adapters import only_port
@@ -139,9 +140,9 @@ def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dic
 
 
 def named_devices(ports: list[str], buses: Iterable[str], arm: str) -> dict[str, str]:
-    """Return the device of each bus of an arm that a person moves by hand.
+    """Return the device of each bus for an arm that a person moves by hand.
 
-    Virtual servos in a child process cannot be moved by hand, so ``virtual`` is refused. ``arm`` is the arm's name as
+    Virtual servos in a child process cannot be moved by hand, so ``virtual`` is rejected. ``arm`` is the arm's name as
     given on the command line. Raises DriverError.
     """
     from drivers.errors import DriverError
@@ -157,7 +158,7 @@ def named_devices(ports: list[str], buses: Iterable[str], arm: str) -> dict[str,
 
 
 def adapter_serial(device: str) -> str | None:
-    """Return the serial number of the USB adapter of a device, or None if it has no serial number."""
+    """Return the serial number of a device's USB adapter, or None if it has no serial number."""
     from serial.tools.list_ports import comports
 
     path = Path(device).resolve()

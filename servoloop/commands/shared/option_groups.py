@@ -1,4 +1,4 @@
-"""Define related options once, as the fields of a dataclass that several commands take as a parameter."""
+"""Define related options once, as the fields of a dataclass that several commands accept as a parameter."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass

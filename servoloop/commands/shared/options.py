@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class KnownArm:
-    """Robot file of an arm with its content, its joints and their calibration plans."""
+    """Robot file of an arm, with its content, its joints and their calibration plans."""
 
     robot: Path
     file: RobotFile

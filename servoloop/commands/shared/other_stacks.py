@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 @contextmanager
 def search_for_others(name: str, message: str, namespace: str, ros: bool = True) -> Iterator["Search | None"]:
-    """Begin to search for another node that has the same name as a node of this stack.
+    """Start searching for another node that has the same name as a node of this stack.
 
-    Begin the search before the hardware is opened, because the search takes time. Without ROS, the result is None.
+    Start the search before the hardware is opened, because the search takes time. Without ROS, the result is None.
 
     Args:
         name: Name of the node.
-        message: Error message if such a node is found. Its braces are replaced by the full name of the node.
+        message: Error message if such a node is found. Its braces are replaced by the full node name.
         namespace: Namespace of the node; empty for the root namespace.
         ros: Whether the stack uses ROS.
 
@@ -40,7 +40,8 @@ def search_for_others(name: str, message: str, namespace: str, ros: bool = True)
 
 
 def _neighbor_in(namespace: str) -> bool:
-    """Return whether this user runs a stack in the same namespace on this machine, perhaps in another ROS domain."""
+    """Return whether this user is running a stack in the same namespace on this machine, perhaps in another ROS
+    domain."""
     from servoloop.recording.stream import running_stacks
 
     return any(stack.namespace == namespace for stack in running_stacks())

@@ -1,9 +1,9 @@
-"""Control loops of the X series. Each loop returns a fraction of full drive.
+"""Control loops of Dynamixel X series servos. Each loop returns a fraction of full drive.
 
 From the e-manual: the structure of the loops and the scale of the gains. Assumed:
-- The loops run once per millisecond, and one unit of their output is one unit of ``goal_pwm``.
-- The feedforward gains have counts/ms and counts/ms^2 as their inputs, and the velocity gains have units of 0.229 rpm
-  as their input.
+- The loops run once per millisecond, and their output has the same unit as ``goal_pwm``.
+- The inputs of the feedforward gains are in counts/ms and counts/ms^2, and the input of the velocity gains is in units
+  of 0.229 rpm.
 """
 
 from typing import Final
@@ -47,8 +47,7 @@ class PositionLoop:
 
 
 class VelocityLoop:
-    """PI controller of the velocity, which reaches its goal velocity with a limited acceleration. Velocities are in
-    counts/s."""
+    """PI velocity controller, which reaches its goal velocity with limited acceleration. Velocities are in counts/s."""
 
     __slots__ = ("_integral", "acceleration", "goal", "i", "p", "trajectory")
 
@@ -72,7 +71,7 @@ class VelocityLoop:
 
 
 def position_gains(loop: PositionLoop, gains: tuple[int, int, int, int, int], p_divisor: float) -> None:
-    """Decode the registers of P, I and D, and of both feedforward gains (velocity, acceleration)."""
+    """Decode the P, I and D registers, and the registers of both feedforward gains (velocity, acceleration)."""
     p, i, d, ff_velocity, ff_acceleration = gains
     loop.p = p / p_divisor / x.FULL_PWM
     loop.i = i / I_DIVISOR / x.FULL_PWM / LOOP_S
@@ -82,7 +81,7 @@ def position_gains(loop: PositionLoop, gains: tuple[int, int, int, int, int], p_
 
 
 def velocity_gains(loop: VelocityLoop, p: int, i: int) -> None:
-    """Decode the registers of P and I."""
+    """Decode the P and I registers."""
     unit = x.VELOCITY_UNIT_COUNTS_S * x.FULL_PWM
     loop.p = p / P_DIVISOR / unit
     loop.i = i / I_DIVISOR / unit / LOOP_S

@@ -3,18 +3,19 @@
 From the e-manual:
 - The motion profile (``x_profile``), the operating modes, the bus watchdog and the hardware error bits.
 - Reverse mode inverts positions, velocities and drive, but not the sign of the homing offset.
-- ``moving`` compares the velocity with the moving threshold, and is 1 while a profile is in progress.
+- ``moving`` indicates whether the velocity exceeds the moving threshold, and is always 1 while a profile is in
+  progress.
 - A shutdown clears the torque switch until a reboot.
-- In PWM mode, the PWM of an XL330 or XC330 changes with the PWM slope.
+- In PWM mode, the PWM of an XL330 or XC330 changes at the rate of the PWM slope.
 
 ``controllers`` contains the control loops, and ``modes`` contains the operating modes. Assumed:
-- Current-based position mode drives like position mode as long as the current stays below ``goal_current``.
+- Current-based position mode works like position mode as long as the current stays below ``goal_current``.
 - A current controller has no delay and no error.
 - goal_position equals the present position after power-on.
 
 Position values continue beyond one turn. After power-on, the position is within one turn. In position mode, the
-position is also within one turn after the torque is enabled or the mode is set. In this mode, a homing offset beyond
-1024 counts is ignored.
+position is also within one turn after the torque is enabled or the mode is set. In position mode, a homing offset
+beyond 1024 counts is ignored.
 """
 
 from collections.abc import Callable
@@ -38,8 +39,8 @@ from sim_backend.servos.generic.firmware import FirmwareMemory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 _MEASURED_P_DIVISORS: Final = {x.XL330_M077.name: 256.0, x.XL330_M288.name: 256.0}
-"""Measured scale of the P gain. On an XL330, BAM measured half the drive of the e-manual with an oscilloscope; the M077
-has the same firmware."""
+"""Measured scale of the P gain. On an XL330, BAM measured half the drive stated in the e-manual, using an oscilloscope;
+the M077 has the same firmware."""
 TICKS: Final = 32768
 """Number of different values of ``realtime_tick``."""
 _SLOPE_UNIT_V_S: Final = 1.977
@@ -70,9 +71,10 @@ class XFirmware(Protocol2Firmware):
         self._wanted: Callable[[float, float], float] = self._position_duty
         """Loop that returns the drive requested by the current operating mode."""
         self._turned = 0.0
-        """Whole turns that the servo no longer counts, in counts."""
+        """Whole turns that are no longer included in the servo's position, in counts."""
         self._direction = 1.0
-        """Direction of the motor; -1 in reverse mode. All other values use the servo's direction of positions."""
+        """Direction of the motor; -1 in reverse mode. All other values use the direction in which the servo counts
+        positions."""
         self._watchdog = Watchdog()
         self._tick_s = 0.0
         self._in_profile_mode = True
@@ -111,7 +113,7 @@ class XFirmware(Protocol2Firmware):
             self._forget_turns()
 
     def mode_changed(self) -> None:
-        """Start a new mode at the current position. Position mode restarts the count of turns."""
+        """Start a new operating mode at the current position. Position mode restarts the count of turns."""
         if self._in_position_mode:
             self._forget_turns()
         self._place_seam()
@@ -119,8 +121,8 @@ class XFirmware(Protocol2Firmware):
         self.load_settings()
 
     def clear_turns(self) -> bool:
-        """Restart the count of turns, as the clear instruction does. Return False without an effect if the servo is
-        moving."""
+        """Restart the count of turns, as the clear instruction does. If the servo is moving, do nothing and return
+        False."""
         if self._moving:
             return False
         self._hold_here()
@@ -251,7 +253,7 @@ class XFirmware(Protocol2Firmware):
         return max(self.duty - change, min(self.duty + change, self._pwm))
 
     def _duty_of(self, current_a: float, velocity_rad_s: float) -> float:
-        """Return the drive at which the current has a given value."""
+        """Return the drive that produces the given current."""
         motor = self._motor
         wanted_v = current_a * motor.resistance_ohm + motor.back_emf_v_s * velocity_rad_s
         return wanted_v / max(self.voltage_v, 0.1)

@@ -12,36 +12,36 @@ from sim_backend.servos.dynamixel.protocol2_memory import DATA_RANGE, Protocol2M
 from sim_backend.servos.dynamixel.watchdog import LOCKED, TRIPPED
 
 _NEWER: Final = (x.startup_configuration, x.backup_ready)
-"""Registers that do not exist in old firmware."""
+"""Registers that old firmware versions do not have."""
 _LIMITS: Final = {
     x.goal_pwm: x.pwm_limit,
     x.goal_current: x.current_limit,
     x.goal_velocity: x.velocity_limit,
 }
-"""Registers that limit goals of either sign."""
+"""Registers that limit both positive and negative goals."""
 
 
 class XMemory(Protocol2Memory):
-    """A control table with cells that mirror other bytes."""
+    """A control table with data registers that mirror other bytes."""
 
     SIZE = 662
     EEPROM_END = x.torque_enable.address
     BAUD_RATES = x.BAUD_RATES
 
     def __init__(self, model: x.XModel, servo_id: int, firmware: int | None = None) -> None:
-        """Create the table. ``firmware`` is a firmware version that differs from the usual version."""
+        """Create the table. ``firmware`` is the firmware version, if it differs from the usual version."""
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
         self._backup: tuple[bytes, dict[Register, int]] | None = None
-        """Saved EEPROM and gains of the backup instruction."""
+        """EEPROM values and gains saved by the backup instruction."""
         known = [r for r in x.registers(model) if reads_fast(model, version) or r not in _NEWER]
         registers = (*known, *self._pointers, *cells(self._windows))
         factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         super().__init__(model, servo_id, registers, factory)
 
     def read(self, address: int, size: int) -> bytes:
-        if address + size <= self._windows[0].data:  # Most reads do not include any cells.
+        if address + size <= self._windows[0].data:  # Most reads do not include any data registers.
             return bytes(self._bytes[address : address + size])
         return super().read(address, size)
 
@@ -77,7 +77,7 @@ class XMemory(Protocol2Memory):
                     self.put(register, value)
 
     def store_backup(self) -> bool:
-        """Store EEPROM and gains. Return False without an effect if the torque is enabled (assumed)."""
+        """Store the EEPROM values and the gains. If torque is enabled, do nothing and return False (assumed)."""
         if self.get(x.torque_enable):
             return False
         self._backup = self.flash.settings, {register: self.get(register) for register in GAINS}
@@ -85,14 +85,14 @@ class XMemory(Protocol2Memory):
         return True
 
     def restore_backup(self) -> bool:
-        """Restore the EEPROM. Return False without an effect if there is no backup or the torque is enabled."""
+        """Restore the EEPROM. If there is no backup or torque is enabled, do nothing and return False."""
         if self._backup is None or self.get(x.torque_enable):
             return False
         self.flash = Flash(self._backup[0])
         return True
 
     def reset_mode(self) -> None:
-        """Write the values to which a change of the operating mode resets registers."""
+        """Write the values to which registers are reset when the operating mode changes."""
         reset_gains(self, self._factory)
         self._reset_goals()
 

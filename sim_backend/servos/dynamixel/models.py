@@ -19,7 +19,7 @@ FACTORY: Final[dict[Register, int]] = {
     x.max_position_limit: 4095,
     x.status_return_level: 2,
 }
-"""Factory values of all models. Registers that are neither in this mapping nor in ``factory_of`` are 0."""
+"""Factory values of all models. Registers that are in neither this mapping nor ``factory_of`` are 0."""
 
 _OWN_REGISTERS: Final = (
     x.temperature_limit,
@@ -81,9 +81,9 @@ _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 def factory_of(model: x.XModel) -> dict[Register, int]:
     """Return all nonzero factory values of a model.
 
-    A model without a table in the e-manual (the XC335-T332 and the models that users add) has the gains of the
-    XM430-W350 (assumed), and a velocity limit 20 % above its speed without load. The voltage and current limits of such
-    a model are the widest that its table permits.
+    A model without a table in the e-manual (the XC335-T332 and models added by users) has the gains of the XM430-W350
+    (assumed). Its velocity limit is 20 % above its no-load speed. The voltage and current limits of such a model are
+    the widest that its table permits.
     """
     held = {register.name: register for register in model.own}
     unlisted = {
@@ -100,7 +100,7 @@ def factory_of(model: x.XModel) -> dict[Register, int]:
 
 
 _TIME_PROFILE_SINCE: Final = 42
-"""First firmware version with time-based profiles and the clear instruction, and without a broadcast factory reset. All
+"""First firmware version that has time-based profiles and the clear instruction, but no broadcast factory reset. All
 X330 have them."""
 
 
@@ -113,7 +113,8 @@ def reads_fast(model: x.XModel, firmware: int) -> bool:
     """Return whether a servo with this firmware version supports fast reads, according to the list in the section "Fast
     Sync Read" of the e-manual.
 
-    The same versions introduced torque enabling by a goal, the startup configuration and the control table backup.
+    The same versions introduced enabling torque by writing a goal, the startup configuration, and the control table
+    backup.
     """
     if x.acceleration_limit in model.own:  # an MX
         return False

@@ -1,7 +1,7 @@
-"""Operating modes of the X series, and the values that a change of the mode resets.
+"""Operating modes of the X series, and the values that are reset when the mode changes.
 
-From the e-manual: a change of the mode resets gains, feedforward and profile, sets ``goal_pwm`` to the PWM limit and
-``goal_current`` to the current limit. Assumed:
+From the e-manual: when the mode changes, the gains, feedforward and profile are reset, ``goal_pwm`` is set to the PWM
+limit, and ``goal_current`` is set to the current limit. Assumed:
 - The gains are reset to the factory values in every mode.
 - In PWM, current and velocity mode, the goal drives the motor and is not a limit. This goal is 0 until a client writes
   it.
@@ -36,7 +36,7 @@ GAINS: Final = (
 
 
 def reset_goals(memory: FirmwareMemory, *, measures_current: bool) -> None:
-    """Write the goals that a servo has after power-on and after a change of its mode, except for the goal position."""
+    """Write the goals that a servo has after power-on and after a mode change, except for the goal position."""
     mode, get = memory.get(x.operating_mode), memory.get
     memory.put(x.goal_pwm, 0 if mode == PWM else get(x.pwm_limit))
     memory.put(x.goal_velocity, 0 if mode == VELOCITY else get(x.velocity_limit))
@@ -45,6 +45,6 @@ def reset_goals(memory: FirmwareMemory, *, measures_current: bool) -> None:
 
 
 def reset_gains(memory: FirmwareMemory, factory: Mapping[Register, int]) -> None:
-    """Write the gains and the profile that a servo has after a change of its mode."""
+    """Write the gains and the profile that a servo has after a mode change."""
     for register in (*GAINS, x.profile_acceleration, x.profile_velocity):
         memory.put(register, factory.get(register, 0))

@@ -2,9 +2,9 @@
 
 BAM (github.com/Rhoban/bam) identified four motors on a pendulum, each with six friction laws. This module uses the
 fourth law, M4, which is the simplest law whose friction depends on both load and speed. M1 and M2 ignore the load, and
-M3 ignores the state of rest. M5 and M6 distinguish the two ends of the gears, with several parameters that were fitted
-to zero. If a model has several fits, the latest fit within its bounds is used. ``python -m benchmarks.fidelity``
-compares the motors with the data sheets.
+M3 does not model friction at rest separately. M5 and M6 distinguish between the two ends of the gears, but several of
+their parameters were fitted to zero. If a model has several fits, the latest fit within its bounds is used. ``python -m
+benchmarks.fidelity`` compares the motors with the data sheets.
 """
 
 from typing import Final
@@ -20,7 +20,8 @@ def _identified(kt: float, ohm: float, gears: Gears) -> MotorConstants:
     return MotorConstants(kt, kt, ohm, gears=gears)
 
 
-# Order of the gear values: rotor, viscous, Coulomb, load share; for sticking: Coulomb, load share, speed, exponent.
+# The gear values are in the order rotor, viscous, Coulomb, load share; then for static friction: Coulomb, load share,
+# speed, exponent.
 IDENTIFIED: Final = {
     x.XL330_M288.name: _identified(
         0.3846, 3.063, Gears(0.001942, 0.004619, 0.01118, 0.1114, 0.0002863, 0.02838, 0.2377, 9.978)
@@ -31,8 +32,8 @@ IDENTIFIED: Final = {
 }
 """Identified motors, keyed by model name.
 
-The identified motor of the XL-320 is half as strong as the motor in its data sheet. BAM's laws without load give the
-same result.
+The identified XL-320 motor is half as strong as its data sheet states. BAM's friction laws that ignore the load lead to
+the same result.
 """
 
 

@@ -10,10 +10,11 @@ From the e-manual:
 
 BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. The virtual MX-28
 uses the same values. Assumed:
-- I and D of an MX use the same unit of drive as P, with seconds and counts.
+- The I and D gains of an MX use the same unit of drive as P, with times in seconds and errors in counts.
 - The position loop of an AX is as stiff as that of an SCS servo, regardless of its compliance registers.
-- Overload means nearly full drive for two seconds. An overload removes the drive until the torque switch is written.
-- A packet with a wrong checksum is not answered, and a goal outside the limits is clipped.
+- Overload means nearly full drive for two seconds. After an overload, the drive is zero until the torque switch is
+  written.
+- Packets with a wrong checksum do not get a reply, and goals outside the limits are clipped.
 """
 
 from collections.abc import Mapping
@@ -30,8 +31,8 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 MX_DRIVE_PER_RAD: Final = 0.158
-"""Drive per rad for each unit of ``p_gain``, as a fraction of full drive. The value of the e-manual, P / 8 per count of
-512, would be 0.159."""
+"""Drive per rad for each unit of ``p_gain``, as a fraction of full drive. The e-manual's value, P / 8 per count of 512,
+would be 0.159."""
 MX_FULL_DRIVE: Final = 0.9625
 _MX_P_UNIT: Final = 1.0 / 8.0
 _MX_I_UNIT: Final = 1000.0 / 2048.0
@@ -258,7 +259,7 @@ class VirtualAxServo(GenericServo):
         return super().answer(instruction)
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes that came over the wire, unless the value of a register would be outside its range."""
+        """Write bytes received over the bus, unless the value of a register would be outside its range."""
         if not self._out_of_range(address, data):
             super().write(address, data)
 
@@ -277,7 +278,7 @@ class VirtualAxServo(GenericServo):
 
 
 class VirtualMxServo(VirtualAxServo):
-    """An MX with protocol 1.0 firmware on a virtual bus. The servo answers bulk reads."""
+    """An MX with protocol 1.0 firmware on a virtual bus. The servo supports bulk reads."""
 
     MEMORY = MxMemory
     FIRMWARE = MxFirmware

@@ -1,9 +1,9 @@
 """Common firmware of all virtual protocol 2.0 servos: latched errors and a smoothed speed register.
 
 Assumed:
-- Overload means full drive for two seconds at less than half of the speed without load.
+- An overload is full drive for two seconds at less than half of the no-load speed.
 - All errors last until a reboot.
-- The reported speed has a filter of 15 ms in addition to the filter of the control loop. The reported speed of a shaft
+- The reported speed has a 15 ms filter in addition to the filter of the control loop. The reported speed of a shaft
   that is held between two counts is therefore 0.
 """
 
@@ -19,12 +19,12 @@ SHOWN_FILTER_S: Final = 0.015
 OVERLOAD_DUTY: Final = 0.98
 OVERLOAD_S: Final = 2.0
 OVERLOAD_SHARE: Final = 0.5
-"""Fraction of the stall current above which full drive counts as an overload."""
+"""Fraction of the stall current above which full drive is considered an overload."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorBits:
-    """Registers of a table that contain limits, and the error bits of the table."""
+    """Registers that contain a table's limits, and the table's error bits."""
 
     shutdown: Register
     min_voltage: Register

@@ -1,6 +1,6 @@
 """Control table of a virtual protocol 2.0 servo as bytes: access rules, and the registers that survive power-off.
 
-Assumed: a write that breaks a rule is refused as a whole, and addresses that the table does not list read 0.
+Assumed: a write that breaks a rule is rejected entirely, and addresses that the table does not list read as 0.
 """
 
 from abc import ABC
@@ -16,7 +16,7 @@ DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 
 
 class Protocol2Memory(ABC):
-    """Bytes of the table as a client reads them.
+    """Control table bytes, as a client reads them.
 
     Every write to EEPROM bytes is saved, and the bytes are locked while the torque is enabled.
     """
@@ -40,8 +40,8 @@ class Protocol2Memory(ABC):
         self._bytes = bytearray(self.SIZE)
         self.servo_id = servo_id
         self.baud = 0
-        """Baud rate in bits per second. The baud rate is decoded at each write, as is the ID, because every packet
-        needs both."""
+        """Baud rate in bits per second. The baud rate and the ID are decoded at each write, because every packet needs
+        both."""
         self.restore_factory()
         self.put(self._id, servo_id)
         self.power_up()
@@ -52,14 +52,14 @@ class Protocol2Memory(ABC):
         return register.decode(bytes(self._bytes[register.address : end]), "little")
 
     def put(self, register: Register, value: int) -> None:
-        """Write a register without access rules. Values outside the range of the register are clipped."""
+        """Write to a register without applying access rules. Values outside the register's range are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, "little")
         if at < self.EEPROM_END:
             self._decode()
 
     def save(self, register: Register, value: int) -> None:
-        """Write a persistent register. In these servos, every write to EEPROM is saved."""
+        """Write a persistent register. On these servos, every write to the EEPROM is saved."""
         self.put(register, value)
 
     def _decode(self) -> None:
@@ -67,16 +67,17 @@ class Protocol2Memory(ABC):
         self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes from ``address`` as a client reads them, with zeros beyond the end of the table."""
+        """Return ``size`` bytes starting at ``address``, as a client reads them, with zeros beyond the end of the
+        table."""
         meant = self.resolved(address, max(0, min(size, self.SIZE - address)))
         return bytes(self._bytes[place] for place in meant).ljust(size, b"\0")
 
     def resolved(self, address: int, size: int) -> list[int]:
-        """Return the addresses to which ``size`` bytes from ``address`` refer."""
+        """Return the addresses that a read or write of ``size`` bytes at ``address`` refers to."""
         return list(range(address, address + size))
 
     def write(self, address: int, data: bytes) -> int:
-        """Write bytes that came over the wire. Return the error number, or 0 if there is no error."""
+        """Write bytes received over the bus. Return the error number, or 0 if there is no error."""
         meant = self.resolved(address, len(data))
         for begin, end in runs(meant):
             error = self._run_refusal(meant[begin], data[begin:end])
@@ -89,7 +90,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _run_refusal(self, address: int, data: bytes) -> int:
-        """Return the error of writing to these adjacent registers, or 0 if the write is allowed."""
+        """Return the error for writing to these adjacent registers, or 0 if the write is allowed."""
         at = 0
         while at < len(data):
             register = self._registers.get(address + at)
@@ -100,7 +101,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _refusal(self, register: Register, data: bytes) -> int:
-        """Return the error of writing the first bytes of ``data`` to a register, or 0 if the write is allowed."""
+        """Return the error for writing the first bytes of ``data`` to a register, or 0 if the write is allowed."""
         locked = register.persistent and self.get(self._torque)
         if register.access is Access.READ or locked:
             return ACCESS
@@ -112,12 +113,12 @@ class Protocol2Memory(ABC):
         return 0 if value in self._limits(register) else DATA_LIMIT
 
     def _limits(self, register: Register) -> range:
-        """Return the values that other registers currently permit. The values in the table have already been
-        checked."""
+        """Return the values that other registers currently permit. The value has already been checked against the
+        control table's own limits."""
         return register.fitting
 
     def power_up(self) -> None:
-        """Set the values after power-on: EEPROM does not change, and RAM is set to its initial values."""
+        """Set the power-on values: EEPROM does not change, and RAM is set to its initial values."""
         self._bytes[self.EEPROM_END :] = bytes(self.SIZE - self.EEPROM_END)
         for register, value in self._factory.items():
             if not register.persistent:
@@ -135,7 +136,7 @@ class Protocol2Memory(ABC):
         self.power_up()
 
     def restore_factory(self, *keep: Register) -> None:
-        """Reset EEPROM to factory values, except for the registers in ``keep``."""
+        """Reset the EEPROM to factory values, except for the registers in ``keep``."""
         kept = {register: self.get(register) for register in keep}
         self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
         for register, value in {**self._factory, **kept}.items():

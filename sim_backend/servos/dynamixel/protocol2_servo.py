@@ -1,7 +1,7 @@
-"""Instructions of protocol 2.0 on a virtual servo with any table.
+"""Protocol 2.0 instructions on a virtual servo with any control table.
 
-Assumed, because the e-manual does not describe it: a write of the ID or the baud rate is answered with the old ID. A
-servo that reboots ignores all instructions for 0.3 s. After a shutdown, the torque cannot be enabled (the result is
+Assumed, because the e-manual does not describe it: the reply to a write of the ID or the baud rate uses the old ID. A
+rebooting servo ignores all instructions for 0.3 s. After a shutdown, the torque cannot be enabled (the result is
 "fail").
 """
 
@@ -22,7 +22,7 @@ RESET_ALL: Final = 0xFF
 
 
 class Registers:
-    """Registers that all tables of protocol 2.0 have, at different addresses."""
+    """Registers that exist in all protocol 2.0 tables, at different addresses."""
 
     def __init__(self, *listed: Register) -> None:
         named = {register.name: register for register in listed}
@@ -52,12 +52,12 @@ class Protocol2Servo(WiredServo):
 
     @property
     def ignores_broadcast_reset(self) -> bool:
-        """Whether the firmware ignores a broadcast factory reset that resets everything."""
+        """Whether the firmware ignores a broadcast factory reset of all values."""
         return False
 
     @property
     def secondary_id(self) -> int | None:
-        """Second ID to which the servo listens without replying; None if there is no second ID."""
+        """Secondary ID on which the servo receives instructions without replying; None if there is none."""
         return None
 
     @property
@@ -110,8 +110,8 @@ class Protocol2Servo(WiredServo):
         return self._status(servo_id, error) if level == 2 else None
 
     def _resets(self, instruction: Instruction) -> bool:
-        """Return whether the servo executes this factory reset. Newer firmware ignores a broadcast that resets
-        everything."""
+        """Return whether the servo executes this factory reset. Newer firmware ignores a broadcast factory reset of all
+        values."""
         parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
         ignored = broadcast and parameters == bytes((RESET_ALL,)) and self.ignores_broadcast_reset
         return len(parameters) == 1 and parameters[0] in self._kept() and not ignored
@@ -126,12 +126,12 @@ class Protocol2Servo(WiredServo):
             self.write(address, data)
 
     def _kept(self) -> dict[int, tuple[Register, ...]]:
-        """Return the registers that a factory reset keeps for a given option."""
+        """Return the registers that a factory reset keeps, keyed by the option of the reset."""
         servo_id, baud_rate = self.REGISTERS.servo_id, self.REGISTERS.baud_rate
         return {RESET_ALL: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
 
     def _introduction(self) -> bytes:
-        """Return the data of the reply to a ping."""
+        """Return the data for a ping reply."""
         number, version = self.REGISTERS.model_number.address, self.REGISTERS.firmware_version.address
         return self.memory.read(number, 2) + self.memory.read(version, 1)
 
@@ -145,7 +145,7 @@ class Protocol2Servo(WiredServo):
         return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
 
     def write(self, address: int, data: bytes) -> int:
-        """Write bytes that came over the wire and apply all side effects. Return the error number, or 0 if there is no
+        """Write bytes received over the bus and apply all side effects. Return the error number, or 0 if there is no
         error."""
         written = dict(zip(self.memory.resolved(address, len(data)), data, strict=True))
         if written.get(self.REGISTERS.torque_enable.address) == 1 and self.firmware.protection.released:
@@ -159,7 +159,7 @@ class Protocol2Servo(WiredServo):
         return 0
 
     def power_cycle(self) -> None:
-        """Switch the power off and on. RAM is reset, errors are cleared, and the torque is disabled."""
+        """Switch the servo off and on again. The RAM is reset, errors are cleared, and torque is disabled."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()
@@ -179,7 +179,7 @@ class Protocol2Servo(WiredServo):
         return self.write(address, data)
 
     def _read(self, address: int, size: int) -> tuple[int, bytes]:
-        """Return the error number and, if there is no error, ``size`` bytes from ``address``."""
+        """Return the error number and, if there is no error, ``size`` bytes starting at ``address``."""
         if address + size > self.memory.SIZE:
             return ACCESS, b""
         self.firmware.publish()
@@ -198,5 +198,5 @@ def _number(data: bytes) -> int:
 
 
 def _span(parameters: bytes) -> tuple[int, int]:
-    """Return address and size."""
+    """Return the address and size."""
     return _number(parameters[:2]), _number(parameters[2:4])

@@ -34,7 +34,8 @@ class VirtualXServo(Protocol2Servo):
     def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
         """Create a servo.
 
-        ``firmware`` is a firmware version that differs from the usual version; it determines the indirect registers.
+        ``firmware`` is the firmware version, if it differs from the usual version; it determines the indirect
+        registers.
         """
         own = x.MODELS[model.name]
         motor = motor_of(own)
@@ -54,8 +55,8 @@ class VirtualXServo(Protocol2Servo):
         return error
 
     def _enables_torque(self, written: Sequence[int]) -> bool:
-        """Return whether a write to these addresses enables the torque, because it includes the goal of the operating
-        mode."""
+        """Return whether a write to these addresses enables torque because it includes the goal of the current
+        operating mode."""
         get = self.memory.get
         goal = MODE_GOALS.get(get(x.operating_mode), x.goal_position)
         by_goal = get(x.drive_mode) & x.TORQUE_ON_BY_GOAL and self.reads_fast

@@ -1,8 +1,8 @@
 """Bus watchdog of the X series.
 
-From the e-manual: while its torque is enabled, a servo that receives no instruction for ``bus_watchdog`` units of 20 ms
-stops, and the register reads -1. Goals are then refused until 0 is written. Any instruction on the bus restarts the
-timer. Assumed: the servo stops with a goal velocity, PWM and current of 0, or at its current position.
+From the e-manual: if torque is enabled and the servo receives no instruction for ``bus_watchdog`` units of 20 ms, the
+servo stops and the register reads -1. Goals are then rejected until 0 is written. Any instruction on the bus restarts
+the timer. Assumed: the servo stops with a goal velocity, goal PWM and goal current of 0, or at its current position.
 """
 
 from typing import Final
@@ -19,7 +19,7 @@ LOCKED: Final = (x.goal_pwm, x.goal_velocity, x.goal_current, x.goal_position)
 
 
 class Watchdog:
-    """Timer of one servo."""
+    """Watchdog timer of one servo."""
 
     __slots__ = ("_limit_s", "_quiet_s")
 
@@ -36,7 +36,7 @@ class Watchdog:
         self._quiet_s = 0.0
 
     def expired(self, dt_s: float) -> bool:
-        """Advance the timer. Return whether the timeout has passed and the servo must stop."""
+        """Advance the timer. Return whether the timeout has expired and the servo must stop."""
         if not self._limit_s:
             return False
         self._quiet_s += dt_s

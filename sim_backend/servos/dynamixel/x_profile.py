@@ -1,10 +1,12 @@
-"""Motion profile of the X series: a step, a limited velocity, or a time. The profile also determines the moving status.
+"""Motion profile of the X series: a step, a velocity limit, or a fixed duration. The profile also determines the moving
+status.
 
-From the e-manual: without a profile velocity, the profile is a step. A time-based profile takes ``profile_velocity``
-milliseconds. Its acceleration takes ``profile_acceleration`` milliseconds, but at most half of the total time. Assumed:
-- A time-based profile starts at rest. If a new goal arrives during a motion, the time applies to the remaining
+From the e-manual: if no profile velocity is set, the profile is a step. The duration of a time-based profile is
+``profile_velocity`` milliseconds. The acceleration phase of the profile takes ``profile_acceleration`` milliseconds,
+but at most half of the total time. Assumed:
+- A time-based profile starts at rest. If a new goal arrives during a motion, the duration applies to the remaining
   distance.
-- A servo is in position within 10 counts, and reports a following error beyond 100 counts.
+- A servo is in position if the error is at most 10 counts, and reports a following error if it exceeds 100 counts.
 """
 
 from typing import Final
@@ -30,7 +32,7 @@ class XProfile(MotionProfile):
         self.kind = STEP
         """Type of the profile, as reported in the moving status."""
         self._timed: tuple[float, int, int] | None = None
-        """Goal, time and ramp for which the time-based profile was last computed."""
+        """Goal, duration and ramp time for which the time-based profile was last computed."""
 
     def restart(self, position: float) -> None:
         super().restart(position)
@@ -44,7 +46,7 @@ class XProfile(MotionProfile):
         self._classify()
 
     def take(self, span_ms: int, ramp_ms: int) -> None:
-        """Set the duration of the motion to the goal."""
+        """Set the duration of the motion to the current goal."""
         if self._timed == (self.goal, span_ms, ramp_ms):
             return
         self._timed = (self.goal, span_ms, ramp_ms)

@@ -1,11 +1,11 @@
-"""One virtual XL-320: protocol 2.0 on a table with ten-bit counts.
+"""One virtual XL-320: protocol 2.0 with a control table that uses ten-bit counts.
 
 The e-manual defines the table, its factory values and units, the control modes, and the gains: P / 8, I * 1000 / 2048
 and D * 4 / 1000. BAM measured the drive per unit of P. Assumed:
-- I and D use the same unit of drive as P, with seconds and counts.
-- Only joint mode drives the motor, and ``punch`` has no effect.
+- I and D use the same unit of drive as P, with times in seconds and errors in counts.
+- The motor is driven only in joint mode, and ``punch`` has no effect.
 - Readings are limited to the range of the sensor, and after power-on the goal is the present position.
-- A shutdown sets the torque limit to 0 and lasts until a reboot.
+- A shutdown sets the torque limit to 0 and persists until a reboot.
 """
 
 from typing import ClassVar, Final

@@ -1,16 +1,16 @@
 """Firmware of a virtual servo other than STS: motion profile, position loop, motor driver and protection.
 
-Registers are named as in the STS table; the memory of each series maps these names to its own registers. The makers
-publish neither the structure of the loop nor the scale of its gains (except Robotis for the X series, which uses
-different gains). Assumed for the others:
-- P: the drive is ``P / 1280`` of full drive per count of error. P = 32 therefore gives full drive at 40 of 4096 counts
-  (3.5 degrees). At a constant 2 rad/s, the shaft then lags behind the servo's own profile by 13 ms.
+Register names are those of the STS table; the memory of each series maps these names to its own registers. The
+manufacturers publish neither the structure of the loop nor the scale of its gains (except Robotis for the X series,
+which uses different gains). Assumed for the other servos:
+- P: the drive is ``P / 1280`` of full drive per count of error. Therefore, P = 32 results in full drive at 40 of 4096
+  counts (3.5 degrees). At a constant 2 rad/s, the shaft then lags 13 ms behind the servo's own profile.
 - D: ``D / 32`` of 0.3 drive per rad/s of difference between the profile speed and the measured speed.
 - I: ``I / 1280`` of full drive per count and second.
 - Position and speed come from the quantized encoder, which is also the source of their noise. The speed is filtered
   with a time constant of 5 ms.
 - Only operating mode 0 (position) drives the motor.
-- In single-turn mode, the loop works within 0 to 4095 counts and reaches every goal without crossing the seam.
+- In single-turn mode, the loop works in the range 0 to 4095 counts and reaches every goal without crossing the seam.
 """
 
 from math import pi
@@ -27,7 +27,7 @@ DAMPING_PER_RAD_S: Final = 0.3 / 32.0
 SPEED_FILTER_S: Final = 0.005
 HOUSEKEEPING_S: Final = 0.01
 MOVING_COUNTS_S: Final = 20.0
-"""Maximum speed at which the servo counts as at rest (assumed; real servos store their threshold at address 80)."""
+"""Maximum speed at which the servo is considered at rest (assumed; real servos store this threshold at address 80)."""
 MULTI_TURN_PHASE: Final = 1 << 4
 
 
@@ -52,13 +52,13 @@ class GenericFirmware:
         self.voltage_v = model.rated_voltage_v
         self.thermometer = Thermometer(motor)
         self.encoder_sticks = False
-        """Whether the encoder repeats its last value. This injected fault remains after a power-off."""
+        """Whether the encoder repeats its last value. This injected fault persists after power-off."""
         self.observe(0.0)
         self.restart()
 
     @property
     def temperature_c(self) -> float:
-        """Temperature of the motor, in degrees Celsius."""
+        """Motor temperature, in degrees Celsius."""
         return self.thermometer.temperature_c
 
     @temperature_c.setter
@@ -67,11 +67,12 @@ class GenericFirmware:
 
     @property
     def supply_current_a(self) -> float:
-        """Current that the motor draws from the supply, in amperes. Braking returns no current (assumed)."""
+        """Current that the motor draws from the supply, in amperes. Braking does not return current to the supply
+        (assumed)."""
         return max(0.0, self.current_a * self.duty)
 
     def observe(self, angle_rad: float) -> None:
-        """Set the angle of the shaft without a motion, for example at power-on."""
+        """Set the shaft angle without simulating a motion, for example at power-on."""
         self._count = angle_rad * self._counts_per_rad // 1.0
         self._velocity = 0.0
 
@@ -85,11 +86,11 @@ class GenericFirmware:
         self.load_goal()
 
     def new_profile(self) -> MotionProfile:
-        """Return the motion profile in its state after power-on."""
+        """Return a motion profile in its power-on state."""
         return MotionProfile()
 
     def new_protection(self) -> Protection:
-        """Return the motor protection in its state after power-on."""
+        """Return a motor protection in its power-on state."""
         return Protection()
 
     def load_settings(self) -> None:
@@ -118,19 +119,19 @@ class GenericFirmware:
         profile.speed = abs(get(sts.goal_velocity)) or self._no_load * self._counts_per_rad
         units = get(sts.acceleration)
         profile.acceleration = units * sts.ACCELERATION_UNIT_COUNTS_S2 if units else UNLIMITED
-        # The table copies max_torque to torque_limit at power-on, so the limit is the smaller of the two values and not
-        # their product.
+        # At power-on, the table copies max_torque to torque_limit, so the limit is the smaller of the two values rather
+        # than their product.
         self._limit = min(get(sts.torque_limit), get(sts.max_torque)) * sts.TORQUE_UNIT
         self._acting = get(sts.torque_enable) == 1 and get(sts.operating_mode) == 0
         self._switch()
 
     def goal_written(self) -> None:
-        """Clear a latched protection if the new goal leads away from the blocked direction."""
+        """Clear a latched protection if the new goal leads away from the direction in which the servo was blocked."""
         if (self.profile.goal - self.position) * self.protection.blocked_direction <= 0.0:
             self.torque_written()
 
     def torque_written(self) -> None:
-        """Clear a latched protection, as any write to the torque switch does."""
+        """Clear a latched protection, as does any write to the torque switch."""
         self.protection.clear()
         self._switch()
 
@@ -145,7 +146,7 @@ class GenericFirmware:
 
     @property
     def status(self) -> int:
-        """Status bits of the protections, as sent in every reply."""
+        """Protection status bits, as sent in every reply."""
         return self.protection.status
 
     @property
@@ -194,7 +195,7 @@ class GenericFirmware:
         return motor.torque_constant_nm_a * self.current_a
 
     def _housekeeping(self) -> None:
-        """Update temperature and protection, which is not needed in every step."""
+        """Update the temperature and the protection, which is not necessary in every step."""
         dt_s, self._housekeeping_s = self._housekeeping_s, 0.0
         self.thermometer.step(dt_s, self.current_a)
         temperature = self.thermometer.temperature_c
@@ -202,7 +203,7 @@ class GenericFirmware:
         self._switch()
 
     def publish(self) -> None:
-        """Write the state to the registers before a read."""
+        """Write the state to the registers, so that it can be read."""
         put = self._memory.put
         put(sts.present_position, int(self.position))
         put(sts.present_velocity, round(self._velocity))

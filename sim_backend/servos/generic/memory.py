@@ -1,9 +1,9 @@
 """Control table of one virtual servo other than STS, as bytes: access rules, and the registers that survive power-off.
 
-Addresses that the table does not list read 0 and cannot be written (assumed).
+Addresses that the table does not list read as 0 and cannot be written (assumed).
 
-The lock (register 55) has two values in Feetech's table: 0 "save EEPROM changes" and 1 "do not save". A write to EEPROM
-always takes effect immediately, but it is lost at power-off if the lock is closed.
+The lock (register 55) has two values in Feetech's table: 0 "save EEPROM changes" and 1 "do not save". A write to the
+EEPROM always takes effect immediately, but the value is lost at power-off if the lock is set.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,7 @@ EEPROM_END: Final = sts.torque_enable.address
 
 
 def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
-    """Encode ``value`` for the register. A value outside the range is replaced by the nearest value within the
-    range."""
+    """Encode ``value`` for the register. A value outside the range is replaced by the nearest allowed value."""
     try:
         return register.encode(value, order)
     except ValueError:
@@ -32,17 +31,17 @@ def touches(address: int, size: int, register: Register) -> bool:
 
 
 class Memory:
-    """Bytes of the table as a client reads them, and the saved EEPROM bytes.
+    """Control table bytes, as a client reads them, and the saved EEPROM bytes.
 
-    Firmware and protection use the register names of the STS table. For a servo with a different table, ``own``,
-    ``get`` and ``put`` convert names and values.
+    The firmware and the protection use the register names of the STS table. For a servo with a different table,
+    ``own``, ``get`` and ``put`` convert register names and values.
     """
 
     EEPROM_END: ClassVar[int] = EEPROM_END
     RESET_ID: ClassVar[int | None] = None
     """ID after a factory reset; None if the servo keeps its ID."""
     BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
-    """Number of values that ``baud_rate`` may have."""
+    """Number of valid values of ``baud_rate``."""
 
     def __init__(
         self,
@@ -86,8 +85,8 @@ class Memory:
 
     @property
     def answers(self) -> int:
-        """Status level. At 0, the servo answers only pings. At 1, it also answers reads. At 2, it answers every
-        instruction."""
+        """Status level. At level 0, the servo replies only to pings. At level 1, it also replies to reads. At level 2,
+        it replies to every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def own(self, register: Register) -> Register | None:
@@ -100,19 +99,19 @@ class Memory:
         return register.decode(bytes(self._bytes[register.address : end]), self._order)
 
     def put(self, register: Register, value: int) -> None:
-        """Write a register without access rules; the value is lost at power-off. Values outside the range of the
-        register are clipped."""
+        """Write to a register without applying access rules; the value is lost at power-off. Values outside the range
+        of the register are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, self._order)
         if at < self.EEPROM_END:
             self._decode()
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes from ``address``, with zeros beyond the end of the table."""
+        """Return ``size`` bytes starting at ``address``, with zeros beyond the end of the table."""
         return bytes(self._bytes[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes that came over the wire. Writes to read-only bytes, invalid IDs and invalid baud rates are
+        """Write bytes that came over the wire. Writes of read-only bytes, invalid IDs or invalid baud rates are
         ignored."""
         for at, value in enumerate(data, address):
             if at in self._writable and not self._invalid(at, value):
@@ -126,7 +125,7 @@ class Memory:
             self._saved[at] = value
 
     def power_up(self) -> None:
-        """Set the values after power-on: the saved EEPROM, and factory values in RAM."""
+        """Set the power-on values: the saved EEPROM values, and factory values in RAM."""
         self._bytes[self.EEPROM_END :] = bytes(SIZE - self.EEPROM_END)
         self._bytes[: self.EEPROM_END] = self._saved
         self._decode()
@@ -136,7 +135,7 @@ class Memory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def restore_factory(self) -> None:
-        """Reset EEPROM to factory values and save them (instruction 0x06). ``RESET_ID`` determines the ID after the
+        """Reset the EEPROM to factory values and save them (instruction 0x06). ``RESET_ID`` determines the ID after the
         reset."""
         self._restore(self.get(sts.servo_id) if self.RESET_ID is None else self.RESET_ID)
 
@@ -171,5 +170,5 @@ class Memory:
         self._saved[:] = self._bytes[: self.EEPROM_END]
 
     def _invalid(self, address: int, value: int) -> bool:
-        """Return whether the bus could no longer reach the servo with this value. Such a write is refused (assumed)."""
+        """Return whether this value would make the servo unreachable on the bus. Such a write is rejected (assumed)."""
         return value > 0xFD if address == self._id_at else address == self._baud_at and value >= self.BAUDS

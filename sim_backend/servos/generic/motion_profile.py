@@ -1,8 +1,9 @@
-"""Motion profile of a servo: a trapezoidal velocity profile that ends at rest at the goal. The units are counts and
+"""Motion profile of a servo: a trapezoidal velocity profile that comes to rest at the goal. The units are counts and
 seconds.
 
-The duration of the profile is |distance| / speed + speed / acceleration, as in Feetech's examples. A new goal during a
-motion is followed from the current speed, so goals every 50 ms with a suitable speed result in one smooth motion.
+The duration of the profile is |distance| / speed + speed / acceleration, as in Feetech's examples. If a new goal
+arrives during a motion, the profile continues from the current speed. Therefore, goals sent every 50 ms with a suitable
+speed result in one smooth motion.
 """
 
 from math import sqrt
@@ -35,7 +36,7 @@ class MotionProfile:
         self.velocity = 0.0
 
     def step(self, dt_s: float) -> None:
-        """Advance by ``dt_s``. The case at rest is handled first, because most servos are at rest most of the time."""
+        """Advance by ``dt_s``. The at-rest case is handled first, because most servos are at rest most of the time."""
         distance = self.goal - self.position
         if distance == 0.0 and self.velocity == 0.0:
             return
@@ -51,10 +52,10 @@ class MotionProfile:
         self.position = self.goal if arrived else self.position + travelled
 
     def _wanted_speed(self, distance: float, dt_s: float) -> float:
-        """Return the maximum speed from which the profile can still stop at the goal, in steps of ``dt_s``.
+        """Return the maximum speed from which the profile, in steps of ``dt_s``, can still stop at the goal.
 
-        Braking in steps from a speed of n * a * dt takes n(n+1)/2 * a * dt^2 counts. The result is the inverse of this
-        formula. In the last step, the result is the speed that ends exactly at the goal.
+        Braking in steps from a speed of n * a * dt covers n(n+1)/2 * a * dt^2 counts. The result is the inverse of this
+        formula. In the last step, the result is the speed at which the profile ends exactly at the goal.
         """
         per_step = self.acceleration * dt_s
         reach = distance / dt_s

@@ -13,7 +13,7 @@ from sim_backend.packets.sts import Code, status_packet
 
 
 class Table(Protocol):
-    """The part of the control table that a line of servos uses."""
+    """The part of the control table interface that a servo bus uses."""
 
     @property
     def servo_id(self) -> int: ...
@@ -51,7 +51,7 @@ class Fed(Protocol):
 
 
 class Driven(Fed, Protocol):
-    """The part of the firmware that a line uses."""
+    """The part of the firmware interface that a bus uses."""
 
     @property
     def status(self) -> int: ...
@@ -63,7 +63,7 @@ class WiredServo(ABC):
     """A servo on a virtual bus. The bus passes instructions to the servo and advances it."""
 
     BOOT_S: ClassVar[float] = 0.8
-    """Time from power-on to the first reply, in seconds. Feetech's protocol manual gives this time for a reboot."""
+    """Time from power-on to the first reply, in seconds. Feetech's protocol manual specifies this time for a reboot."""
     PRESENT_POSITION: ClassVar[Register] = sts.present_position
     memory: Table
     firmware: Driven
@@ -73,11 +73,11 @@ class WiredServo(ABC):
         self.model = model
         self.gears = gears
         self.on_read: list[Callable[[int, int, bytes], bytes]] = []
-        """Functions that replace the data of a reply with false data. Each function takes the address, the size and the
-        true bytes, and returns the bytes to send."""
+        """Functions that replace the data of a reply with false data. Each function accepts the address, the size and
+        the true bytes, and returns the bytes to send."""
         self.on_status: list[Callable[[int], int]] = []
-        """Functions that replace the error byte of a reply with a false one. Each function takes the true status and
-        returns the status to send."""
+        """Functions that replace the error byte of a reply with a false error byte. Each function accepts the true
+        status and returns the status to send."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -98,7 +98,7 @@ class WiredServo(ABC):
 
     @property
     def deaf_s(self) -> float:
-        """Remaining time of a restart, during which the servo ignores all instructions, in seconds."""
+        """Remaining time of a restart, in seconds; during this time, the servo ignores all instructions."""
         return self._deaf_s
 
     @deaf_s.setter
@@ -118,14 +118,14 @@ class WiredServo(ABC):
 
     @abstractmethod
     def answer(self, instruction: Instruction) -> bytes | None:
-        """Execute an instruction and return the reply, or None if the servo sends none."""
+        """Execute an instruction and return the reply, or None if the servo does not reply."""
 
     @abstractmethod
     def read_status(self, address: int, size: int) -> bytes:
         """Return the status packet that contains the current values of ``size`` bytes from ``address``."""
 
     def _reported(self, address: int, size: int) -> bytes:
-        """Return bytes of the table as a reply contains them, with injected faults."""
+        """Return bytes of the table as they appear in a reply, including the effects of injected faults."""
         data = self.memory.read(address, size)
         for falsify in self.on_read:
             data = falsify(address, size, data)
@@ -137,14 +137,14 @@ class WiredServo(ABC):
 
 
 class PacketServo(WiredServo):
-    """A servo with status packets of Feetech or of Dynamixel protocol 1.0."""
+    """A servo that uses Feetech or Dynamixel protocol 1.0 status packets."""
 
     GROUP_READ: ClassVar[Code | None]
     """Instruction that reads this servo together with other servos; None if there is no such instruction."""
 
     @abstractmethod
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes of the table from ``address``, with the present state."""
+        """Return ``size`` bytes of the table at ``address``, updated with the present state."""
 
     @abstractmethod
     def write(self, address: int, data: bytes) -> None:

@@ -1,11 +1,12 @@
 """Protection of a servo other than STS: status bits, protective torque, and release of the motor.
 
-From the memory table: the status bits and the limits. "Overload torque" for "protection time" leads to "protective
-torque". A bit in "unloading condition" enables its protection. Assumed, because the table does not describe it:
-- Overload is latched until the torque switch is written, or until a new goal leads away from the blocked direction. A
-  stream of equal goals does not clear the latch.
+From the memory table: the status bits and the limits. If the drive reaches "overload torque" for "protection time", it
+is limited to "protective torque". Each bit in "unloading condition" enables the corresponding protection. Assumed,
+because the table does not describe it:
+- Overload is latched until the torque switch is written, or until a new goal leads away from the blocked direction.
+  Repeating the same goal does not clear the latch.
 - Overcurrent releases the motor and is latched in the same way.
-- Voltage and temperature errors are reported, and release the motor, only while the value is out of range.
+- Voltage and temperature errors are reported, and the motor is released, only while the value is out of range.
 """
 
 from typing import Final, Protocol

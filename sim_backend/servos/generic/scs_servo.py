@@ -1,8 +1,8 @@
 """One virtual servo of the SCS series or a similar series: the common firmware with a different table and a
 potentiometer.
 
-Factory values come from Feetech's SCS memory table; values that it does not contain are assumed. Also assumed: the
-position loop is as stiff as that of an STS servo, in newton meters per radian relative to the servo's full drive.
+Factory values are from Feetech's SCS memory table; values that are not in this table are assumed. Also assumed:
+relative to the servo's full drive, the position loop is as stiff as that of an STS servo, in N m per radian.
 """
 
 from typing import ClassVar, Final
@@ -21,7 +21,7 @@ _ABSENT: Final = {
 }
 """Values that the firmware uses if the table has no such register. All other values are 0."""
 _TIME_UNITS: Final = 4
-"""Unit of an SCS servo's protection time (40 ms), in units of an STS servo's protection time (10 ms)."""
+"""Unit of the protection time of an SCS servo (40 ms), in units of the protection time of an STS servo (10 ms)."""
 
 FACTORY: Final[dict[Register, int]] = {
     scs.firmware_major: 3,
@@ -78,7 +78,8 @@ class ScsMemory(Memory):
 
 
 class ScsFirmware(GenericFirmware):
-    """Control loop for coarser counts. The counts do not wrap but end where the potentiometer ends."""
+    """Control loop of servos with coarser counts. The counts do not wrap around, but end where the potentiometer's
+    range ends."""
 
     def load_settings(self) -> None:
         super().load_settings()
@@ -87,8 +88,8 @@ class ScsFirmware(GenericFirmware):
 
 
 class VirtualScsServo(GenericServo):
-    """An SCS servo on a virtual bus. The servo has no sync read and no homing offset, and its readings end where the
-    sensor ends."""
+    """An SCS servo on a virtual bus. The servo supports neither sync reads nor a homing offset, and its readings end
+    where the sensor's range ends."""
 
     GROUP_READ: ClassVar[Code | None] = None
 

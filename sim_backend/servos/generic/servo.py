@@ -1,8 +1,8 @@
 """One virtual servo other than STS: control table, firmware and instructions.
 
-Assumed, because the manuals do not describe it: a write of the ID or the baud rate is answered with the old ID.
-Malformed and unknown instructions, and reads of more bytes than a reply can hold, are not answered. A servo
-that reboots ignores all instructions.
+Assumed, because the manuals do not describe it: the reply to a write of the ID or the baud rate uses the old ID.
+The servo does not reply to malformed or unknown instructions, or to reads of more bytes than fit into a reply. A
+rebooting servo ignores all instructions.
 """
 
 from typing import ClassVar

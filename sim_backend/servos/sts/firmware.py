@@ -11,7 +11,7 @@ from sim_backend.servos.sts.memory import StsMemory
 from sim_backend.servos.sts.state import STATE, States, forget_volatile, new_states
 
 ENCODER_LAG_S: Final = 0.0018
-"""Time constant of the AS5600's filter, fitted to step responses of real servos. The data sheet of the AS5600 gives
+"""Time constant of the AS5600's filter, fitted to step responses of real servos. The data sheet of the AS5600 specifies
 about 2 ms."""
 _NOTED: Final = (
     (sts.goal_position, kernel.GOAL_NOTED),
@@ -22,23 +22,23 @@ _NOTED: Final = (
 )
 
 _NO_OFFSET: Final = 1 << 16
-"""A value that a register cannot contain. This value makes the kernel load the homing offset again, even if the offset
+"""A value that does not fit in a register. This value makes the kernel load the homing offset again, even if the offset
 has not changed."""
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
-"""Motor constants that are proportional to the winding's number of turns."""
+"""Motor constants that are proportional to the number of turns in the winding."""
 
 
 @dataclass(frozen=True, slots=True)
 class StsVariant:
-    """Firmware behavior on which reports contradict each other or which only one source describes."""
+    """Firmware behavior for which reports contradict each other, or which only one source describes."""
 
     goal_write_energises: bool = True
-    """Whether a write of the operating mode's goal enables the torque."""
+    """Whether writing the operating mode's goal enables torque."""
     torque_on_takes_goal: bool = False
-    """Whether the servo moves to the goal register when the torque is enabled. If not, the servo holds its current
-    position."""
+    """Whether the servo moves to the position in the goal register when torque is enabled. If false, the servo holds
+    its current position."""
     forgets_goal_within_tick: bool = True
-    """Whether a goal, acceleration or velocity is lost if another write follows within the same millisecond."""
+    """Whether a written goal, acceleration or velocity is lost if another write follows within the same millisecond."""
 
 
 AS_REIMPLEMENTED: Final = StsVariant()
@@ -46,7 +46,7 @@ AS_REIMPLEMENTED: Final = StsVariant()
 
 
 def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
-    """Return the record of one servo without power and at ambient temperature."""
+    """Return the record of one servo that has no power and is at ambient temperature."""
     return new_states(
         torque_constant_nm_a=motor.torque_constant_nm_a,
         back_emf_v_s=motor.back_emf_v_s,
@@ -71,17 +71,17 @@ class StsFirmware:
         self._wound = {name: self._value(name) for name in _WINDING}
         self.voltage_v = voltage_v
         self.restart()
-        self.step(0.0, 0.0, 0.0)  # Compile or load the kernel now, not in the first millisecond of a real-time line.
+        self.step(0.0, 0.0, 0.0)  # Compile or load the kernel now, not during the first millisecond of a real-time bus.
 
     def work_on(self, states: States) -> None:
-        """Move the state of the servo into this array. A line keeps the records of all its servos in one array."""
+        """Move the servo's state into this array. A bus keeps the records of all its servos in a single array."""
         states[:] = self._states
         self._take(states)
         self._memory.work_on(states)
 
     def _take(self, states: States) -> None:
         self._states = states
-        # The fields are looked up once because the line reads some of them for every packet.
+        # The fields are looked up once, because the bus reads some of them for every packet.
         self._fields = {name: states[name] for name in STATE.names or ()}
 
     def restart(self) -> None:
@@ -90,18 +90,18 @@ class StsFirmware:
         kernel.power_on(self._states, self.voltage_v)
 
     def observe(self, angle_rad: float) -> None:
-        """Set the shaft's angle without motion, at power-on or after it was turned by hand."""
+        """Set the shaft angle without simulating a motion, at power-on or after the shaft was turned by hand."""
         self._fields["lagged_rad"][0] = angle_rad
         kernel.look(self._states, self.voltage_v)
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
-        """Advance by ``dt_s`` with the true state of the shaft. Return the torque on the shaft (N m)."""
+        """Advance the firmware by ``dt_s`` with the true state of the shaft. Return the torque on the shaft (N m)."""
         torque_nm, current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
         self._fields["supply_current_a"][0] = current_a
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
-        """Record which goals and profile settings a write has changed, for the next millisecond."""
+        """Record which goals and profile settings a write has changed, for use in the next millisecond."""
         noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")
@@ -129,7 +129,7 @@ class StsFirmware:
 
     @property
     def deaf_s(self) -> float:
-        """Remaining time of a reboot, during which the servo ignores all instructions, in seconds."""
+        """Remaining time of a reboot, in seconds; during this time, the servo ignores all instructions."""
         return self._value("deaf_s")
 
     @deaf_s.setter
@@ -166,7 +166,7 @@ class StsFirmware:
 
     @property
     def raw_count(self) -> int:
-        """Encoder count within the turn, without the homing offset."""
+        """Encoder count within one turn, excluding the homing offset."""
         return self._number("raw")
 
     @property
@@ -186,7 +186,7 @@ class StsFirmware:
 
     @property
     def current_a(self) -> float:
-        """Motor current with its sign, in amperes."""
+        """Signed motor current, in amperes."""
         return self._value("current_a")
 
     @property

@@ -2,9 +2,9 @@
 
 Each function is one part of the firmware. The section numbers refer to the rows of the table in docs/simulation.md,
 which lists the sources. Units: drive in 1/1000 of full drive, position in counts (1/4096 turn), time in ms. The motion
-profile uses 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft toward smaller counts.
+profile uses units of 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft toward smaller counts.
 
-All arithmetic uses integers, as in the servo. All compiled code of the firmware is in this file: numba checks only a
+All arithmetic uses integers, as in the servo. All compiled firmware code is in this file, because numba checks only a
 function's own file when it decides whether cached machine code is stale.
 """
 
@@ -18,9 +18,10 @@ from sim_backend.mechanics.plant import ShaftTable
 from sim_backend.servos.sts.state import States, Supplies
 
 Record = Any
-"""One record of ``sim_backend.servos.sts.state.STATE``. numba cannot name the type of a record."""
+"""One record of ``sim_backend.servos.sts.state.STATE``. The type is Any, because numba cannot name the type of a
+record."""
 
-# Addresses in the control table. numba compiles module-level integers into the code as constants.
+# Addresses in the control table, as module-level integers, which numba compiles into the code as constants.
 MIN_POSITION: Final = sts.min_position.address
 MAX_POSITION: Final = sts.max_position.address
 MAX_TEMPERATURE: Final = sts.max_temperature.address
@@ -128,7 +129,7 @@ def put_word(s: Record, address: int, value: int) -> None:
 
 @compiled
 def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
-    """Write a value as a sign and a magnitude. A magnitude that is too large loses its high bits."""
+    """Write a value in sign-magnitude format. If the magnitude is too large, its high bits are lost."""
     magnitude = abs(value) & ((1 << sign_bit) - 1)
     put_word(s, address, magnitude | (1 << sign_bit if value < 0 else 0))
 
@@ -156,7 +157,7 @@ def clip(value: int, limit: int) -> int:
 
 @compiled
 def counts_turns(s: Record) -> bool:
-    """Return whether the operating mode controls the position."""
+    """Return whether the operating mode is a position control mode."""
     return byte(s, OPERATING_MODE) == POSITION or byte(s, OPERATING_MODE) == STEP
 
 
@@ -180,7 +181,8 @@ def sense(s: Record) -> None:
 
 @compiled
 def see(s: Record) -> None:
-    """Read the angle from the encoder and count turns. The homing offset applies only to position and step mode."""
+    """Read the angle from the encoder and count turns. The homing offset applies only in position mode and step
+    mode."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, OPERATING_MODE)
     offset = homing_offset(s) if counts_turns(s) else 0
@@ -201,7 +203,7 @@ def see(s: Record) -> None:
 
 @compiled
 def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
-    """Change the reference of positions without moving the shaft. The set-point changes together with the position."""
+    """Change the position reference without moving the shaft. The set-point changes together with the position."""
     if forget_turns:
         s.turns = 0
     position = reading + s.turns * TURN
@@ -218,7 +220,7 @@ def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
 
 @compiled
 def take_writes(s: Record) -> None:
-    """Apply the last write: enable the torque if a goal was written, and use the goal."""
+    """Apply the last write: if a goal was written, enable torque and use the goal."""
     noted, mode = s.noted, byte(s, OPERATING_MODE)
     s.noted = 0
     goal_of_mode = GOAL_NOTED
@@ -240,7 +242,7 @@ def take_writes(s: Record) -> None:
 
 @compiled
 def begin_profile(s: Record) -> None:
-    """Load the settings of the motion profile after power-on or a change of mode."""
+    """Load the motion profile settings after power-on or a mode change."""
     take_speed(s)
     take_ramp(s)
 
@@ -262,7 +264,7 @@ def take_goal(s: Record) -> None:
 
 @compiled
 def asked_speed(s: Record) -> int:
-    """Return the goal velocity in counts per second, signed and clipped to the factory limits."""
+    """Return the signed goal velocity in counts per second, clipped to the factory limits."""
     speed = signed(s, GOAL_VELOCITY, 15)
     if not byte(s, PHASE) & COUNTS_PER_S_BIT:
         speed *= s.windows_s
@@ -286,9 +288,9 @@ def take_speed(s: Record) -> None:
 
 @compiled
 def take_ramp(s: Record) -> None:
-    """Store the largest change of speed per millisecond; 0 means no limit.
+    """Store the maximum change of speed per millisecond; 0 means that there is no limit.
 
-    A change of the registers for the maximum and the multiplier takes effect only when the acceleration is written
+    A change to the registers for the maximum and the multiplier takes effect only when the acceleration is written
     again.
     """
     ramp, largest = byte(s, ACCELERATION), byte(s, MAX_ACCELERATION)
@@ -302,7 +304,7 @@ def take_ramp(s: Record) -> None:
 
 @compiled
 def follow_shaft(s: Record) -> None:
-    """Set the set-point and the goal to the position of the shaft, at rest."""
+    """Set the set-point and the goal to the current shaft position, at rest."""
     s.goal = s.position
     s.setpoint_e4, s.speed_e4, s.planned = s.position * FINE, 0, 0
 
@@ -333,7 +335,7 @@ def braking_distance(speed: int, ramp: int) -> int:
 
 @compiled
 def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
-    """Move the set-point for one millisecond at this speed. The set-point stops at the goal."""
+    """Move the set-point at this speed for one millisecond. The set-point stops at the goal."""
     if speed >= distance:
         s.setpoint_e4, s.speed_e4 = s.goal * FINE, 0
     else:
@@ -351,7 +353,7 @@ def come_to_rest(s: Record) -> None:
 
 @compiled
 def prepare(s: Record, way: int, distance: int) -> None:
-    """Brake after a change of the goal until the set-point can stop at the goal. The set-point may pass the goal
+    """After a goal change, brake until the set-point can stop at the goal. The set-point may overshoot the goal
     first."""
     speed, slowest = s.speed_e4 * way, s.lowest_counts_s * FINE_PER_MS
     if speed < 0:
@@ -369,7 +371,8 @@ def prepare(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def approach(s: Record, way: int, distance: int) -> None:
-    """Approach a goal that the set-point can reach: accelerate to the top speed, brake in time and stop at the goal."""
+    """Approach a goal at which the set-point can stop: accelerate to the top speed, brake in time and stop at the
+    goal."""
     speed = s.speed_e4 * way
     if braking_distance(speed, s.ramp_e4) >= distance:
         speed -= s.ramp_e4
@@ -380,7 +383,7 @@ def approach(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def ramp_speed(s: Record) -> None:
-    """Move the speed set-point of velocity mode toward the goal velocity (section 4)."""
+    """In velocity mode, move the speed set-point toward the goal velocity (section 4)."""
     wanted, change = s.top_e4, s.ramp_e4
     s.speed_e4 = wanted if change == 0 else min(max(wanted, s.speed_e4 - change), s.speed_e4 + change)
     s.goal = s.position
@@ -389,8 +392,8 @@ def ramp_speed(s: Record) -> None:
 
 @compiled
 def profile_runs(s: Record) -> bool:
-    """Return whether the set-point is moving or still has to move. At a top speed of 0, the set-point does not have to
-    move."""
+    """Return whether the set-point is moving or still has to move. If the top speed is 0, the set-point does not have
+    to move."""
     return bool(s.speed_e4 != 0 or (s.setpoint_e4 != s.goal * FINE and s.top_e4 != 0))
 
 
@@ -405,8 +408,8 @@ def profile_speed(s: Record) -> int:
 
 @compiled
 def limited(s: Record, drive: int) -> int:
-    """Add the startup force to the drive, and limit the drive by the torque limit. The part of the drive beyond the
-    limit is stored."""
+    """Add the startup force to the drive, and clip the drive to the torque limit. The amount by which the drive exceeds
+    the limit is stored."""
     if drive:
         drive += byte(s, MINIMUM_STARTUP_FORCE) if drive > 0 else -byte(s, MINIMUM_STARTUP_FORCE)
     cut = clip(drive, word(s, TORQUE_LIMIT))
@@ -416,7 +419,7 @@ def limited(s: Record, drive: int) -> int:
 
 @compiled
 def position_loop(s: Record) -> int:
-    """Return the drive for the position error (section 3)."""
+    """Return the drive computed from the position error (section 3)."""
     error = s.position - quotient(s.setpoint_e4, FINE)
     if error > byte(s, CW_DEAD_ZONE):
         error -= byte(s, CW_DEAD_ZONE)
@@ -435,7 +438,7 @@ def position_loop(s: Record) -> int:
 
 @compiled
 def integral(s: Record, error: int) -> int:
-    """Return the integral term. The sum of errors grows only while the shaft is at rest."""
+    """Return the integral term. The error sum grows only while the shaft is at rest."""
     gain = byte(s, POSITION_I)
     if gain == 0:
         s.error_sum = 0
@@ -452,7 +455,7 @@ def integral(s: Record, error: int) -> int:
 
 @compiled
 def velocity_loop(s: Record) -> int:
-    """Return the drive for the speed error, which is given in counts per window (section 4)."""
+    """Return the drive computed from the speed error, which is in counts per window (section 4)."""
     error, gain = s.window_counts - profile_speed(s), byte(s, VELOCITY_I)
     s.error_sum = s.error_sum + error - s.drive_cut if gain else 0
     return limited(s, quotient(error * byte(s, VELOCITY_P), 10) + quotient(s.error_sum * gain, 1000))
@@ -482,7 +485,7 @@ def rest_loops(s: Record) -> None:
 
 @compiled
 def watch_supply(s: Record) -> None:
-    """Compare voltage and temperature with their limits."""
+    """Compare the voltage and temperature with their limits."""
     voltage, temperature = byte(s, PRESENT_VOLTAGE), byte(s, PRESENT_TEMPERATURE)
     s.high_voltage_ms = s.high_voltage_ms + 1 if voltage > byte(s, MAX_VOLTAGE) else 0
     s.hot_ms = s.hot_ms + 1 if temperature > byte(s, MAX_TEMPERATURE) else 0
@@ -513,7 +516,7 @@ def watch_current(s: Record) -> None:
 
 @compiled
 def watch_push(s: Record, asked: int) -> None:
-    """Detect overload: high drive that does not move the shaft for too long."""
+    """Detect an overload: a high drive that fails to move the shaft for too long."""
     if byte(s, TORQUE_ENABLE) != 1 or asked * s.push < 10 * byte(s, PROTECTIVE_TORQUE):
         s.push = 0
         s.status &= ~OVERLOAD
@@ -530,7 +533,7 @@ def watch_push(s: Record, asked: int) -> None:
 
 @compiled
 def protected(s: Record, asked: int) -> int:
-    """Limit the requested drive to the protective torque during an overload."""
+    """During an overload, limit the requested drive to the protective torque."""
     if s.status & byte(s, UNLOADING_CONDITION) & OVERLOAD and byte(s, OPERATING_MODE) != PWM:
         asked = s.push * 10 * byte(s, PROTECTIVE_TORQUE)
     return asked
@@ -570,9 +573,9 @@ def tick(s: Record) -> None:
 
 @compiled
 def folded(s: Record, position: int) -> int:
-    """Return a position as the servo reports it in all modes except step mode.
+    """Return a position as reported by the servo in all modes except step mode.
 
-    The position is within one turn. With the unfolded bit of the phase register set, the position is not wrapped, and
+    The position is within one turn. If the unfolded bit of the phase register is set, the position is not wrapped, and
     its unit is the angular resolution.
     """
     return quotient(position, max(1, byte(s, ANGULAR_RESOLUTION))) if byte(s, PHASE) & UNFOLDED_BIT else position % TURN
@@ -580,7 +583,7 @@ def folded(s: Record, position: int) -> int:
 
 @compiled
 def steps(s: Record, counts: int) -> int:
-    """Convert counts to the units of step mode, which depend on the angular resolution."""
+    """Convert counts to step mode units, which depend on the angular resolution."""
     return clip(quotient(counts, max(1, byte(s, ANGULAR_RESOLUTION))), LARGEST_SHOWN)
 
 
@@ -606,7 +609,7 @@ def report(s: Record) -> None:
 
 @compiled
 def measure(s: Record, voltage_v: float) -> None:
-    """Write voltage, temperature and current to the control table, in the units of the servo's converter."""
+    """Write the voltage, temperature and current to the control table, in the units of the servo's A/D converter."""
     s.table[PRESENT_VOLTAGE] = max(0, min(255, int(voltage_v * 10.0 + 0.5)))
     s.table[PRESENT_TEMPERATURE] = max(0, min(255, int(s.temperature_c + 0.5)))
     put_word(s, PRESENT_CURRENT, min(LARGEST_CURRENT, int(abs(s.current_a) / CURRENT_UNIT_A)))
@@ -680,7 +683,7 @@ def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, v
 
 @compiled
 def share_supplies(states: States, supplies: Supplies) -> None:
-    """Compute the voltage of each supply under the current of all servos on that supply."""
+    """Compute the voltage of each supply from the total current of all servos on that supply."""
     for k in range(len(supplies)):
         total_a = 0.0
         for i in range(len(states)):
@@ -701,8 +704,7 @@ def step_all(
     effort: Floats,
     dt_s: float,
 ) -> None:
-    """Advance all servos of a line by ``dt_s``: read the joint positions and velocities, and write the joint
-    efforts."""
+    """Advance all servos on a bus by ``dt_s``: read the joint positions and velocities, and write the joint efforts."""
     share_supplies(states, supplies)
     for i in range(len(states)):
         s: Record = states[i]

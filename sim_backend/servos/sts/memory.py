@@ -1,7 +1,7 @@
 """Control table of one virtual STS servo: access rules, and the registers that survive power-off.
 
-The firmware works on the same bytes. Addresses that Feetech's table does not list behave like the adjacent addresses.
-The lock register does not prevent a write, but a value that is written while it is locked is lost at power-off.
+The firmware works directly on these bytes. Addresses that Feetech's table does not list behave like the adjacent
+addresses. The lock register does not prevent writes, but a value written while it is locked is lost at power-off.
 """
 
 from typing import Final
@@ -79,12 +79,12 @@ class StsMemory:
         self.power_up()
 
     def work_on(self, states: States) -> None:
-        """From now on, use the table of this record."""
+        """From now on, use the control table in this record."""
         self._table = memoryview(states["table"][0])
 
     @property
     def answers(self) -> int:
-        """Status level. At 1, the servo answers pings and reads. At 2, it answers every instruction."""
+        """Status level. At level 1, the servo replies to pings and reads. At 2, it answers every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def get(self, register: Register) -> int:
@@ -97,7 +97,7 @@ class StsMemory:
         self._decode()
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes from ``address``, or fewer at the end of the table."""
+        """Return ``size`` bytes starting at ``address``, or fewer at the end of the table."""
         return bytes(self._table[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
@@ -114,7 +114,7 @@ class StsMemory:
         self._saved[span] = self._table[span]
 
     def power_up(self) -> None:
-        """Restore the saved registers and reset the volatile ones."""
+        """Restore the saved registers and reset the volatile registers."""
         self._table[:] = self._saved
         for at in set(range(TABLE_SIZE)) - PERSISTENT - set(range(4)):
             self._table[at] = 0

@@ -1,7 +1,7 @@
 """One virtual STS servo: control table, firmware and instructions.
 
 ``scs_servo`` and ``protocol1_servo`` contain servos that use the same packets but different tables. docs/simulation.md
-describes the known behavior of an STS servo, with sources. Also assumed: a malformed read is not answered.
+describes the known behavior of an STS servo, with sources. Also assumed: the servo does not reply to a malformed read.
 """
 
 from typing import ClassVar, Final
@@ -19,7 +19,7 @@ from sim_backend.servos.sts.memory import OFFSET_WORD, StsMemory, offset_word
 from sim_backend.servos.sts.state import TABLE_SIZE
 
 SET_MIDDLE: Final = 128
-"""Value of the torque switch that makes the current position the middle (2048)."""
+"""Value of the torque switch that defines the current position as the middle position (2048)."""
 MIDDLE: Final = 2048
 REBOOT_S: Final = 0.8
 """Duration of a reboot according to the protocol manual, in seconds."""
@@ -47,8 +47,8 @@ class VirtualServo(PacketServo):
 
     @property
     def deaf_s(self) -> float:
-        """Remaining time during which the servo ignores all instructions, in seconds. The compiled firmware counts this
-        time down."""
+        """Remaining time during which the servo ignores all instructions, in seconds. The compiled firmware decrements
+        this time."""
         return self.firmware.deaf_s
 
     @deaf_s.setter
@@ -57,8 +57,8 @@ class VirtualServo(PacketServo):
 
     @property
     def return_delay_s(self) -> float:
-        """Delay from an instruction to its reply, in seconds: the time of one byte without traffic, plus the return
-        delay register."""
+        """Delay between an instruction and its reply, in seconds: the duration of one byte without traffic, plus the
+        return delay register."""
         return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
 
     def answer(self, instruction: Instruction) -> bytes | None:
@@ -104,7 +104,7 @@ class VirtualServo(PacketServo):
                     self.call_this_angle(count)
 
     def read(self, address: int, size: int) -> bytes:
-        """Return ``size`` bytes of the table from ``address``, with the values of the last millisecond."""
+        """Return ``size`` bytes of the control table at ``address``, with the values from the last millisecond."""
         return self._reported(address, TABLE_SIZE if address == size == 0 else size)
 
     def write(self, address: int, data: bytes) -> None:
@@ -123,8 +123,8 @@ class VirtualServo(PacketServo):
             self.memory.put(sts.torque_enable, 0)
 
     def call_this_angle(self, count: int) -> None:
-        """Set the homing offset so that the current angle of the shaft reads as ``count``, and save it regardless of
-        the lock."""
+        """Set the homing offset so that the current shaft angle is reported as ``count``, and save the offset
+        regardless of the lock."""
         self.memory.save(OFFSET_WORD, offset_word(self.firmware.raw_count - count))
         self.firmware.forget_turns()
 

@@ -14,7 +14,7 @@ States = NDArray[np.void]
 """An array with one record for each servo."""
 
 Supplies = NDArray[np.void]
-"""An array with one record of ``SUPPLY`` for each supply of a line."""
+"""An array with one ``SUPPLY`` record for each supply of a bus."""
 
 _PARAMETERS: Final = (
     # Motor, as seen at the output shaft.
@@ -25,12 +25,12 @@ _PARAMETERS: Final = (
     ("thermal_time_s", "f8"),
     ("ambient_c", "f8"),
     ("encoder_lag_s", "f8"),
-    # Behavior on which reports about the firmware contradict each other.
+    # Behavior for which reports about the firmware contradict each other.
     ("goal_write_energises", "i8"),
     ("torque_on_takes_goal", "i8"),
     # Physical state, which is not lost at power-off.
     ("temperature_c", "f8"),
-    ("lagged_rad", "f8"),  # shaft angle after the filter of the encoder
+    ("lagged_rad", "f8"),  # shaft angle after the encoder filter
     ("encoder_fails", "i8"),  # whether the encoder does not respond to the firmware
     ("encoder_sticks", "i8"),  # whether the encoder repeats its last value
     ("deaf_s", "f8"),  # remaining time of a reboot
@@ -41,9 +41,9 @@ _PARAMETERS: Final = (
 
 _VOLATILE: Final = (
     ("elapsed_ns", "i8"),  # time since the last full millisecond
-    ("noted", "i8"),  # goals and profile settings that the last write has changed
+    ("noted", "i8"),  # goals and profile settings changed by the last write
     # Settings that are read only at power-on.
-    ("windows_s", "i8"),  # windows per second, which is also the speed of one count per window in counts per second
+    ("windows_s", "i8"),  # windows per second; this is also the speed of one count per window, in counts per second
     ("window_ms", "i8"),
     ("lowest_counts_s", "i8"),
     ("highest_counts_s", "i8"),

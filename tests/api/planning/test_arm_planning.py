@@ -56,7 +56,7 @@ def test_a_plan_is_refused_after_an_object_came_into_its_way(ready: Arm) -> None
     plan = ready.plan({"shoulder_pan": 0.9})
     ready.scene.add_box("wall", (0.30, 0.02, 0.24), (0.30, 0.0, 0.12))
     before = ready.state.command
-    with pytest.raises(PlanFailedError, match=r"comes too near to wall after .* s: plan again"):
+    with pytest.raises(PlanFailedError, match=r"comes too close to wall after .* s: plan again"):
         ready.follow(plan)
     assert ready.step(3).command == before
 
@@ -102,7 +102,7 @@ def test_bad_input_moves_nothing(ready: Arm) -> None:
         ready.plan(ArmPose((0.2, 0.0, 0.1), tool="camera"))
     with pytest.raises(PlanFailedError, match="every length must be positive"):
         ready.scene.add_box("flat", (0.1, 0.0, 0.1), (0.3, 0.3, 0.1))
-    with pytest.raises(ArmInputError, match="no planned joint gripper"):
+    with pytest.raises(ArmInputError, match="no planning group moves joint gripper"):
         ready.plan({"gripper": 1.0})
     with pytest.raises(ArmInputError, match="either a target or a pose"):
         ready.move_to()
