@@ -7,7 +7,7 @@ Chromium browser of this machine. The browser renders without a graphics card an
 Two periods are measured during the jobs: the time between the starts of two cycles, and the time between two
 measurements. Both are reported as deviations from the configured period. The second period includes the delays of the
 kernel and the virtual servos. In 24 jobs, p99.9 depends on the five worst cycles. ``--rounds 3`` alternates between
-runs without and with the page, and compares the cycles across all runs.
+runs with and without the page, and compares the cycles across all runs.
 """
 
 import argparse

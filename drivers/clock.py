@@ -39,8 +39,8 @@ def computing_time(clock: Clock) -> Callable[[], float]:
         clock: Clock of the thread.
 
     Returns:
-        The CPU time of the thread. For a simulated thread, the time of its clock, because the thread is always
-        computing.
+        The CPU time of the thread. For a simulated thread, this is the time on its clock, because the thread never
+        waits.
     """
     return time.thread_time if isinstance(clock, MonotonicClock) else clock.now
 

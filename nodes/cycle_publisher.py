@@ -23,7 +23,7 @@ class CyclePublisher:
         self._publish = publish
         self._cycles: deque[JointState] = deque(maxlen=KEPT_CYCLES)
         self._posted = self._published = 0
-        """Numbers of posted and published cycles. Each counter is written by only one thread."""
+        """Number of queued cycles and number of published cycles. Each counter is written by only one thread."""
         self._caught_up = threading.Condition()
         self._idle = threading.Lock()
         """Lock that is held until a cycle is posted. The loop thread only releases this lock, so it never waits for the

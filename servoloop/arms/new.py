@@ -1,4 +1,4 @@
-"""Write the folder of a new arm: URDF, robot file, controllers file, ``arm.yaml`` and scene."""
+"""Create the folder for a new arm: URDF, robot file, controllers file, ``arm.yaml`` and scene."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
-    """Write the folder of a new arm. The folder name becomes the arm name.
+    """Create the folder for a new arm. The folder name becomes the arm name.
 
     The scene is written only if the ``sim`` extra is installed. A real arm does not need a scene.
 

@@ -126,7 +126,7 @@ def replay(
 
 
 def _require_no_motion_options(place: TaughtArm, options: PlayOptions) -> None:
-    """Raise DriverError if an option selects an arm or a motion although the recording is only shown."""
+    """Raise DriverError if an option for a motion is given, but the recording is only displayed."""
     unset = PlayOptions()
     given = {
         "--arm": place.arm is not None,

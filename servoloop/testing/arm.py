@@ -142,7 +142,7 @@ class VirtualArm:
 
         Args:
             positions: Target positions in rad or m, keyed by joint name.
-            seconds: Time from the start of the goal to its point, in seconds.
+            seconds: Time from the start of the goal until the joints reach the target, in seconds.
             controller: Name of a controller that accepts goals; None to use the arm's joint trajectory controller.
 
         Returns:

@@ -146,7 +146,7 @@ class Protocol2Memory(ABC):
 
 
 def runs(places: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield the begin and end indices of each run of consecutive addresses."""
+    """Yield the start and end indices of each run of consecutive addresses."""
     begin = 0
     for i in range(1, len(places) + 1):
         if i == len(places) or places[i] != places[i - 1] + 1:
