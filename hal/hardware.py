@@ -149,7 +149,7 @@ class Reactivating(Protocol):
 
         Raises:
             ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay limp.
-            DriverError: The hardware does not answer. The state is the same as after an ActivationError.
+            DriverError: The hardware does not respond. The state is the same as after an ActivationError.
         """
         ...
 

@@ -88,7 +88,7 @@ def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> Pres
 
 
 def answering_servos(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
-    """Return the states of all servos that respond. Raises DriverError if no servo answers."""
+    """Return the states of all servos that respond. Raises DriverError if none does."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
         missing = [i for i in servo_ids if i not in states]

@@ -46,7 +46,7 @@ def on_ray(
 
     Raises:
         ExtraError: Ray is not installed.
-        RayError: The cluster does not answer.
+        RayError: The cluster does not respond.
         WorkerError: The Ray worker of one task is killed repeatedly.
     """
     ray = _ray()

@@ -1,13 +1,14 @@
 """Invariants after a goal ends: the arm comes to rest, stays there, and does not press against anything."""
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from controller.action_goals import GoalStatus
+from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.api.freedrive import FREEDRIVE
@@ -25,6 +26,8 @@ CREEPS: Final = 0.01
 BRAKES: Final = 1.3
 """Factor by which the shortest braking time of the slowest joint is multiplied, because all joints brake together along
 the path."""
+TURNS: Final = 0.25
+"""Distance that a joint covers from rest to rest, as a fraction of its acceleration times the square of the time."""
 PRESSES_SHARE: Final = 0.03
 """Allowed distance between the command and the joint, as a fraction of the joint's range. Servos give way under load,
 and relief is not exact."""
@@ -90,8 +93,9 @@ class NothingTravels(Invariant):
         if self._disturbed(state):
             self._end = None
             return
-        if streamed or any(one.controller == self.arm.name for one in self.stack.ended_goals):
-            self._end = self._begun(command, loop.previous_command[self._places])
+        ended = [one.goal for one in self.stack.ended_goals if one.controller == self.arm.name]
+        if streamed or ended:
+            self._end = self._begun(command, loop.previous_command[self._places], ended)
         if self._end is None:
             return
         here = self._true()
@@ -118,14 +122,33 @@ class NothingTravels(Invariant):
         away = not self.active or not entry.active or "component" in _kinds(state)
         return bool(self.open_goals) or away or self.upset
 
-    def _begun(self, command: FloatArray, before: FloatArray) -> _End:
+    def _begun(self, command: FloatArray, before: FloatArray, ended: Sequence[TrajectoryGoal]) -> _End:
+        """Return the range in which the joints may come to rest while they brake along the paths of ended goals."""
         velocity = (command - before) / self.stack.loop.period_s
         speed = np.abs(velocity)
         brakes_s = float((speed / self._acceleration + self._acceleration / self._jerk).max())
         rests = command + velocity * (BRAKES * brakes_s + 2.0 * self.stack.loop.period_s)
         here = self._true()
-        ends = np.array([command, rests, here])
+        turns = [
+            self._turn(command, goal, speed * brakes_s + TURNS * self._acceleration * brakes_s**2) for goal in ended
+        ]
+        ends = np.array([command, rests, here, *(end for pair in turns for end in pair)])
         return _End(ends.min(axis=0), ends.max(axis=0), self.stack.clock.now(), here)
+
+    def _turn(self, command: FloatArray, goal: TrajectoryGoal, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the range (n,) that joints reach toward the waypoints of a goal with several points.
+
+        Along such a path, a joint may reverse its direction while another joint brakes.
+        """
+        lowest, highest = command.copy(), command.copy()
+        if len(goal.points) > 1:
+            for place, joint in enumerate(self.arm.joints):
+                if joint in goal.joints:
+                    column = goal.joints.index(joint)
+                    positions = [point.positions[column] for point in goal.points]
+                    lowest[place] = min(lowest[place], max(min(positions), command[place] - reach[place]))
+                    highest[place] = max(highest[place], min(max(positions), command[place] + reach[place]))
+        return lowest, highest
 
     def _true(self) -> FloatArray:
         true = self.true_positions()
