@@ -81,6 +81,9 @@ class NothingTravels(Invariant):
         self._range = np.array([min(limit.upper - limit.lower, 7.0) for limit in limits])
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
+        velocity = np.array([limit.velocity for limit in limits])
+        self._brakes_s = float((velocity / self._acceleration + self._acceleration / self._jerk).max())
+        """Maximum braking time of the joints, in seconds."""
         self._reference = read_reference(stack.files)
         self._end: _End | None = None
         self._streamed = False
@@ -129,9 +132,8 @@ class NothingTravels(Invariant):
         brakes_s = float((speed / self._acceleration + self._acceleration / self._jerk).max())
         rests = command + velocity * (BRAKES * brakes_s + 2.0 * self.stack.loop.period_s)
         here = self._true()
-        turns = [
-            self._turn(command, goal, speed * brakes_s + TURNS * self._acceleration * brakes_s**2) for goal in ended
-        ]
+        reach = speed * self._brakes_s + TURNS * self._acceleration * self._brakes_s**2
+        turns = [self._turn(command, goal, reach) for goal in ended]
         ends = np.array([command, rests, here, *(end for pair in turns for end in pair)])
         return _End(ends.min(axis=0), ends.max(axis=0), self.stack.clock.now(), here)
 
