@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
+from commissioning.atomic_write import write_file
 from servoloop.arm_pictures.labels import COLORS, Drawing, Label
 from servoloop.arm_pictures.posed_arm import PosedArm
 from servoloop.stack.arm_folders import ArmFolder, read_arm_servos
-from servoloop.stack.result_files import write_file
 from sim_backend.scene.still import take
 
 SIZE: Final = (1200, 760)

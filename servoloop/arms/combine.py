@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from commissioning.atomic_write import make_folder, write_file
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
@@ -16,7 +17,6 @@ from servoloop.arms.new_urdf import ROBOT_FILE
 from servoloop.extras import missing_extras
 from servoloop.manual.poses import FILE as POSES_FILE
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.result_files import make_folder, write_file
 from servoloop.stack.shipped_files import ARM_FILE
 
 TRAJECTORY: Final = JointTrajectoryController.kind

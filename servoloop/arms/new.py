@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 from typing import Final
 
+from commissioning.atomic_write import make_folder, write_file
 from drivers.servos.catalog import MODELS
 from hal.errors import ArmFileError
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
 from servoloop.arms.new_urdf import ROBOT_FILE, NewDescription, metres_per_radian, new_description
 from servoloop.extras import missing_extras
-from servoloop.stack.result_files import make_folder, write_file
 from servoloop.stack.shipped_files import ARM_FILE, ARMS
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from commissioning.atomic_write import write_file
 from servoloop.campaign.campaign import files_of, run_schedule_of
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
@@ -14,7 +15,6 @@ from servoloop.simulation.cycle_recorder import CycleRecorder, CycleRecording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
-from servoloop.stack.result_files import write_file
 
 BEFORE_S: Final = 2.0
 """Duration of a trace before the violation, in seconds."""

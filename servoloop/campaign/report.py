@@ -8,6 +8,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from commissioning.atomic_write import write_file
 from hal.joint import Joint
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.kept_violation import BEFORE_S, KeptViolation
@@ -15,7 +16,6 @@ from servoloop.campaign.tally import INVARIANTS, RunOutcome, RunRow, Tally
 from servoloop.simulation.cycle_recorder import CycleRecording
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
-from servoloop.stack.result_files import write_file
 from sim_backend.faults.event import Event
 from sim_backend.faults.text import text_of
 

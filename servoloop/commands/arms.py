@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from commissioning.atomic_write import make_folder
 from servoloop.extras import missing_extras, require_extras
 from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
-from servoloop.stack.result_files import make_folder
 from servoloop.stack.terminal import print_styled
 
 app = typer.Typer()

@@ -85,11 +85,11 @@ def arm(
     second Ctrl-C skips the return motion, and the torque may stay enabled. Without ROS, the ROS results are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
+    from commissioning.atomic_write import make_folder, require_file
     from drivers.clock import MonotonicClock
     from servoloop.bench.arm import bench_arm
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.loop_thread import LEFT
-    from servoloop.stack.result_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
     require_extras("the report page", "report")
@@ -113,9 +113,9 @@ def _report(measured: "Measured", out: Path, json: bool) -> None:
     """Print the results and write the page. The results are printed even if the page cannot be written."""
     from rich.console import Console
 
+    from commissioning.atomic_write import write_file
     from drivers.errors import DriverError
     from servoloop.bench.page import page
-    from servoloop.stack.result_files import write_file
 
     if not json:
         print_figures(measured.figures, Console())

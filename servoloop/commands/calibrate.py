@@ -89,7 +89,7 @@ def _bus_and_device(port: str | None, files: "ServoFiles", arm: str) -> tuple[st
 
 def _require_writable(robot: Path) -> None:
     """Raise DriverError before the user moves any joint if the calibration cannot be stored."""
-    from servoloop.stack.result_files import require_writable
+    from commissioning.atomic_write import require_writable
 
     try:
         require_writable(robot.parent)

@@ -53,13 +53,13 @@ def doctor(
     """
     from rich.console import Console
 
+    from commissioning.atomic_write import require_file, write_file
     from commissioning.doctor.doctor import ExaminedArm
     from commissioning.doctor.doctor import doctor as examine
     from commissioning.doctor.report import markdown
     from commissioning.ports.machine import Machine
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
-    from servoloop.stack.result_files import require_file, write_file
     from servoloop.stack.signals import Signals
 
     if report_file is not None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from commissioning.atomic_write import make_folder
 from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
@@ -22,7 +23,6 @@ from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption, Xacr
 from servoloop.stack.devices import device_paths
 from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
-from servoloop.stack.result_files import make_folder
 from servoloop.stack.robot_files import ServoFiles
 from servoloop.stack.shipped_files import OWN
 from servoloop.stack.terminal import log_to_terminal

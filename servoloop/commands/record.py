@@ -44,9 +44,9 @@ def record(
 
     To record from the start, use `servoloop up --record`. Example: `servoloop record --seconds 60`
     """
+    from commissioning.atomic_write import make_folder
     from servoloop.recording.stack_recording import record as run
     from servoloop.recording.stream import find_stack, open_live
-    from servoloop.stack.result_files import make_folder
     from servoloop.stack.signals import Signals
 
     if file is not None:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from commissioning.atomic_write import write_file
 from drivers.errors import DriverError
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.shared.line_options import PortsOption, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_options import ServoArm
-from servoloop.stack.result_files import write_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -83,8 +83,8 @@ def tune(
     """
     from rich.console import Console
 
+    from commissioning.atomic_write import make_folder, require_file
     from servoloop.stack.loop_thread import LEFT
-    from servoloop.stack.result_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
     request.require_consistent()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from commissioning.atomic_write import make_folder, require_writable
 from drivers.errors import DriverError
 from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
@@ -22,7 +23,6 @@ from servoloop.stack.arm_options import ControlledArm, NamespaceOption
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
-from servoloop.stack.result_files import make_folder, require_writable
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 

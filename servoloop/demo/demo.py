@@ -10,12 +10,12 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+from commissioning.atomic_write import write_file
 from drivers.errors import DriverError
 from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live
 from servoloop.recording.following_error import worst
-from servoloop.stack.result_files import write_file
 
 if TYPE_CHECKING:
     from nodes.clients.stack_monitor import StackMonitor

@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 from rich.console import Console
 
+from commissioning.atomic_write import write_file
 from drivers.errors import DriverError
 from nodes.namespace import namespace_arguments
 from servoloop.demo.cell import NODE, START_S, open_feed, open_page, start_stack
@@ -35,7 +36,6 @@ from servoloop.stack.pick_place import NODE as NODE_NAME
 from servoloop.stack.pick_place import PickPlace
 from servoloop.stack.pick_place import arm_jobs as read_arm_jobs
 from servoloop.stack.processes import Processes, choose_ros_domain
-from servoloop.stack.result_files import write_file
 from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient
 

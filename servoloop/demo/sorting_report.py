@@ -12,8 +12,8 @@ from PIL import Image, ImageDraw, ImageFont
 from rich.console import Console
 from rich.table import Table
 
+from commissioning.atomic_write import write_file
 from servoloop.demo.sorting import SortedApple, SortingFilm
-from servoloop.stack.result_files import write_file
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.sensor import Sensor
 from sim_backend.scene.picture import Picture, save_gif, save_png

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
+from commissioning.atomic_write import make_folder, write_file
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
 from planning.srdf_file import read_pairs
@@ -20,7 +21,6 @@ from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.result_files import make_folder, write_file
 from servoloop.stack.robot_files import Files
 from servoloop.stack.shipped_files import CONFIG
 

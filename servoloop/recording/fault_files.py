@@ -9,12 +9,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
+from commissioning.atomic_write import make_folder
 from servoloop.recording.bus_tap import Transfer
 from servoloop.recording.mcap import SUFFIX
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.sampler import CycleSample, GoalEnd
-from servoloop.stack.result_files import make_folder
 
 LOG = logging.getLogger("servoloop")
 

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from commissioning.atomic_write import write_file
 from hal.types import FloatArray
 from servoloop.plots import Curve, Panel, Stretch, time_series
 from servoloop.recording.reader import RecordedRun
-from servoloop.stack.result_files import write_file
 
 MOST: Final = 3000
 """Maximum number of cycles in a plot. Plots of longer runs show every n-th cycle."""

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from commissioning.atomic_write import write_whole
+from commissioning.atomic_write import make_folder, write_whole
 from controller.teach.hand_path import HandPath, excess, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.errors import DriverError
@@ -20,7 +20,6 @@ from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
-from servoloop.stack.result_files import make_folder
 
 
 class TeachError(DriverError):

@@ -129,7 +129,7 @@ def test_an_unwritable_folder_is_reported_before_the_port_is_opened(
     def read_only(dir: Path) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr("servoloop.stack.result_files.tempfile.TemporaryFile", read_only)
+    monkeypatch.setattr("commissioning.atomic_write.tempfile.TemporaryFile", read_only)
     said = complaint(capsys, monkeypatch, "calibrate", "--arm", "so101", "--port", str(tmp_path / "none"))
     assert f"cannot write into {ARMS / 'so101'}: Read-only file system; copy the arm's folder" in said
 
