@@ -66,14 +66,18 @@ class Relief:
         self._free_error = np.full(len(joints), np.inf)
         """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that have not
         been found to be free."""
+        self._first_error = np.full(len(joints), np.inf)
+        """Distance of each joint from its command (n,) when the commands started to move back."""
         self._least_error = np.full(len(joints), np.inf)
         """Smallest distance of each joint from its command (n,) since the commands started to move back."""
-        self._begun: Cycle | None = None
-        """The cycle in which the commands started to move back, or None while they are not moving back."""
+        self._begun = False
+        """Whether the commands are moving back."""
+        self._from_command, self._from_position = np.zeros(len(joints)), np.zeros(len(joints))
+        """Commands and measured positions (n,) from which the motion of the joints is measured."""
 
     def begin(self) -> None:
         """Start the relief after a goal ends. The joints may still be braking."""
-        self.due, self._begun = True, None
+        self.due, self._begun = True, False
         self._relieved[:] = False
         self._attempts[:] = 0
         self._free_error[:] = np.inf
@@ -91,15 +95,15 @@ class Relief:
         creeps = CREEPS_SHARE * np.abs(now.error)
         self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s, creeps)
         if now.waits and self._begun:
-            self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
+            self._begun, self._relieved = False, np.zeros_like(self._relieved)  # The arm rests at the last command.
         if self._begun:
             limp = np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints])
-            self._stop_if_joints_move(self._begun, now, ~unknown | limp)
+            self._stop_if_joints_move(now, ~unknown, limp)
         if not self._sampler.ended:
             return
         if self._begun:  # The commands have moved back. A joint that keeps sliding may press again.
             self._relieved &= self._attempts >= ATTEMPTS
-            self._begun = None
+            self._begun = False
         self._stood_s += now.step_s
         off = np.abs(now.error) > PRESSES * self._sampler.still
         pushed = (np.abs(now.error) > self._free_error) & (self._attempts < ATTEMPTS)
@@ -125,29 +129,35 @@ class Relief:
             LOG.error("%s: cannot relieve the blocked joints: %s", self._name, error)
             return
         self._sampler.follow(back, now.reference, on_goal=False)
-        self._begun, self._stood_s = now, 0.0
-        self._least_error = np.abs(now.error)
+        self._begun, self._stood_s = True, 0.0
+        self._first_error = self._least_error = np.abs(now.error)
+        self._from_command, self._from_position = now.reference.position.copy(), measured(now)
 
-    def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
+    def _stop_if_joints_move(self, now: Cycle, known: BoolArray, limp: BoolArray) -> None:
         """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
 
         A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
         other joints that still rest before reaching their commands are relieved again, because a joint that advances
-        toward its old command may touch the obstacle again.
+        toward its old command may touch the obstacle again. A joint that moves further than its command is pushed by a
+        neighbor, so it is still blocked and its motion is measured from its new position.
         """
-        back = begun.reference.position - now.reference.position
-        forth = (measured(now) - measured(begun)) * np.sign(begun.error)
-        loose = LOOSE * self._sampler.still
-        self._least_error = np.minimum(self._least_error, np.abs(now.error))
-        returns = known & (back != 0.0)
+        error, loose = np.abs(now.error), LOOSE * self._sampler.still
+        back = self._from_command - now.reference.position
+        forth = (measured(now) - self._from_position) * np.sign(self._from_command - self._from_position)
+        self._least_error = np.minimum(self._least_error, error)
+        returns = (known | limp) & (back != 0.0)
         advances = returns & (forth > loose)
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
+        pushed = follows & ~limp & (error > self._first_error + loose)
+        self._from_command = np.where(pushed, now.reference.position, self._from_command)
+        self._from_position = np.where(pushed, measured(now), self._from_position)
+        follows &= ~pushed
         if (advances | follows).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
-            free_error = np.minimum(GROWS * np.abs(begun.error), GROWS_AGAIN * self._least_error)
+            free_error = np.minimum(GROWS * self._first_error, GROWS_AGAIN * self._least_error)
             self._free_error[follows] = free_error[follows]
             self._sampler.stop(now.reference, now.parameters)
-            self._begun = None
+            self._begun = False
 
 
 def measured(now: Cycle) -> FloatArray:

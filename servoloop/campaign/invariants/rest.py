@@ -40,8 +40,6 @@ Such a goal reports its result without waiting for relief.
 """
 RELIEF_OVER_S: Final = 1.0
 """Time without a change of any command after which the relief of the arm counts as complete, in seconds."""
-PUSHED_S: Final = 0.5
-"""Time that a joint may continue to move after an external torque has acted on the arm, in seconds."""
 
 
 @dataclass(slots=True)
@@ -171,8 +169,9 @@ class NothingTravels(Invariant):
 class NothingPresses(Invariant):
     """Shortly after a goal has failed, none of the arm's joints is driven against an obstacle.
 
-    Relieving one joint may move another joint, which is then relieved next. A joint that an external torque moves later
-    is not checked until a command of the arm changes, because an arm without a goal keeps its commands.
+    Relieving one joint may move another joint, which is then relieved next. After the relief, a joint that moves away
+    from its command is pushed by something else, such as an external torque or the gripper. Such a joint is not checked
+    until a command of the arm changes, because an arm without a goal keeps its commands.
     """
 
     name = "nothing presses after the end"
@@ -201,7 +200,7 @@ class NothingPresses(Invariant):
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
         self._pushed: set[str] = set()
-        """Joints that an external torque has moved since a command of the arm last changed."""
+        """Joints that have been pushed away from their commands since a command of the arm last changed."""
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
@@ -242,21 +241,20 @@ class NothingPresses(Invariant):
             self._before[joint] = true[joint], command
 
     def _update_pushed(self, true: dict[str, float]) -> None:
-        """Find the joints that an external torque has moved since the last cycle, based on their ``true`` positions."""
+        """Find the joints whose ``true`` positions move away from their commands although the relief is complete."""
         loop = self.stack.loop
         places = list(self._places.values())
         kept = np.array_equal(loop.command[places], loop.previous_command[places])
         self._commands_kept_s = self._commands_kept_s + loop.period_s if kept else 0.0
         if not kept:
             self._pushed.clear()
-        over = self._commands_kept_s > RELIEF_OVER_S
-        if over and min(self.stack.touches.since_s(joint, {"overload"}) for joint in self._places) < PUSHED_S:
-            moved = {
-                joint for joint, (was, _) in self._before.items() if abs(true[joint] - was) > CREEPS * loop.period_s
-            }
-            self._pushed |= moved
+        if self._commands_kept_s > RELIEF_OVER_S:
+            for joint, (position, command) in self._before.items():
+                if abs(true[joint] - command) - abs(position - command) > CREEPS * loop.period_s:
+                    self._pushed.add(joint)
 
     def _forget(self) -> None:
+        self._commands_kept_s = 0.0
         self._pushed.clear()
         self._off_s.clear()
         self._pressed_s.clear()
