@@ -30,11 +30,10 @@ from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_outputs import ServoOutputs
 from servoloop.stack.devices import world_feed
-from servoloop.stack.emulated_scene import EmulatedScene, Pose
 from servoloop.stack.hardware_plugins import plugin_hardware, plugin_names
 from servoloop.stack.line_rate import RatedLine
 from servoloop.stack.robot_files import Files
-from sim_backend.scene.world_feed import WorldFeedClient
+from sim_backend.scene.world_feed import EmulatedScene, Pose, WorldFeedClient
 
 if TYPE_CHECKING:
     from servoloop.stack.virtual_lines import VirtualLines

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from drivers.clock import Clock
 from drivers.port import Port
-from servoloop.stack.emulated_scene import Pose
 from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.buses.build import Build
@@ -13,6 +12,7 @@ from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
+from sim_backend.scene.world_feed import Pose
 
 
 class VirtualLines:

@@ -8,6 +8,7 @@ receives one JSON line per publication, and is disconnected if it reads too slow
 import contextlib
 import json
 import socket
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, Self
@@ -16,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import PortBusy, PortError
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion
 
 PERIOD_S: Final = 0.05
 CONNECT_S: Final = 2.0
@@ -24,6 +27,9 @@ queue is full."""
 SEND_BUFFER_BYTES: Final = 1 << 20
 """Size of the send buffer, in bytes. If a client does not read, the buffer holds the publications of about ten
 seconds."""
+
+Pose = tuple[Vector, Quaternion]
+"""Position in meters, and orientation as a quaternion x, y, z, w."""
 
 
 class SeenPose(Protocol):
@@ -239,3 +245,23 @@ class WorldFeedClient:
         """Disconnect. A second call has no effect."""
         self.ended = True
         self._socket.close()
+
+
+class EmulatedScene:
+    """Latest poses published by an emulator. All methods are safe to call from any thread."""
+
+    def __init__(self, client: WorldFeedClient) -> None:
+        self._client = client
+        self._poses: dict[str, Pose] = {}
+        self._lock = threading.Lock()
+
+    def __call__(self) -> Mapping[str, Pose]:
+        """Return the poses, keyed by name. The mapping is empty before the first publication."""
+        with self._lock:
+            newest = self._client.newest()
+            if newest is not None:
+                self._poses = {
+                    name: (tuple(pose["position_m"]), tuple(pose["quaternion_xyzw"]))
+                    for name, pose in newest["poses"].items()
+                }
+            return self._poses
