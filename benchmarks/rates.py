@@ -38,7 +38,7 @@ from hal.components.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.stack.processes import claim_realtime_priority
+from servoloop.stack.processes import PRIORITY, realtime_priority
 
 IDS = tuple(range(1, 8))
 RATES_HZ = (20, 50, 100, 200, 300, 400, 500)
@@ -122,11 +122,11 @@ def main() -> None:
     columns = "rate", "program", "cycles", "missed cycles", "missing values", "CPU", "threads"
     table = Table(*columns, title=title)
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "line") as device:
-        claim_realtime_priority()
         for rate_hz in arguments.rates:
             whole = stack_rates.measure(device, rate_hz, arguments.seconds, Path(folder))
-            of = run(device, rate_hz, arguments.cycles)
-            bare = missed_without_driver(device, rate_hz, arguments.cycles)
+            with realtime_priority(PRIORITY):
+                of = run(device, rate_hz, arguments.cycles)
+                bare = missed_without_driver(device, rate_hz, arguments.cycles)
             threads = " ".join(f"{share:.1%}" for share in whole.thread_shares[:4])
             shares = f"{whole.missing:.2%}", f"{whole.cpu_share:.1%}", threads
             table.add_row(f"{rate_hz:g} Hz", "servoloop up", str(whole.cycles), str(whole.missed), *shares)

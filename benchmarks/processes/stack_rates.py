@@ -6,7 +6,7 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Final
 import psutil
 
 from benchmarks.simulator import TABLE, WRITE, Servos
-from drivers.protocol.v1 import BROADCAST_ID
+from drivers.protocol.v1 import BROADCAST_ID, SYNC_WRITE
 from drivers.servos import sts
 from nodes.clients.client_node import client_node
 from nodes.clients.stack_monitor import NewestMessages, StackMonitor
@@ -39,6 +39,8 @@ class StoringServos(Servos):
     def __init__(self, servo_ids: list[int]) -> None:
         super().__init__(servo_ids)
         self._tables = {servo_id: bytearray(TABLE) for servo_id in servo_ids}
+        self._stored = b""
+        """Last sync write. The stack repeats the goals of an arm at rest in every cycle."""
         for servo_id, table in self._tables.items():
             table[sts.torque_enable.address] = 0
             if servo_id == HAND:
@@ -46,12 +48,21 @@ class StoringServos(Servos):
                 table[at : at + 2] = HAND_COUNTS.to_bytes(2, "little")
 
     def answer(self, packet: bytes) -> bytes:
-        if packet[4] == WRITE:
+        code, address = packet[4], packet[5]
+        if code == WRITE:
             content, asked = packet[6:-1], packet[2]
-            for servo_id in self._tables if asked == BROADCAST_ID else {asked} & self._tables.keys():
-                self._tables[servo_id][packet[5] : packet[5] + len(content)] = content
-            self._kept.clear()
+            self._store(address, dict.fromkeys(self._tables if asked == BROADCAST_ID else {asked}, content))
+        elif code == SYNC_WRITE and packet != self._stored:
+            size, self._stored = packet[6], packet
+            entries = [packet[at : at + size + 1] for at in range(7, len(packet) - 1, size + 1)]
+            self._store(address, {entry[0]: entry[1:] for entry in entries})
         return super().answer(packet)
+
+    def _store(self, address: int, contents: Mapping[int, bytes]) -> None:
+        for servo_id in contents.keys() & self._tables.keys():
+            content = contents[servo_id]
+            self._tables[servo_id][address : address + len(content)] = content
+        self._kept.clear()
 
     def _table(self, servo_id: int) -> bytearray:
         return self._tables[servo_id]

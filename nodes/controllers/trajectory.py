@@ -35,6 +35,7 @@ class TrajectoryNode:
         self._controller = controller
         self._goals = TrajectoryGoals(node, controller)
         self._rate_limiter = RateLimiter()
+        self._message = JointTrajectoryControllerState(joint_names=list(controller.joints))
         self._state = node.create_publisher(JointTrajectoryControllerState, "~/controller_state", LATCHED_WHILE_NEW)
         node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
@@ -75,13 +76,13 @@ class TrajectoryNode:
         return response
 
     def _state_message(self, tracking: Tracking, stamp: Time) -> JointTrajectoryControllerState:
-        message = JointTrajectoryControllerState()
+        """Fill in the message, which is reused, because publishing serializes it immediately."""
+        message = self._message
         message.header.stamp = stamp
-        message.joint_names = list(self._controller.joints)
-        message.reference = _kinematics(tracking.reference)
-        message.feedback = _point(tracking.feedback_position, tracking.feedback_velocity)
-        message.error = _error(tracking)
-        message.output = _point(tracking.output)
+        _fill_kinematics(message.reference, tracking.reference)
+        _fill(message.feedback, tracking.feedback_position, tracking.feedback_velocity)
+        _fill_error(message.error, tracking)
+        _fill(message.output, tracking.output)
         message.speed_scaling_factor = tracking.speed_scaling_factor
         return message
 
@@ -89,25 +90,27 @@ class TrajectoryNode:
         feedback = FollowJointTrajectory.Feedback()
         feedback.header.stamp = stamp
         feedback.joint_names = list(self._controller.joints)
-        feedback.desired = _kinematics(tracking.reference)
-        feedback.actual = _point(tracking.feedback_position, tracking.feedback_velocity)
-        feedback.error = _error(tracking)
+        _fill_kinematics(feedback.desired, tracking.reference)
+        _fill(feedback.actual, tracking.feedback_position, tracking.feedback_velocity)
+        _fill_error(feedback.error, tracking)
         return feedback
 
 
-def _error(tracking: Tracking) -> JointTrajectoryPoint:
-    """Return the desired state minus the actual state."""
-    return _point(tracking.error, tracking.reference.velocity - tracking.feedback_velocity)
+def _fill_error(point: JointTrajectoryPoint, tracking: Tracking) -> None:
+    """Fill in the desired state minus the actual state."""
+    _fill(point, tracking.error, tracking.reference.velocity - tracking.feedback_velocity)
 
 
-def _kinematics(state: Kinematics) -> JointTrajectoryPoint:
-    return _point(state.position, state.velocity, state.acceleration)
+def _fill_kinematics(point: JointTrajectoryPoint, state: Kinematics) -> None:
+    _fill(point, state.position, state.velocity, state.acceleration)
 
 
-def _point(
-    position: FloatArray, velocity: FloatArray = NOTHING, acceleration: FloatArray = NOTHING
-) -> JointTrajectoryPoint:
-    """Create a trajectory point from arrays of shape (n,) or empty arrays."""
-    return JointTrajectoryPoint(
-        positions=numbers(position), velocities=numbers(velocity), accelerations=numbers(acceleration)
-    )
+def _fill(
+    point: JointTrajectoryPoint,
+    position: FloatArray,
+    velocity: FloatArray = NOTHING,
+    acceleration: FloatArray = NOTHING,
+) -> None:
+    """Fill in a trajectory point from arrays of shape (n,) or empty arrays."""
+    point.positions, point.velocities = numbers(position), numbers(velocity)
+    point.accelerations = numbers(acceleration)
