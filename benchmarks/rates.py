@@ -9,7 +9,8 @@ The servos reply on a pseudo-terminal at 1 Mbit/s, in a separate process. There 
 
 A value counts as missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main
 thread, which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and
-DDS.
+DDS. "Ready" is the time from the start of the process until it is ready for clients, and "memory" is its resident
+memory.
 """
 
 import argparse
@@ -119,7 +120,7 @@ def main() -> None:
     if arguments.serve:
         two_ports.serve(arguments.serve, IDS, stack_rates.StoringServos)
     title = f"{len(IDS)} STS3215 on one port, {two_ports.BAUD} bit/s"
-    columns = "rate", "program", "cycles", "missed cycles", "missing values", "CPU", "threads"
+    columns = "rate", "program", "cycles", "missed cycles", "missing values", "CPU", "threads", "ready", "memory"
     table = Table(*columns, title=title)
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "line") as device:
         for rate_hz in arguments.rates:
@@ -129,11 +130,12 @@ def main() -> None:
                 bare = missed_without_driver(device, rate_hz, arguments.cycles)
             threads = " ".join(f"{share:.1%}" for share in whole.thread_shares[:4])
             shares = f"{whole.missing:.2%}", f"{whole.cpu_share:.1%}", threads
-            table.add_row(f"{rate_hz:g} Hz", "servoloop up", str(whole.cycles), str(whole.missed), *shares)
+            size = f"{whole.ready_s:.1f} s", f"{whole.memory_bytes / 1e6:.0f} MB"
+            table.add_row(f"{rate_hz:g} Hz", "servoloop up", str(whole.cycles), str(whole.missed), *shares, *size)
             alone = f"{of.missing:.2%}", f"{of.cpu_share:.1%}"
             table.add_row("", "loop alone", str(of.cycles), str(of.missed), *alone)
             table.add_row("", "system calls alone", str(arguments.cycles), str(bare))
-    Console(width=120).print(table)
+    Console(width=130).print(table)
 
 
 if __name__ == "__main__":

@@ -79,6 +79,10 @@ class StackFigures:
     cpu_share: float
     thread_shares: tuple[float, ...]
     """Processor time of each thread as a fraction of one core: the main thread, followed by the busiest threads."""
+    ready_s: float
+    """Time from the start of the process until it was ready for clients, in seconds."""
+    memory_bytes: int
+    """Resident memory at the end of the run."""
 
 
 @contextmanager
@@ -110,17 +114,20 @@ def stack(device: str, rate_hz: float, folder: Path, domain: int | None = None) 
 def measure(device: str, rate_hz: float, seconds: float, folder: Path) -> StackFigures:
     """Run the stack at a given rate for a given time, with a subscriber to its states and diagnostics."""
     with stack(device, rate_hz, folder) as process, client_node("benchmark_rates") as (node, executor):
+        ready_s = (folder / "ready").stat().st_mtime - process.create_time()
         monitor = StackMonitor(node, executor, "arm_controller")
         _spin(monitor, SETTLE_S)
         before, threads, begin_s = _counts(monitor.newest), _threads(process), time.perf_counter()
         _spin(monitor, seconds)
         after, lasted_s = _counts(monitor.newest), time.perf_counter() - begin_s
         shares = {one: (cpu_s - threads.get(one, 0.0)) / lasted_s for one, cpu_s in _threads(process).items()}
+        memory_bytes = process.memory_info().rss
     cycles, missed, missing = (new - old for old, new in zip(before, after, strict=True))
     main = shares.pop(process.pid)
     total = main + sum(shares.values())
     each = (main, *sorted(shares.values(), reverse=True))
-    return StackFigures(cycles, missed, missing / max(1, cycles * SERVOS), total, each)
+    missing_share = missing / max(1, cycles * SERVOS)
+    return StackFigures(cycles, missed, missing_share, total, each, ready_s, memory_bytes)
 
 
 def _spin(monitor: StackMonitor, seconds: float) -> None:
