@@ -1,8 +1,6 @@
 """Implementation of ``servoloop up``: run the stack of one robot from start to end."""
 
-import gc
 import logging
-import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -22,7 +20,7 @@ from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.plan_process import planning_server
-from servoloop.stack.processes import claim_realtime_priority
+from servoloop.stack.processes import claim_realtime_priority, prompt_interpreter
 from servoloop.stack.robot_files import Files, initial_states, servo_ids
 from servoloop.stack.ros_interface import RosInterface, WithoutRos
 from servoloop.stack.signals import Signals
@@ -211,12 +209,12 @@ class _Up:
         recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
         with recorded, command_socket(stack, self._recording, lambda: thread.done):
             loop.activate(self._initial.inactive)
-            self._serve_clients(thread, surface, ready)
+            with prompt_interpreter():
+                self._serve_clients(thread, surface, ready)
 
     def _serve_clients(self, run: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
         """Run the loop in its own thread and the ROS interface in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
-        _prepare_interpreter()
         thread = run.start()
         try:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
@@ -235,11 +233,3 @@ class _Up:
                 self._simulated.pace.end()
                 LOG.info("%s", self._simulated.pace.summary)
             surface.finish()
-            gc.unfreeze()
-
-
-def _prepare_interpreter() -> None:
-    """Keep other Python threads and the garbage collector from delaying the loop."""
-    sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
-    gc.collect()
-    gc.freeze()

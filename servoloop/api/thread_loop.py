@@ -1,8 +1,6 @@
 """Control loop that a script runs in a separate thread, with real servos or with virtual servos in a child process."""
 
-import gc
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -23,7 +21,7 @@ from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.emulator_process import chosen_devices
 from servoloop.stack.loop_thread import LEFT, LoopThread
-from servoloop.stack.processes import PRIORITY, realtime_priority
+from servoloop.stack.processes import PRIORITY, prompt_interpreter, realtime_priority
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
 
@@ -67,10 +65,7 @@ class ThreadLoop(OwnLoop):
         self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
         offset_s = wall_offset_s(clock, time.time)
         self._activate(stack, recording.of(stack.loop, files, offset_s, lambda: run.failed, setup.scene))
-        sys.setswitchinterval(0.0001)  # maximum time that the loop waits for the interpreter lock, in seconds
-        gc.collect()
-        gc.freeze()
-        self._exit.callback(gc.unfreeze)
+        self._exit.enter_context(prompt_interpreter(full_collections=True))
         self._exit.enter_context(exit_on_signals())
         # Only the loop thread gets this priority, because the program may compute for a long time.
         with realtime_priority(PRIORITY):

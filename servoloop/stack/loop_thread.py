@@ -1,8 +1,6 @@
 """Run the control loop in its own thread, the only thread that accesses the hardware."""
 
-import gc
 import logging
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -12,7 +10,7 @@ from typing import Final
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from servoloop.stack.control_stack import ControlStack
-from servoloop.stack.processes import put_first
+from servoloop.stack.processes import prompt_interpreter, put_first
 from servoloop.stack.signals import Signals
 
 LOG = logging.getLogger("servoloop")
@@ -103,16 +101,13 @@ def run_beside(run: LoopThread, poll: Callable[[], None]) -> None:
 
     An error in ``poll`` also ends the loop.
     """
-    sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
-    gc.collect()
-    gc.freeze()
-    thread = run.start()
-    try:
-        while not (run.done or run.hangs()):
-            poll()
-            time.sleep(POLL_S)
-    finally:
-        run.signals.ask()
-        while thread.is_alive() and not run.hangs():
-            thread.join(0.1)
-        gc.unfreeze()
+    with prompt_interpreter():
+        thread = run.start()
+        try:
+            while not (run.done or run.hangs()):
+                poll()
+                time.sleep(POLL_S)
+        finally:
+            run.signals.ask()
+            while thread.is_alive() and not run.hangs():
+                thread.join(0.1)

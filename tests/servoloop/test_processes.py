@@ -83,3 +83,21 @@ def test_processes_are_ended_in_reverse_order(tmp_path: Path) -> None:
         time.sleep(0.1)  # the process must end whether or not it has begun to serve
         assert list(processes.end()) == ["two", "one"]
     assert not any(psutil.pid_exists(process_id) for process_id in ids)
+
+
+COLLECTIONS = """
+import gc, sys
+from servoloop.stack.processes import prompt_interpreter
+before, generations = gc.get_threshold(), set()
+with prompt_interpreter(sys.argv[1] == "True"):
+    gc.callbacks.append(lambda phase, info: generations.add(info["generation"]))
+    kept = [[] for _ in range(200_000)]
+    gc.callbacks.clear()
+print(*sorted(generations), gc.get_threshold() == before, gc.get_freeze_count())
+"""
+
+
+@pytest.mark.parametrize(("full", "generations"), [(False, "0 1"), (True, "0 1 2")])
+def test_full_collections_delay_the_loop_only_if_they_are_requested(full: bool, generations: str) -> None:
+    done = subprocess.run([sys.executable, "-c", COLLECTIONS, str(full)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"{generations} True 0"
