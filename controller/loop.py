@@ -25,8 +25,9 @@ LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
 """Factor by which the recorded maximum duration of the steps after the read decays in each cycle."""
-LEAST_RESERVE: Final = 0.1
-"""Minimum fraction of the period that the read leaves for the other steps, even if they have taken less time so far."""
+RESERVE_MARGIN: Final = 0.1
+"""Fraction of the period that the read leaves free in addition to the time that the other steps took so far. Without
+this margin, a cycle that waits for a late reply ends slightly too late, which costs the next cycle."""
 
 
 class ControlLoop:
@@ -201,7 +202,7 @@ class ControlLoop:
         """
         period_s = self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
-        return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
+        return end_s - min(self._after_read_s + RESERVE_MARGIN * period_s, 0.5 * period_s)
 
     def _show(self, state: JointState) -> None:
         """Call ``on_cycle``. An error in the callback must not end the cycle."""
