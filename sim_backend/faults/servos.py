@@ -17,6 +17,9 @@ from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
 """Maximum temperature at which a servo with factory settings drives its motor, in degrees Celsius."""
+FEWEST_TURNS: Final = 0.02
+"""Minimum fraction of turns that remain in a shorted winding. With fewer turns, the motor would short-circuit the supply
+of the bus, which is not modeled."""
 
 
 class Silent(OfServo, Lasting):
@@ -100,7 +103,7 @@ class Overcurrent(OfServo, Lasting):
     torque."""
 
     kind: Literal["overcurrent"] = "overcurrent"
-    turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05
+    turns_left: Annotated[Chance, Field(ge=FEWEST_TURNS, lt=1.0)] = 0.05
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if model not in sts.MODELS.values():
@@ -118,7 +121,7 @@ class Overcurrent(OfServo, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "turns_left": log_uniform(random, 0.005, 0.99)}
+        return {**super().draw_parameters(random, there), "turns_left": log_uniform(random, FEWEST_TURNS, 0.99)}
 
 
 class DeadEncoder(OfServo, Lasting):

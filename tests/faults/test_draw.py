@@ -108,7 +108,7 @@ def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float
         ("lost_replies", "chance", 0.01, 1.0),
         ("missed_instructions", "chance", 0.01, 1.0),
         ("weak_supply", "resistance_ohm", 0.01, 20.0),
-        ("overcurrent", "turns_left", 0.005, 0.99),
+        ("overcurrent", "turns_left", 0.02, 0.99),
         ("foreign_packets", "every_s", 0.001, 1.0),
     ],
 )
