@@ -166,11 +166,7 @@ class ControlLoop:
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
-        """Run one cycle.
-
-        Returns:
-            The joint state measured in this cycle.
-        """
+        """Run one cycle and return the joint state measured in this cycle."""
         transitions = self.component_transitions
         if self.requests.inbox:
             self.requests.serve()
@@ -214,13 +210,8 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command to the hardware through the safety gate.
-
-        All commands reach the hardware only through this method.
-
-        Args:
-            wanted: Command of shape (m,).
-        """
+        """Send a command of shape (m,) through the safety gate. Commands reach the hardware only through this
+        method."""
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
         # The command of a joint that has never been measured or commanded is still NaN. Components skip NaN.

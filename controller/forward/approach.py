@@ -47,6 +47,8 @@ class Approach:
             period_s: Duration of the period, in seconds.
             share: Fractions (n,) of the velocity limits that may be used.
         """
+        if not self._velocity.any() and (goal == self.command).all():
+            return self.command
         change = self._acceleration * period_s
         room = np.abs(goal - self.command)
         speed = np.minimum(_arriving(room, change, period_s), share * self._fastest)

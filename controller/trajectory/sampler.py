@@ -66,6 +66,8 @@ class TrajectorySampler:
         self.on_goal = False
         self.elapsed_s = 0.0
         self.path: Path | None = None
+        self._end: Kinematics | None = None
+        """Kinematics at the end of the path, or None if the path has not ended. Most cycles of an arm are at rest."""
         self.rate = 1.0
         self.limits = tuple(limits)
         self._lower, self._upper = (np.array([getattr(limit, end) for limit in limits]) for end in ("lower", "upper"))
@@ -91,8 +93,13 @@ class TrajectorySampler:
 
     def reference(self, later_s: float = 0.0) -> Kinematics:
         """Return the reference now, or ``later_s`` from now."""
+        if self._end is not None:
+            return self._end
         assert self.path is not None, "the controller is updated before it is activated"
-        return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
+        reference = _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
+        if self.elapsed_s > self.path.duration_s:
+            self._end = reference
+        return reference
 
     def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
         """Return the command (n,) that brings the joints to the reference by the end of the cycle.
@@ -101,8 +108,8 @@ class TrajectorySampler:
         next goal arrives, and the lag includes half of this braking. ``lead_s`` replaces the known lags with one value
         for all joints.
         """
-        if lead_s is not None:
-            return self.inside(self.reference(period_s + lead_s).position)
+        if lead_s is not None or self._end is not None:
+            return self.inside(self.reference(period_s + (lead_s or 0.0)).position)
         to = self.reference(period_s)
         places = zip(
             *(to.position.tolist(), to.velocity.tolist(), to.acceleration.tolist(), self._lags, self._ends), strict=True
@@ -111,7 +118,7 @@ class TrajectorySampler:
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
         """Follow another path, which starts at ``reference``."""
-        self.path, self.elapsed_s, self.on_goal = path, 0.0, on_goal
+        self.path, self.elapsed_s, self.on_goal, self._end = path, 0.0, on_goal, None
         if self.scaling.asked != 1.0 or self.scaling.factor != 1.0:
             self.scaling.restart(bool(reference.velocity.any()))
         self.rate = self.scaling.factor if on_goal else 1.0
