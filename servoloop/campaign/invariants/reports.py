@@ -30,8 +30,9 @@ PASSING: Final = frozenset(
     {"silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate"}
 )
 """Faults that leave a servo unchanged after they end."""
-TAKEN_BACK_S: Final = 2.0
-"""Maximum time until a servo that responds again returns to the cycle, in seconds."""
+TAKEN_BACK_S: Final = 2.5
+"""Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
+may arrive for two seconds, and then the servo's torque is checked."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a moving servo between two samples of its position, in counts."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
