@@ -1,7 +1,7 @@
 """Measure the latency of a stack below ros2_control: ``python -m benchmarks.topic_host [--arm so101] [--seconds 60]``.
 
 ``servoloop topic-host`` runs with virtual servos in a separate process and records every byte on the bus. This process
-stands in for the plug-in JointStateTopicSystem: it sends new commands over DDS at the given rate. The table shows the
+stands in for the plugin JointStateTopicSystem: it sends new commands over DDS at the given rate. The table shows the
 time from a command to its bytes on the bus, and the time from a reply's last byte to the state message. A command
 counts as late if neither this command nor a later one is on the bus after one cycle. A command counts as lost if it
 never reaches the bus.
@@ -67,7 +67,7 @@ def host(arm: str, rate_hz: int, recording: Path) -> Iterator[None]:
 
 
 class Plugin:
-    """Stand-in for the plug-in, which sends commands and records when states arrive. All times are system clock times,
+    """Stand-in for the plugin, which sends commands and records when states arrive. All times are system clock times,
     in seconds."""
 
     def __init__(self, joint: str, rate_hz: int) -> None:

@@ -2,7 +2,7 @@
 
 Exception
 ├── ControllersFileError   errors in the controllers file
-├── PluginError            an installed plug-in cannot be loaded
+├── PluginError            an installed plugin cannot be loaded
 └── ManagerError           the controller manager cannot serve a request
     ├── SwitchError        controllers cannot be switched
     └── ClaimError         the hardware lacks an interface of a controller
@@ -14,7 +14,7 @@ class ControllersFileError(Exception):
 
 
 class PluginError(Exception):
-    """An installed plug-in cannot be loaded."""
+    """An installed plugin cannot be loaded."""
 
 
 class ManagerError(Exception):

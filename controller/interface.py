@@ -45,7 +45,7 @@ class ControllerContext:
 
 
 class ControllerType(Protocol):
-    """A controller plug-in, which is the class of a controller."""
+    """A controller plugin, which is the class of a controller."""
 
     kind: str
     """The controller's ``type`` in the controllers file."""

@@ -21,7 +21,7 @@ def answering(kind: Any, callback: Callback) -> Callback:
     """Wrap the callback of a service that sets parameters, so that the service always responds. Callbacks of other
     services are returned unchanged.
 
-    rclpy's callback raises an error if a value's type does not exist or if a plug-in's callback fails. In both cases,
+    rclpy's callback raises an error if a value's type does not exist or if a plugin's callback fails. In both cases,
     the client would not receive a response.
     """
     if kind is SetParameters:
@@ -39,7 +39,7 @@ def _each(callback: Callback, request: Any, response: Any) -> Any:
                 one = callback(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
                 response.results.append(one.results[0])
                 continue
-            except Exception as error:  # A plug-in's callback may raise any exception.
+            except Exception as error:  # A plugin's callback may raise any exception.
                 reason = _failed(parameter, error)
         response.results.append(SetParametersResult(successful=False, reason=reason))
     return response
@@ -50,7 +50,7 @@ def _together(callback: Callback, request: Any, response: Any) -> Any:
     if not reason:
         try:
             return callback(request, response)
-        except Exception as error:  # A plug-in's callback may raise any exception.
+        except Exception as error:  # A plugin's callback may raise any exception.
             reason = _failed(request.parameters[0], error) if request.parameters else str(error)
     response.result = SetParametersResult(successful=False, reason=reason)
     return response

@@ -1,7 +1,7 @@
 """Find the tests that have certain marks.
 
 If the run has not collected the files in question, pytest collects them in a separate process with this module as its
-plug-in.
+plugin.
 """
 
 import json
@@ -64,6 +64,6 @@ def _collected(files: Sequence[Path]) -> dict[str, Marked]:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Write the marks to a file if this module is the plug-in."""
+    """Write the marks to a file if this module is the plugin."""
     if "MARKED" in os.environ:
         Path(os.environ["MARKED"]).write_text(json.dumps(session.config.stash[_FOUND]))

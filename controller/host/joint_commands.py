@@ -14,7 +14,7 @@ class RefusedCommandError(ValueError):
 class JointCommands:
     """Commands for n joints, received in messages that contain the joint names.
 
-    ros2_control's plug-in for topics lists every joint of its ``<ros2_control>`` block, but sends positions only for
+    ros2_control's plugin for topics lists every joint of its ``<ros2_control>`` block, but sends positions only for
     joints that have a position command interface.
     """
 

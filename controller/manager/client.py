@@ -25,7 +25,7 @@ SWITCH_TIMEOUT_S: Final = 1.0
 class ManagerClient:
     """Client of the controller manager, for use in one thread other than the loop thread.
 
-    Slow work, such as reading files and loading plug-ins, runs in the calling thread. Errors that occur in the calling
+    Slow work, such as reading files and loading plugins, runs in the calling thread. Errors that occur in the calling
     thread are raised by the call itself. Errors that occur in the loop are raised by ``result()`` of the returned
     request. A call that raises an error does not change anything.
     """
@@ -115,7 +115,7 @@ class ManagerClient:
         return entry is not None and entry.controller is not None
 
     def reload(self, force: bool) -> Request[None]:
-        """Unload all controllers and search for plug-ins again. Active controllers are unloaded only with ``force``."""
+        """Unload all controllers and search for plugins again. Active controllers are unloaded only with ``force``."""
 
         def reload() -> None:
             self._manager.clear(force)

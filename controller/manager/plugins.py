@@ -1,4 +1,4 @@
-"""Find the controller types that a controllers file can specify: built-in types and installed plug-ins."""
+"""Find the controller types that a controllers file can specify: built-in types and installed plugins."""
 
 import sys
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ def why_not_loaded(point: EntryPoint, error: Exception) -> str:
 
 
 def controller_types() -> Mapping[str, ControllerType]:
-    """Return all usable controller types, keyed by ``type``. A broken plug-in does not affect the other types."""
+    """Return all usable controller types, keyed by ``type``. A broken plugin does not affect the other types."""
     return {**{kind.kind: kind for kind in _OURS}, **_installed()[0]}
 
 
@@ -88,6 +88,6 @@ def broken_plugins() -> Mapping[str, str]:
 
 
 def look_for_plugins_again() -> None:
-    """Discard the cached plug-ins, so that newly installed plug-ins are found."""
+    """Discard the cached plugins, so that newly installed plugins are found."""
     invalidate_caches()
     _installed.cache_clear()

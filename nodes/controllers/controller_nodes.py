@@ -106,7 +106,7 @@ class ControllerNode:
             self._interface_entities = NodeEntities(self.node)
             try:
                 self._set_interface(interface_node_of(self.node, controller))
-            except Exception:  # A plug-in may raise any exception.
+            except Exception:  # A plugin may raise any exception.
                 LOG.exception(_INCOMPLETE, controller.name)
 
     def destroy(self) -> None:

@@ -152,7 +152,7 @@ class ManagerNode:
             try:
                 await self._pending.result(act(request))
                 response.ok = True
-            except Exception as error:  # A plug-in may raise any exception.
+            except Exception as error:  # A plugin may raise any exception.
                 self.node.get_logger().error(printable(str(error)))
                 response.ok = False
             return response

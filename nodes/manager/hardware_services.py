@@ -95,7 +95,7 @@ class HardwareServices:
     async def _reached(self, name: str, target: LifecycleState) -> bool:
         try:
             await self._pending.result(self._stack.loop.component_transitions.ask(name, target, self._stack.relax))
-        except Exception as error:  # A plug-in may raise any exception.
+        except Exception as error:  # A plugin may raise any exception.
             self._node.get_logger().error(printable_line(f"{name} was not set to {target.name.lower()}: {error}"))
             return False
         return True

@@ -30,7 +30,7 @@ STATUS: Final = "servoloop: topic host"
 REPEAT_S: Final = 5.0
 """Minimum time between two reports of the same reason for rejecting a message, in seconds."""
 RELIABLE: Final = QoSProfile(depth=1)
-"""QoS profile for the plug-in's commands. A best-effort subscriber, such as the plug-in, also receives reliable
+"""QoS profile for the plugin's commands. A best-effort subscriber, such as the plugin, also receives reliable
 states."""
 DIAGNOSTICS_S: Final = 1.0
 
@@ -64,7 +64,7 @@ class HostNode:
     def publish(self, state: JointState, stamp: Time) -> None:
         """Publish the states of all joints, or nothing if a joint was not measured in this cycle.
 
-        The plug-in does not check the age of a state. The plug-in keeps using the last message.
+        The plugin does not check the age of a state. The plugin keeps using the last message.
         """
         self._state = state
         states = self._broadcaster.sample(state)
@@ -75,7 +75,7 @@ class HostNode:
         message = self._message
         message.header.stamp = stamp
         message.position = numbers(states.position)
-        # One version of the plug-in fails if a message contains values for interfaces that the plug-in's ros2_control
+        # One version of the plugin fails if a message contains values for interfaces that the plugin's ros2_control
         # block does not declare.
         message.velocity, message.effort = (
             numbers(values if np.isfinite(values).all() else values[:0]) for values in (states.velocity, states.effort)

@@ -46,7 +46,7 @@ def topic_host(
 ) -> None:
     """Run an arm under ros2_control's controller manager until Ctrl-C.
 
-    The plug-in joint_state_topic_hardware_interface/JointStateTopicSystem connects the controller manager to the arm.
+    The plugin joint_state_topic_hardware_interface/JointStateTopicSystem connects the controller manager to the arm.
     Example: `servoloop topic-host --arm so101 --port /dev/ttyACM0 --rate 100`
     """
     from servoloop.topic_host import ForeignControllers

@@ -1,4 +1,4 @@
-"""Choose and build the hardware components: servos on a port, an arm in MuJoCo, a mock or a user-supplied plug-in."""
+"""Choose and build the hardware components: servos on a port, an arm in MuJoCo, a mock or a user-supplied plugin."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence

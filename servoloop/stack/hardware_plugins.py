@@ -1,4 +1,4 @@
-"""Hardware plug-ins in user packages, which are found through the entry points of the installed packages."""
+"""Hardware plugins in user packages, which are found through the entry points of the installed packages."""
 
 from importlib.metadata import entry_points
 
@@ -10,7 +10,7 @@ from hal.hardware import Hardware, outputs_of
 from hal.robot_description.hardware_info import HardwareInfo
 
 ENTRY_POINTS = "servoloop.hardware"
-"""Entry-point group of hardware plug-ins in user packages.
+"""Entry-point group of hardware plugins in user packages.
 
 An entry has the form ``package/Class = module:make``. The call ``make(component, clock)`` returns a
 hal.hardware.Hardware for the ``<ros2_control>`` block ``component``.
@@ -18,12 +18,12 @@ hal.hardware.Hardware for the ``<ros2_control>`` block ``component``.
 
 
 def plugin_names() -> list[str]:
-    """Return the names of the installed plug-ins."""
+    """Return the names of the installed plugins."""
     return sorted(entry_points(group=ENTRY_POINTS).names)
 
 
 def plugin_hardware(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
-    """Create the hardware with an installed plug-in. Raises PluginError."""
+    """Create the hardware with an installed plugin. Raises PluginError."""
     (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
     try:
         hardware: Hardware = point.load()(component, clock)
@@ -41,7 +41,7 @@ def plugin_hardware(plugin: str, component: HardwareInfo, clock: Clock) -> Hardw
 
 
 def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
-    """Raise PluginError if the name, joints or interfaces of a plug-in differ from its ``<ros2_control>`` block."""
+    """Raise PluginError if the name, joints or interfaces of a plugin differ from its ``<ros2_control>`` block."""
     pairs: tuple[tuple[str, object, object], ...] = (
         ("name", hardware.name, component.name),
         ("joints", tuple(hardware.joints), component.joints),

@@ -76,7 +76,7 @@ class LoopThread:
     def hangs(self) -> bool:
         """Return whether the thread has made no progress for ``HANG_S`` after a shutdown request.
 
-        All reads of servoloop's own hardware time out. A user's plug-in may wait forever.
+        All reads of servoloop's own hardware time out. A user's plugin may wait forever.
         """
         now_s = self.wall.now()
         if not self.signals.count:

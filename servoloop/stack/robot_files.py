@@ -24,7 +24,7 @@ LOG = logging.getLogger("servoloop")
 
 NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
-"""Hardware plug-ins that need a robot file."""
+"""Hardware plugins that need a robot file."""
 ROBOT = "robot_arm.yaml"
 
 

@@ -21,7 +21,7 @@ SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Search for plug-ins of other packages only once instead of for each file, and suppress warnings."""
+    """Search for plugins of other packages only once instead of for each file, and suppress warnings."""
     for module in (hardware_plugins, plugins):
         monkeypatch.setattr(module, "entry_points", cache(module.entry_points))
     with quiet():

@@ -20,7 +20,7 @@ WHY = "parameter 'strange' cannot be set because its type 77 does not exist: use
 def setting(request: Any, response: Any) -> Any:
     """Respond as rclpy does, with one result per parameter or one result for all parameters."""
     if any(parameter.name == "failing" for parameter in request.parameters):
-        raise ZeroDivisionError("a plug-in's")
+        raise ZeroDivisionError("a plugin's")
     result = SetParametersResult(successful=True)
     if isinstance(response, SetParameters.Response):
         response.results = [result] * len(request.parameters)
@@ -33,7 +33,7 @@ def test_valid_parameters_of_a_call_are_set(caplog: pytest.LogCaptureFixture) ->
     request = SetParameters.Request(parameters=[STRANGE, GOOD, FAILING, GOOD])
     results = answering(SetParameters, setting)(request, SetParameters.Response()).results
     assert [result.successful for result in results] == [False, True, False, True]
-    assert results[0].reason == WHY and "a plug-in's" in results[2].reason
+    assert results[0].reason == WHY and "a plugin's" in results[2].reason
     assert "Traceback" not in caplog.text
 
 
@@ -43,7 +43,7 @@ def test_valid_parameters_of_a_call_are_set(caplog: pytest.LogCaptureFixture) ->
         ([GOOD], ""),
         ([], ""),
         ([GOOD, STRANGE], WHY),
-        ([FAILING], "parameter 'failing' cannot be set: a plug-in's"),
+        ([FAILING], "parameter 'failing' cannot be set: a plugin's"),
     ],
 )
 def test_atomic_call_sets_all_parameters_or_none(parameters: list[Parameter], reason: str) -> None:

@@ -93,7 +93,7 @@ def make(component: HardwareInfo, clock: Clock) -> Gauge:
 
 
 def install(site: Path) -> str:
-    """Create the files of an installed package with this plug-in, and return a PYTHONPATH that contains the package."""
+    """Create the files of an installed package with this plugin, and return a PYTHONPATH that contains the package."""
     info = site / "acme-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")

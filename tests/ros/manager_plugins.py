@@ -1,4 +1,4 @@
-"""A user's controller that can be configured to fail. The controller is installed as a plug-in in the stack of a
+"""A user's controller that can be configured to fail. The controller is installed as a plugin in the stack of a
 test."""
 
 import logging

@@ -32,7 +32,7 @@ class Sample:
 
 
 class Bench:
-    """The stack with the plug-in as the arm, and the states that it publishes."""
+    """The stack with the plugin as the arm, and the states that it publishes."""
 
     def __init__(self, stack: StackProcess, client: ArmClient, arm: Orders) -> None:
         self.stack, self.client, self.arm = stack, client, arm

@@ -65,7 +65,7 @@ def refusal(folder: Path, *arguments: str) -> str:
 
 
 def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str) -> Path:
-    """Write a URDF with a plug-in as the arm. One of its calls fails."""
+    """Write a URDF with a plugin as the arm. One of its calls fails."""
     arm = Orders(folder / "arm")
     arm.give(call, order)
     monkeypatch.setenv("PYTHONPATH", install(folder))

@@ -54,7 +54,7 @@ def holdup(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
-    """Run the stack with the plug-in installed as pip would install it."""
+    """Run the stack with the plugin installed as pip would install it."""
     folder = holdup.parent
     info = folder / "troublesome-1.0.dist-info"
     info.mkdir()

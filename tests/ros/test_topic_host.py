@@ -1,4 +1,4 @@
-"""``servoloop topic-host`` with a stand-in of ros2_control's plug-in, which sends commands at 100 Hz over ROS."""
+"""``servoloop topic-host`` with a stand-in of ros2_control's plugin, which sends commands at 100 Hz over ROS."""
 
 import math
 import time
@@ -27,7 +27,7 @@ STATUS = "servoloop: topic host"
 
 
 class PluginNode:
-    """The plug-in as a node, which reads and writes in each cycle, as in the controller manager."""
+    """The plugin as a node, which reads and writes in each cycle, as in the controller manager."""
 
     def __init__(self) -> None:
         self.node = Node("plugin")
@@ -49,7 +49,7 @@ class PluginNode:
         self.statuses += [status for status in message.status if status.name == STATUS]
 
     def run(self, seconds: float, wanted: Callable[[float], dict[str, float]] | None = None) -> None:
-        """Run cycles. Without ``wanted``, the plug-in sends nothing.
+        """Run cycles. Without ``wanted``, the plugin sends nothing.
 
         After a pause of this process, the next cycle continues where the last one ended, so that commands do not jump.
         """

@@ -113,7 +113,7 @@ def test_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path, nu
 
 @pytest.fixture
 def hanging(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StackProcess]:
-    """Run a stack whose arm is a user plug-in that hangs in ``read``."""
+    """Run a stack whose arm is a user plugin that hangs in ``read``."""
     monkeypatch.setenv("PYTHONPATH", install(tmp_path))
     orders = Orders(tmp_path / "orders")
     urdf = add_states(write_urdf(tmp_path, arm=orders.hardware), "joint1", "reads", "writes")

@@ -232,7 +232,7 @@ def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_pat
 
 
 def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
-    """pytest loads the plug-in in every run in its environment."""
+    """pytest loads the plugin in every run in its environment."""
     from tests.testing.test_docs import pytest_in
 
     (tmp_path / "test_it.py").write_text(

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 THRESHOLD: float = 1e-5
-"""If the sum of the distances between states and commands does not exceed this value, the plug-in sends nothing."""
+"""If the sum of the distances between states and commands does not exceed this value, the plugin sends nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """The fields of a sensor_msgs/JointState that the plug-in fills."""
+    """The fields of a sensor_msgs/JointState that the plugin fills."""
 
     name: tuple[str, ...]
     position: tuple[float, ...]
@@ -18,7 +18,7 @@ class Message:
 
 @dataclass
 class TopicSystem:
-    """The plug-in before its first state, with its joints in the order of its ``<ros2_control>`` block."""
+    """The plugin before its first state, with its joints in the order of its ``<ros2_control>`` block."""
 
     joints: Sequence[str]
     passive: Sequence[str] = ()
@@ -38,6 +38,6 @@ class TopicSystem:
         """Return the message of one cycle, or None if all joints are at their commands."""
         commands = [self.commands.get(joint, math.nan) for joint in self.joints]
         differences = [abs(self.states.get(j, math.nan) - c) for j, c in zip(self.joints, commands, strict=True)]
-        if sum(differences) <= THRESHOLD:  # false for NaN: with a joint that has no command, the plug-in always sends
+        if sum(differences) <= THRESHOLD:  # false for NaN: with a joint that has no command, the plugin always sends
             return None
         return Message((*self.joints, *self.passive), tuple(commands))

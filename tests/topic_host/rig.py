@@ -1,4 +1,4 @@
-"""A virtual SO-101 on a simulated clock, to which a stand-in of ros2_control's plug-in sends commands in every
+"""A virtual SO-101 on a simulated clock, to which a stand-in of ros2_control's plugin sends commands in every
 cycle."""
 
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ PERIOD_S = 1.0 / RATE_HZ
 
 @dataclass
 class HostRig:
-    """The arm, the plug-in and the program that commands it."""
+    """The arm, the plugin and the program that commands it."""
 
     wanted: Callable[[float], Mapping[str, float]]
     """Commands (rad) of the program's controllers at a given time in seconds, by joint."""

@@ -1,4 +1,4 @@
-"""Drive a virtual SO-101 through a stand-in of ros2_control's plug-in: no jump, and the arm holds when it must."""
+"""Drive a virtual SO-101 through a stand-in of ros2_control's plugin: no jump, and the arm holds when it must."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -41,7 +41,7 @@ def moving(rig: HostRig, last: int = 1) -> bool:
 
 
 def test_the_arm_holds_until_a_controller_commands_it() -> None:
-    """Before the activation of its controllers, the plug-in sends NaN for every joint."""
+    """Before the activation of its controllers, the plugin sends NaN for every joint."""
     rig = HostRig(lambda time_s: {})
     rig.stack.up()
     rig.stack.run(1.0)

@@ -130,7 +130,7 @@ class StackConnection:
     def _refusal(self, error: dict[str, Any]) -> StackError:
         kind, text = str(error["type"]), str(error["text"])
         if kind == "version":
-            text += f". Install the version of this plug-in that belongs to the stack of {self.label}"
+            text += f". Install the version of this plugin that belongs to the stack of {self.label}"
         elif kind == "not_owner" and self.lost:
             text = f"LeRobot no longer moves {self.arm}, because {self.lost.partition(':')[0]}: start LeRobot again"
         return StackError(kind, text)

@@ -1,4 +1,4 @@
-"""Make the plug-in for LeRobot importable. The shared modules of the plug-in do not need LeRobot."""
+"""Make the plugin for LeRobot importable. The shared modules of the plugin do not need LeRobot."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Use the robot class of the plug-in, and kill its stack. This script runs in the environment of LeRobot.
+"""Use the robot class of the plugin, and kill its stack. This script runs in the environment of LeRobot.
 
 The argument is the process ID of the stack.
 """

@@ -1,4 +1,4 @@
-"""Build the plug-in for LeRobot, and install it into a folder."""
+"""Build the plugin for LeRobot, and install it into a folder."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ from tests.integrations.lerobot.conftest import PLUGIN
 
 
 def install_plugin(folder: Path) -> Path:
-    """Build the wheel of the plug-in and unpack it. A program finds the plug-in if ``PYTHONPATH`` contains the returned
+    """Build the wheel of the plugin and unpack it. A program finds the plugin if ``PYTHONPATH`` contains the returned
     folder."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder / "wheel")]
     subprocess.run(command, cwd=PLUGIN, check=True, capture_output=True)

@@ -1,4 +1,4 @@
-"""The part of the plug-in for LeRobot that talks to a stack, against a virtual arm. It does not need LeRobot."""
+"""The part of the plugin for LeRobot that talks to a stack, against a virtual arm. It does not need LeRobot."""
 
 import math
 import socket
@@ -183,7 +183,7 @@ def test_the_arm_is_chosen_by_namespace(rig: SocketRig, connect: Callable[..., C
 def test_another_version_of_the_protocol(monkeypatch: pytest.MonkeyPatch, connect: Callable[..., ConnectedArm]) -> None:
     monkeypatch.setattr(connection, "VERSION", 2)
     text = refused("version", connect)
-    assert "version 1" in text and "Install the version of this plug-in" in text
+    assert "version 1" in text and "Install the version of this plugin" in text
 
 
 def test_another_owner_of_the_motion(rig: SocketRig, connect: Callable[..., ConnectedArm]) -> None:

@@ -1,4 +1,4 @@
-"""The plug-in for LeRobot is a separate distribution that LeRobot finds by its name."""
+"""The plugin for LeRobot is a separate distribution that LeRobot finds by its name."""
 
 import ast
 import sys

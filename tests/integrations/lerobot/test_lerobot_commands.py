@@ -1,6 +1,6 @@
 """LeRobot's own commands with two virtual SO-101, each in the process of its ``servoloop up``.
 
-LeRobot runs in a separate environment, with the wheel of the plug-in.
+LeRobot runs in a separate environment, with the wheel of the plugin.
 """
 
 import json
@@ -44,7 +44,7 @@ KEEP_TORQUE = "--teleop.release_torque=false"
 
 
 class LeRobot:
-    """LeRobot with the plug-in, as LeRobot's commands see it."""
+    """LeRobot with the plugin, as LeRobot's commands see it."""
 
     def __init__(self, environment: Path, folder: Path) -> None:
         self.home = folder / "home"
