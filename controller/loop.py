@@ -120,7 +120,7 @@ class ControlLoop:
         """Set the last command of an activated component to its measured positions.
 
         A position slightly outside the limits also becomes the last command. The safety gate then slowly returns the
-        joint to its limits.
+        joint to its limits, and its controller waits.
 
         Args:
             component: The component.
@@ -154,6 +154,7 @@ class ControlLoop:
         self.previous_command = self.previous_command.copy()
         self.previous_command[own] = command[own]
         self.command = command
+        self.manager.stops.begin_return(range(own.start, own.stop), command)
 
     def _resume(self, controllers: Sequence[str], state: JointState) -> None:
         """Reactivate controllers that a transition has deactivated."""

@@ -9,7 +9,7 @@ import numpy as np
 from controller.final_state import FinalState
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
-from controller.stops import StopMotion
+from controller.stops import StopMotion, return_s
 from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
 from hal.hardware import Holding, undo_activation
@@ -156,8 +156,21 @@ def _check_torque(loop: ControlLoop) -> None:
             loop.hardware.ask_for_torque(component)
 
 
+def _return_to_limits(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
+    """Wait until joints outside their limits have returned to them, which the gate does slowly.
+
+    A motion that began before would be ahead of these joints, and they would jump to it at the limit.
+    """
+    inside, each = loop.within_limits, zip(loop.command.tolist(), loop.limits, loop.kinds, strict=True)
+    duration_s = max((return_s(at, limit) for at, limit, kind in each if kind == "position"), default=0.0)
+    if duration_s > 0.0:
+        LOG.info("joints outside their limits return slowly in %.1f s", duration_s)
+        _drive(loop, lambda elapsed_s: inside, duration_s, hurry)
+
+
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
     """Move all joints with a known position to the park pose. Return whether the joints have reached the pose."""
+    _return_to_limits(loop, hurry)
     names = joints_of(loop.hardware.command_interfaces)
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits

@@ -1,19 +1,28 @@
-"""Stop joints within their limits when their controller is deactivated during a motion."""
+"""Stop joints within their limits when their controller is deactivated during a motion, and let joints return to their
+limits before a controller commands them."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from controller.motion import Kinematics, MotionError, RuckigMotion, plan_stop
+from hal.gate import RETURN_SHARE
 from hal.types import FloatArray, Interface, JointLimits
 
 LOG = logging.getLogger("servoloop.controller")
 
 STANDING: Final = 1e-6
 """Maximum speed of a joint that counts as at rest, in rad/s or m/s."""
+
+
+def return_s(position: float, limit: JointLimits) -> float:
+    """Return the time in which a position outside its limits returns to them, in seconds. The time is 0 for a position
+    within its limits, and for NaN."""
+    away = max(limit.lower - position, position - limit.upper)
+    return away / (RETURN_SHARE * limit.velocity) if away > 0.0 else 0.0
 
 
 class StopMotion:
@@ -48,19 +57,32 @@ class StopMotion:
         return command
 
 
+class ReturnMotion:
+    """The return of one position to its limits. The safety gate makes it slow, so the command is the limit itself."""
+
+    def __init__(self, position: float, limit: JointLimits) -> None:
+        self.duration_s = return_s(position, limit)
+        """Time until the position is within its limits, in seconds."""
+        self._end = np.array([min(max(position, limit.lower), limit.upper)])
+
+    def sample(self, elapsed_s: float) -> FloatArray:
+        """Return the command, of shape (1,)."""
+        return self._end
+
+
 @dataclass(slots=True)
 class _Stopping:
-    """A stop in progress. ``places`` maps each command interface to its index in the stop's command."""
+    """A stop or a return in progress. ``places`` maps each command interface to its index in the motion's command."""
 
     places: dict[int, int]
-    stop: StopMotion
+    stop: StopMotion | ReturnMotion
     elapsed_s: float = 0.0
 
 
 class DecelerationStops:
-    """Stops of joints whose controller was deactivated during a motion.
+    """Stops of joints whose controller was deactivated during a motion, and returns of joints outside their limits.
 
-    No other controller commands a joint until the joint is at rest.
+    No other controller commands a joint until the joint is at rest within its limits.
     """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
@@ -88,10 +110,30 @@ class DecelerationStops:
         except MotionError as error:
             LOG.error("joints without a controller stop abruptly instead of braking within their limits: %s", error)
             return
+        self._add({i: k for k, i in enumerate(moving)}, stop)
+
+    def begin_return(self, index: Iterable[int], command: FloatArray) -> None:
+        """Let positions outside their limits return to them.
+
+        A controller that moved its joints in the meantime would be ahead of a joint that returns slowly, and the joint
+        would jump as soon as it is within its limits.
+
+        Args:
+            index: Indices of the command interfaces.
+            command: Last command of all n command interfaces, of shape (n,).
+        """
+        for i in index:
+            limit = self._limits.get(self._interfaces[i].joint)
+            if limit is not None and self._interfaces[i].kind == "position":
+                back = ReturnMotion(float(command[i]), limit)
+                if back.duration_s > 0.0:
+                    self._add({i: 0}, back)
+
+    def _add(self, places: dict[int, int], stop: StopMotion | ReturnMotion) -> None:
         for former in self.moving:
-            for i in moving:
+            for i in places:
                 former.places.pop(i, None)
-        self.moving.append(_Stopping({i: k for k, i in enumerate(moving)}, stop))
+        self.moving.append(_Stopping(places, stop))
 
     def _moves(self, i: int, command: FloatArray, velocity: FloatArray) -> bool:
         speed = velocity[i] if self._interfaces[i].kind == "position" else command[i]

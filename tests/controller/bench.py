@@ -45,6 +45,10 @@ class ScriptedHardware(MockHardware):
         self.deadlines: list[float | None] = []
         """Deadline of each requested measurement."""
 
+    def place(self, joint: str, position: float) -> None:
+        """Set the position at which a joint stands."""
+        self._position[self.joints.index(joint)] = position
+
     def request(self, deadline_s: float | None = None) -> None:
         self.deadlines.append(deadline_s)
 

@@ -6,8 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from controller.action_goals import GoalStatus
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
+from controller.shutdown import shut_down
 from drivers.servos import sts
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
@@ -18,6 +20,7 @@ from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from servoloop.simulation.stack import SimulatedStack
 from sim_backend.clock import SimulatedClock
+from tests.controller.bench import ARM_LIMITS, Bench, to
 
 PERIOD_S = 0.02
 LIMITS = JointLimits(-1.0, 1.0, 2.0, 8.0, 80.0)
@@ -77,6 +80,29 @@ def test_a_joint_slightly_outside_its_limits_returns_slowly_and_is_logged_once(
     assert steps.max() <= SLOW_STEP + 1e-12
     assert hardware.written[-1] == side * LIMITS.upper
     assert sum("returning slowly" in message for message in caplog.messages) == 1
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_goal_waits_until_its_joint_has_returned(side: float) -> None:
+    """A reference that moved on in the meantime would make the joint jump at its limit."""
+    bench = Bench()
+    bench.hardware.place("shoulder", side * 2.15)
+    handle = bench.up().send(to(0.0, 0.0))
+    bench.cycle(60)
+    assert handle.status is GoalStatus.SUCCEEDED
+    velocity = np.diff(bench.path()[:, 0]) / bench.loop.period_s
+    changes = np.abs(np.diff(velocity)) / bench.loop.period_s
+    assert changes.max() <= ARM_LIMITS.acceleration + 1e-9
+
+
+def test_an_arm_is_parked_after_its_joint_has_returned() -> None:
+    bench = Bench()
+    bench.hardware.place("shoulder", 2.15)
+    assert shut_down(bench.up().loop, True, {"shoulder": -0.5}, 0.5) == []
+    velocity = np.diff(bench.path()[:, 0]) / bench.loop.period_s
+    changes = np.abs(np.diff(velocity)) / bench.loop.period_s
+    assert changes.max() <= ARM_LIMITS.acceleration + 1e-9
+    assert bench.path()[-1, 0] == pytest.approx(-0.5)
 
 
 def test_the_arm_in_mujoco_returns_slowly() -> None:
