@@ -92,12 +92,12 @@ class GoalExecution:
     def relieve(self, now: Cycle) -> bool:
         """Run one cycle of the relief. Return whether another cycle is needed.
 
-        A limp joint is still measured, and its neighbors may be pressing against an obstacle.
+        The relief ends early only if no joint is measured. Neighbors of a silent joint may be pressing against an
+        obstacle, and a limp joint is still measured.
         """
         faults = now.state.faults
-        gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
         unmeasured = {name: fault for name, fault in faults.items() if fault.kind != "no_torque"}
-        if gone or self._unmeasured.lasting(unmeasured, now.period_s):
+        if self._unmeasured.lasting(unmeasured, now.period_s) and unmeasured.keys() >= set(self._joints):
             return False
         self._relief.step(now)
         return not self._relief.done
