@@ -70,7 +70,7 @@ class JointTrajectoryController:
         self._planning = Lock()
         """Lock that is held while a goal is planned or submitted. ROS and the command socket use separate threads.
         """
-        self._start = Kinematics.at_rest(self.command)
+        self._start, self._measured = Kinematics.at_rest(self.command), self.command
         self.period_s = 0.0
         """Period of the loop, in seconds; 0 before the first cycle."""
         self._last_s = 0.0
@@ -97,7 +97,7 @@ class JointTrajectoryController:
         if not self.running:
             return NOT_RUNNING
         try:
-            measured = self.tracking.feedback_position if self.tracking is not None else None
+            measured = self.tracking.feedback_position if self.tracking is not None else self._measured
             self._planned = goal, self._planner.plan(goal, self._allowed, self._next_reference(), measured)
         except GoalRejected as error:
             return str(error)
@@ -152,7 +152,7 @@ class JointTrajectoryController:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._execution.end()
         self._sampler.hold(command)
-        self._start = self._sampler.reference()
+        self._start, self._measured = self._sampler.reference(), state.position.take(self._index)
         self._last_s = state.stamp_s
         self._standstill.reset()
         self.command = command.copy()

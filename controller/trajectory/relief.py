@@ -105,7 +105,8 @@ class Relief:
             self._relieved &= self._attempts >= ATTEMPTS
             self._begun = False
         self._stood_s += now.step_s
-        off = np.abs(now.error) > PRESSES * self._sampler.still
+        # A joint that is blocked outside its limits cannot be relieved further than to the limit.
+        off = np.abs(now.reference.position - self._sampler.inside(measured(now))) > PRESSES * self._sampler.still
         pushed = (np.abs(now.error) > self._free_error) & (self._attempts < ATTEMPTS)
         held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | pushed)
         if held.any():

@@ -38,7 +38,7 @@ def draw_limits(
     outside = random.uniform(1.3, 4.0) if random.random() < FAR else random.uniform(0.1, 0.9)
     outside *= OUTSIDE_TOLERANCE  # as a fraction of the remaining range
     ranges = [
-        (name, (round(least, 4), round(greatest, 4)))
+        (name, (max(round(least, 4), limit.lower), min(round(greatest, 4), limit.upper)))
         for name, limit in joints.items()
         for least, greatest in _ranges(limit, positions[name], outside)
         if name not in park or least < park[name] < greatest

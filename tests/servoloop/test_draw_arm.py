@@ -10,7 +10,7 @@ from servoloop.simulation.acts import Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 
-JOINTS = {"a": JointLimits(-2.0, 2.0, 1.0, 5.0, 50.0), "b": JointLimits(-1.0, 1.0, 1.0, 5.0, 50.0)}
+JOINTS = {"a": JointLimits(-1.91986, 1.91986, 1.0, 5.0, 50.0), "b": JointLimits(-1.0, 1.0, 1.0, 5.0, 50.0)}
 START = {"a": 1.5, "b": -1.0}
 
 

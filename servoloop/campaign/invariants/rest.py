@@ -169,9 +169,9 @@ class NothingTravels(Invariant):
 class NothingPresses(Invariant):
     """Shortly after a goal has failed, none of the arm's joints is driven against an obstacle.
 
-    Relieving one joint may move another joint, which is then relieved next. After the relief, a joint that moves away
-    from its command is pushed by something else, such as an external torque or the gripper. Such a joint is not checked
-    until a command of the arm changes, because an arm without a goal keeps its commands.
+    Relieving one joint may move another joint, which is then relieved next. After the relief, something else may push a
+    joint away from its command, such as an external torque or the gripper. This distance does not count until a command
+    of the arm changes, because an arm without a goal keeps its commands.
     """
 
     name = "nothing presses after the end"
@@ -199,8 +199,9 @@ class NothingPresses(Invariant):
         self._last: object = None
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
-        self._pushed: set[str] = set()
-        """Joints that have been pushed away from their commands since a command of the arm last changed."""
+        self._least_off: dict[str, float] = {}
+        """Smallest distance of each joint from its command since the relief was complete. A joint that something else
+        pushes away later does not count as pressing."""
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
@@ -224,13 +225,12 @@ class NothingPresses(Invariant):
         waited = relieved and not (self._deactivated or state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
-        self._update_pushed(true)
+        self._measure_distances(true)
         for joint, place in self._places.items():
-            trusted = joint not in self._pushed and not self.deceived(joint)
-            known = trusted and joint not in state.faults and self.torque_of(joint)
+            known = not self.deceived(joint) and joint not in state.faults and self.torque_of(joint)
             command = float(self.stack.loop.command[place])
             creeps = abs(true[joint] - self._before.get(joint, (true[joint], command))[0]) > CREEPS * period_s
-            off = not (creeps or joint in relieved_now) and abs(command - true[joint]) > self._allowed[joint]
+            off = not (creeps or joint in relieved_now) and self._least_off[joint] > self._allowed[joint]
             self.examined += known
             pressed = known and off and joint not in streamed
             self._pressed_s[joint] = self._pressed_s[joint] + period_s if pressed else 0.0
@@ -240,22 +240,21 @@ class NothingPresses(Invariant):
                 self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
             self._before[joint] = true[joint], command
 
-    def _update_pushed(self, true: dict[str, float]) -> None:
-        """Find the joints whose ``true`` positions move away from their commands although the relief is complete."""
+    def _measure_distances(self, true: dict[str, float]) -> None:
+        """Update the smallest distances of the joints at their ``true`` positions from their commands."""
         loop = self.stack.loop
         places = list(self._places.values())
         kept = np.array_equal(loop.command[places], loop.previous_command[places])
         self._commands_kept_s = self._commands_kept_s + loop.period_s if kept else 0.0
-        if not kept:
-            self._pushed.clear()
-        if self._commands_kept_s > RELIEF_OVER_S:
-            for joint, (position, command) in self._before.items():
-                if abs(true[joint] - command) - abs(position - command) > CREEPS * loop.period_s:
-                    self._pushed.add(joint)
+        before = self._least_off if self._commands_kept_s > RELIEF_OVER_S else {}
+        off: dict[str, float] = {}
+        for joint, place in self._places.items():
+            limit = loop.limits[place]  # A joint blocked outside its limits can only be relieved to the limit.
+            off[joint] = abs(float(loop.command[place]) - min(max(true[joint], limit.lower), limit.upper))
+        self._least_off = {joint: min(now, before.get(joint, now)) for joint, now in off.items()}
 
     def _forget(self) -> None:
         self._commands_kept_s = 0.0
-        self._pushed.clear()
         self._off_s.clear()
         self._pressed_s.clear()
 
