@@ -1,14 +1,14 @@
 """Hardware component for a leader arm, which is moved by hand. The servos are limp and are only read."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.limp_arm import LimpArm, torque_warning
+from hal.servos.open_buses import OpenBuses
 from hal.types import JointState
 
 LEADER: Final = "leader"
@@ -26,9 +26,7 @@ class LeaderArm(LimpArm):
     ``leader/NAME``, because the follower may have joints with the same names.
     """
 
-    def __init__(
-        self, joints: Sequence[Joint], open_buses: Callable[[], Bus | Mapping[str, Bus]], clock: Clock
-    ) -> None:
+    def __init__(self, joints: Sequence[Joint], open_buses: OpenBuses, clock: Clock) -> None:
         super().__init__(LEADER, [replace(one, name=leader_joint(one.name)) for one in joints], open_buses, clock)
         self.command_interfaces = ()
         self.asked_s = self.measured_s = 0.0

@@ -1,16 +1,17 @@
 """Hardware component for serial bus servos. Real and virtual servos differ only below the port."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 
-from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servos.activation import Activation
 from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.joint_buses import JointBuses
+from hal.servos.open_buses import OpenBuses, open_all, open_reachable
 from hal.servos.servo_goals import ServoGoals
 from hal.servos.servo_outputs import ServoOutputs
 from hal.servos.servo_setup import ServoSetup
@@ -31,12 +32,12 @@ class ServoHardware:
         self,
         name: str,
         joints: Sequence[Joint],
-        open_buses: Callable[[], Bus | Mapping[str, Bus]],
+        open_buses: OpenBuses,
         clock: Clock,
         compensation: GravityCompensation | None = None,
         outputs: ServoOutputs | None = None,
     ) -> None:
-        """Create the component. ``open_buses`` opens and returns the component's bus, or its buses keyed by name."""
+        """Create the component. With a function for each bus, torque can be disabled even if another bus is missing."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = position_interfaces(joint.name for joint in joints)
@@ -60,7 +61,7 @@ class ServoHardware:
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
-        self._buses = self._open()
+        self._buses = open_all(self._joints, self._open_buses)
         self.state = LifecycleState.INACTIVE
         self._states.reset()
         try:
@@ -69,10 +70,6 @@ class ServoHardware:
         except BaseException:
             self.cleanup()
             raise
-
-    def _open(self) -> JointBuses:
-        opened = self._open_buses()
-        return JointBuses(self._joints, opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened})
 
     def _check(self, setup: ServoSetup) -> None:
         """Check the servos when the component is configured. Raises DriverError."""
@@ -108,12 +105,11 @@ class ServoHardware:
 
     def disable_torque(self) -> Sequence[str]:
         """Disable the torque of all servos that respond, even if the component could not be configured."""
-        buses = self._buses or self._open()
-        try:
-            return ServoSetup(buses).torque_off(self._joints)
-        finally:
-            if buses is not self._buses:
-                buses.close()
+        if self._buses:
+            return ServoSetup(self._buses).torque_off(self._joints)
+        buses, errors = open_reachable(self._joints, self._open_buses)
+        with closing(buses):
+            return [*map(str, errors), *ServoSetup(buses).torque_off(self._joints)]
 
     def undo_activation(self) -> Sequence[str]:
         """Undo the activation.

@@ -83,10 +83,10 @@ class FaultyStack(SimulatedStack):
         if self.clients is not None:
             self.clients.die()
 
-    def _open_buses(self) -> dict[str, Bus]:
-        for name, adapter in self.adapters.items():
-            self.ports[name].port = adapter.open(adapter.name)
-        return super()._open_buses()
+    def _open_bus(self, name: str) -> Bus:
+        adapter = self.adapters[name]
+        self.ports[name].port = adapter.open(adapter.name)
+        return super()._open_bus(name)
 
     def _after_step(self, time_s: float) -> None:
         if self._playing:

@@ -1,6 +1,7 @@
 """Run the controllers, loop, driver, virtual servos and physics in one thread on a simulated clock."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -162,20 +163,16 @@ class SimulatedStack:
             mujoco = MujocoHardware(component.name, joints, self.world, self.clock)
             mujoco.outputs = tuple(component.outputs)
             return mujoco
-        names = {joint.bus for joint in joints}
-
-        def open_buses() -> dict[str, Bus]:
-            return {name: bus for name, bus in self._open_buses().items() if name in names}
-
+        names = dict.fromkeys(joint.bus for joint in joints)
+        open_buses = {name: partial(self._open_bus, name) for name in self.ports if name in names}
         carried = self._compensation(joints, self.files.description)
         outputs = ServoOutputs(component, joints, self.outputs)
         made = ServoHardware(component.name, joints, open_buses, self.clock, carried, outputs)
         self.made.append(made)
         return made
 
-    def _open_buses(self) -> dict[str, Bus]:
-        file, ports = self.files.robot.file, self.ports
-        return {name: servo_bus(file, self.tap(port), self.clock, name) for name, port in ports.items()}
+    def _open_bus(self, name: str) -> Bus:
+        return servo_bus(self.files.robot.file, self.tap(self.ports[name]), self.clock, name)
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Run cycles for ``seconds`` seconds, or until ``until`` returns true."""

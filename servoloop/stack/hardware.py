@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -204,12 +205,13 @@ class _ComponentBuilder:
         names = list(dict.fromkeys(joint.bus for joint in joints))
         carried = compensation(joints, self.files.description)
         outputs = ServoOutputs(component, joints, self.outputs)
-        return ServoHardware(component.name, joints, lambda: self._open(names), self.clock, carried, outputs)
+        each = {name: partial(self._open, name) for name in names}
+        return ServoHardware(component.name, joints, each, self.clock, carried, outputs)
 
-    def _open(self, names: Sequence[str]) -> Mapping[str, Bus]:
-        buses = open_buses(self.files.robot.file, self.devices, self.clock, names, self.open_port)
-        self.buses.update(buses)
-        return buses
+    def _open(self, name: str) -> Bus:
+        bus = open_buses(self.files.robot.file, self.devices, self.clock, [name], self.open_port)[name]
+        self.buses[name] = bus
+        return bus
 
 
 def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:

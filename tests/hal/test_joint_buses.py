@@ -11,7 +11,7 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError, PortLost
+from drivers.errors import DriverError, PortLost, PortMissing
 from drivers.servos import sts
 from drivers.types import Reading, ServoState
 from hal.components.component_lifecycle import configure_all
@@ -249,6 +249,27 @@ def test_deactivation_with_a_lost_port_releases_the_other_bus(lost: str, kept: s
     assert bench.torque()[kept] == []
     bench.hardware.cleanup()
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
+
+
+def test_a_missing_port_does_not_prevent_the_release_of_the_other_bus() -> None:
+    ports = Ports().active()
+    ports.hardware.deactivate(relax=False)
+    ports.hardware.cleanup()
+
+    def missing() -> Bus:
+        raise PortMissing("there is no /dev/arm")
+
+    def hand() -> Bus:
+        return Bus(VirtualPort(ports.servos["hand"], ports.clock), ports.clock)
+
+    hardware = ServoHardware("arm", (SHOULDER, FINGER, ELBOW), {"arm": missing, "hand": hand}, ports.clock)
+    assert hardware.disable_torque() == ["there is no /dev/arm"]
+    assert ports.torque() == {"arm": [1, 2], "hand": []}
+    with pytest.raises(PortMissing, match="there is no /dev/arm"):
+        hardware.configure()
+    assert hardware.state is LifecycleState.UNCONFIGURED
+    with pytest.raises(PortMissing):
+        ServoHardware("arm", (SHOULDER, FINGER, ELBOW), {"arm": missing, "hand": missing}, ports.clock).disable_torque()
 
 
 def test_servos_that_cannot_be_released_are_reported_with_their_joints() -> None:

@@ -49,7 +49,7 @@ def test_two_buses_are_read_in_parallel() -> None:
     """Reading both buses takes as long as the slower bus alone. The times of the simulated clock are exact."""
     rig = two_ports()
     rig.run(0.5)
-    buses = rig._open_buses()
+    buses = {name: rig._open_bus(name) for name in rig.ports}
     alone_s = {}
     for name, bus in buses.items():
         ids = [joint.servo_id for joint in rig.files.robot.joints if joint.bus == name]

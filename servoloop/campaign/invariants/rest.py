@@ -194,8 +194,9 @@ class NothingPresses(Invariant):
         """Whether the arm has been moved by hand since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
-        self._deactivated = False
-        """Whether the controller has been inactive since the last goal ended, so that the relief started late."""
+        self._delayed = False
+        """Whether the controller was inactive or a joint had a fault since the last goal ended, so that the relief may
+        be late."""
         self._last: object = None
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
@@ -219,10 +220,10 @@ class NothingPresses(Invariant):
         running = self.stack.manager.registry.loaded[self.arm.name].active
         streamed = self._driven_by_others()
         self._streamed = bool(streamed) or (self._streamed and last is self._last)
-        self._deactivated = not running or (self._deactivated and last is self._last)
+        self._delayed = not running or bool(state.faults) or (self._delayed and last is self._last)
         self._last = last
         relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
-        waited = relieved and not (self._deactivated or state.faults or self._streamed)
+        waited = relieved and not (self._delayed or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
         self._measure_distances(true)
