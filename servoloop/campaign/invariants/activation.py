@@ -103,6 +103,8 @@ class ActivatedAsConfigured(Invariant):
             if problem := wrong_torque_limit(joint, memory, wanted):
                 self.say(problem)
         position, slack = self.true_positions().get(joint.name), OUTSIDE_SHARE * (wanted.upper - wanted.lower)
+        if self.deceived(joint.name):
+            position = None
         if position is not None and not wanted.lower - slack <= position <= wanted.upper + slack:
             limits = f"{wanted.lower:.4f} to {wanted.upper:.4f}"
             self.say(f"{joint.name} was activated at {position:.4f}, far outside its limits {limits}")
