@@ -102,7 +102,11 @@ def _bring_back(loop: ControlLoop, component: Component) -> None:
     Raises an error if the component cannot be reached.
     """
     hardware = component.hardware
-    if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
+    if not isinstance(hardware, Holding):
+        return
+    if component.state is LifecycleState.ACTIVE and component.out_of_reach:
+        hardware.cleanup()  # The component was lost just now. Its ports must be opened again.
+    if component.state is not LifecycleState.UNCONFIGURED:
         return
     hardware.configure()
     if hardware.holds():  # Limp joints have already dropped and stay where they are.

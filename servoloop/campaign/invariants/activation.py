@@ -16,6 +16,7 @@ from sim_backend.faults.settings import WRONG_SETTING
 CHANGES: Final = frozenset(
     {
         "brown_out",
+        "hardware_error",
         "loose_plug",
         "cable_cut",
         "weak_supply",
