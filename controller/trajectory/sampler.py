@@ -123,6 +123,11 @@ class TrajectorySampler:
             self.scaling.restart(bool(reference.velocity.any()))
         self.rate = self.scaling.factor if on_goal else 1.0
 
+    def resume(self, path: Path, from_s: float) -> None:
+        """Follow a path from rest, starting ``from_s`` after the start of the path."""
+        self.path, self.elapsed_s, self._end = path, from_s, None
+        self.scaling.factor = self.rate = 0.0
+
     def hold(self, position: FloatArray) -> None:
         """Hold a position (n,), or the nearest position within the limits."""
         state = Kinematics.at_rest(self.inside(position))

@@ -68,8 +68,7 @@ def restart(sampler: TrajectorySampler, sent: FloatArray, lead_s: float = 0.0) -
     about_s = _nearest_s(path, sent, now_s, now_s + window_s)
     from_s = _nearest_s(path, sent, max(about_s - window_s / SAMPLES, now_s), about_s + window_s / SAMPLES)
     offset = sent - path.sample(from_s).position
-    sampler.path, sampler.elapsed_s = OffsetPath(path, offset, from_s) if offset.any() else path, from_s
-    sampler.scaling.factor = sampler.rate = 0.0
+    sampler.resume(OffsetPath(path, offset, from_s) if offset.any() else path, from_s)
 
 
 def _nearest_s(path: Path, position: FloatArray, first_s: float, last_s: float) -> float:

@@ -141,3 +141,16 @@ def test_a_relief_continues_after_a_stall() -> None:
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.ABORTED
     assert bench.path()[-1, 0] == pytest.approx(bench.hardware.read().position[0], abs=1e-3)
+
+
+def test_a_path_that_ended_is_resumed_from_the_last_command() -> None:
+    """The reference at the end of a path is computed once, but a standstill replaces it."""
+    start, end = (Kinematics.at_rest(np.full(2, position)) for position in (0.0, 0.1))
+    sampler = TrajectorySampler([ARM_LIMITS] * 2)
+    sampler.follow(motion_to(start, end, sampler.limits, 0.2), start)
+    for _ in range(20):
+        sampler.advance(PERIOD_S)
+    assert sampler.ended
+    sent = sampler.reference().position - 0.01
+    restart(sampler, sent)
+    assert sampler.reference().position == pytest.approx(sent)
