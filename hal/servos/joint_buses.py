@@ -26,6 +26,8 @@ class JointBuses:
         self.joints_on = {name: [joint for joint in joints if joint.bus == name] for name in buses}
         """Joints on each bus, keyed by bus name."""
         self._joints = tuple(joints)
+        self.several = len({joint.bus for joint in joints}) > 1
+        """Whether the joints use several buses, even if only one of them is open."""
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
         # Buses that read servos one by one come first, because each request waits for the reply to the previous
         # request. During this time, the kernel buffers the bytes received on the other buses. Dead buses are read last,
@@ -35,7 +37,7 @@ class JointBuses:
 
     def label(self, joint: Joint) -> str:
         """Return the name of a joint for use in messages, including its bus if there are several."""
-        return joint.name if len(self.buses) == 1 else f"{joint.name} (bus {joint.bus})"
+        return joint.name if not self.several else f"{joint.name} (bus {joint.bus})"
 
     def request(self, deadline_s: float) -> None:
         """Send the requests to all servos before waiting for any reply."""
@@ -121,12 +123,12 @@ class JointBuses:
         try:
             yield
         except PortLost as error:
-            if len(self.buses) == 1:
+            if not self.several:
                 raise
             out_of_reach = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in self.joints_on[name])
             raise PortLost(f"bus {name}: {error}. Out of reach: {out_of_reach}") from error
         except ServoError as error:
-            if len(self.buses) == 1:
+            if not self.several:
                 raise
             raise type(error)(error.servo_id, f"{error.text} ({self._owner(name, error.servo_id)})") from error
 

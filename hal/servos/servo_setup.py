@@ -94,7 +94,7 @@ class ServoSetup:
             found, stateless = read_explained_states(bus, known)
             causes |= stateless | _wrong_voltages(joints, bus, found)
         if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
-            which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
+            which = f" (bus {name})" if self._buses.several else ""
             return [f"no servo responds on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
         problems = {
             i: intermittent_text(i, bus.name) if i in silent else str(error) for i, error in errors.items()
@@ -186,7 +186,7 @@ class ServoSetup:
         return problems
 
     def _error_text(self, joints: Sequence[Joint], error: ServoError) -> str:
-        if len(self._buses.buses) == 1:
+        if not self._buses.several:
             return str(error)
         joint = next(joint for joint in joints if joint.servo_id == error.servo_id)
         return f"{self._buses.label(joint)}: {error}"

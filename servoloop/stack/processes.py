@@ -184,7 +184,7 @@ def prompt_interpreter(full_collections: bool = False) -> Iterator[None]:
 
     A full collection would delay a loop at 200 Hz by 35 ms, because each cycle creates objects that are kept for fault
     files. The collector therefore examines only new objects, in small groups. Reference cycles of older objects are
-    not found, but the stack creates none: a full collection after 60 goals found fewer than 50 objects.
+    not found, but the stack creates very few: a full collection after 60 goals found 40 objects.
 
     Args:
         full_collections: Whether full collections continue. Programs of users need these collections, because their
