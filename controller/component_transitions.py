@@ -227,10 +227,14 @@ class ComponentTransitions:
             transition.controllers = ended
 
     def _moves(self, component: Component) -> bool:
-        own = range(len(self._hardware.command_interfaces))[component.commands]
+        own = self._own(component)
         if component.error is not None:  # Unreachable joints cannot be relieved either.
             return self._manager.stops.holds(own)
         return not self._manager.cycle.at_rest(own)
+
+    def _own(self, component: Component) -> range:
+        """Return the indices of a component's command interfaces."""
+        return range(len(self._hardware.command_interfaces))[component.commands]
 
     def _left(self, component: Component, transition: ComponentTransition | None) -> None:
         if component.error is not None:
@@ -272,6 +276,7 @@ class ComponentTransitions:
                 raise component.error
             if transition.error_in_background is None:
                 self._take_over(component, state, transition.reactivated)
+                self._manager.cycle.leaving.restart(self._own(component))
         except Exception as error:
             if component.error is None:
                 self._switch_off(component, undo=transition.reactivated is None)

@@ -145,7 +145,7 @@ def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
     """
     leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
     loop.manager.stops.moving.clear()
-    leaving.restart()
+    leaving.restart(range(len(loop.command)))
     while leaving.entries and loop.hardware.reachable and not hurry():
         state = loop.hardware.read()
         loop.send(loop.manager.cycle.update(state, loop.command, state.stamp_s, loop.period_s))

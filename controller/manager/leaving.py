@@ -47,10 +47,10 @@ class LeavingControllers:
         self.entries = [entry for entry in self.entries if entry not in ended]
         return [entry.index for entry in ended]
 
-    def restart(self) -> None:
-        """Restart each relief at the current positions, because a different command has moved the joints."""
+    def restart(self, index: Sequence[int]) -> None:
+        """Restart each relief that uses an interface at ``index``, because a different command has moved the joints."""
         for entry in self.entries:
-            entry.begun = False
+            entry.begun = entry.begun and not any(i in entry.index for i in index)
 
     def fill(self, wanted: FloatArray, last: FloatArray, state: JointState, now_s: float, period_s: float) -> None:
         """Set the commands of relieved joints in ``wanted`` (n,). ``last`` (n,) is the last command."""

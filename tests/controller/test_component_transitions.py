@@ -72,14 +72,16 @@ class Mover(Puppet):
 class Two:
     """An arm with two joints and a hand with one joint, each of them a component with its own controllers."""
 
-    def __init__(self, keep_alive: bool = False, cycles_per_update: Sequence[int] = (1, 1)) -> None:
+    def __init__(
+        self, keep_alive: bool = False, cycles_per_update: Sequence[int] = (1, 1), make: type[Mover] = Mover
+    ) -> None:
         self.clock = SimulatedClock(5.0)
         self.arm = Breakable("arm", ("shoulder", "elbow"), self.clock)
         self.hand = Breakable("hand", ("finger",), self.clock)
         self.components = ComponentSet([self.arm, self.hand], self.clock, cycles_per_update)
         limits = dict.fromkeys(self.components.joints, LIMIT)
         self.manager = ControllerManager(self.components, limits)
-        self.movers = {joint: Mover(joint) for joint in self.components.joints}
+        self.movers = {joint: make(joint) for joint in self.components.joints}
         for mover in self.movers.values():
             self.manager.registry.add(mover)
         self.background: list[Callable[[], None]] = []
@@ -227,6 +229,28 @@ def test_a_lost_component_resumes_at_its_measured_positions() -> None:
     assert two.loop.command[2] == pytest.approx(-0.7)
     assert set(two.states[-1].faults) == {"shoulder", "elbow"}
     assert two.components.lost == [two.components.components[0]]
+
+
+class Reliever(Mover):
+    """Controller whose relief lasts until another controller claims its joint."""
+
+    def begin_relief(self, state: JointState, command: FloatArray) -> None:
+        self.command = command
+
+    def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
+        return True
+
+
+def test_a_component_that_returns_during_its_relief_stays_at_its_measured_positions() -> None:
+    two = Two(keep_alive=True, make=Reliever).going()
+    two.hand.failing["read"] = PortLost(GONE)
+    two.cycle(20)
+    two.hand.failing.clear()
+    two.hand._position[:] = -0.7  # The joint was moved by hand.
+    written = len(two.hand.written)
+    assert two.set(ACTIVE).result() is None
+    two.cycle(5)
+    np.testing.assert_allclose(two.hand.written[written:], -0.7)
 
 
 def test_a_component_whose_cleanup_fails_is_finalized() -> None:
