@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from drivers.servos import sts, x
+from drivers.servos.ram_gains import ram_gains
 from drivers.servos.register import ServoModel
 from hal.types import FloatArray
 
@@ -99,14 +100,17 @@ def compliance_of(
 
     Args:
         model: Model of the servo.
-        position_p: Position P gain of a Dynamixel, if it is set.
+        position_p: Position P gain of a Dynamixel. By default, this is the factory gain, which activation writes.
         transmission: Joint units per radian of the shaft.
         settings: Settings of an STS that differ from the factory settings, keyed by register name.
 
     Returns:
-        The compliance, or None if it is unknown. The gain scale of SCS, AX, MX and XL-320 servos is not published, and
-        the default gain of the X series differs between models.
+        The compliance, or None if it is unknown. The gain scale of SCS, AX, MX and XL-320 servos is not published. The
+        factory gains of an XL330-M077 include an I gain, so its error at rest does not show its load.
     """
+    factory = ram_gains(model)
+    if position_p is None and not factory.get(x.position_i_gain):
+        position_p = factory.get(x.position_p_gain)
     if model in sts.MODELS.values():
         held = {**STS_SETTINGS, **(settings or {})}
         per_count = held["position_p"] * STS_DRIVE_PER_COUNT

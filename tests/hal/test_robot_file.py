@@ -87,7 +87,8 @@ def test_a_gain_of_the_file_is_used_for_the_servo(tmp_path: Path) -> None:
         read_files(robot=written(tmp_path, text)).robot.joints[0].compliance
         for text in (dynamixel, dynamixel.replace("position_p: 2400, ", ""))
     )
-    assert given is not None and omitted is None
+    assert given is not None and omitted is not None
+    assert given.stiffness == pytest.approx(2400 / 640 * omitted.stiffness)  # 640 is the factory gain of an XL430
 
 
 def test_the_arm_itself() -> None:

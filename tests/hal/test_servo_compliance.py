@@ -31,6 +31,12 @@ def test_the_stiffness_of_an_x_servo_follows_from_its_gain() -> None:
     assert math.isinf(stiff.profile_acceleration)
 
 
+def test_an_x_servo_has_its_factory_gain_unless_another_gain_is_given() -> None:
+    assert compliance_of(MODELS["xm430-w350"]) == compliance_of(MODELS["xm430-w350"], 800)
+    assert compliance_of(MODELS["xl430-w250"]) == compliance_of(MODELS["xl430-w250"], 640)
+    assert compliance_of(MODELS["xl430-w250"], 0) is None
+
+
 @pytest.mark.parametrize("name", ["xl330-m077", "xl330-m288"])
 def test_an_xl330_has_half_the_drive_per_gain(name: str) -> None:
     model = MODELS[name]
@@ -50,7 +56,7 @@ def test_a_prismatic_joint_has_newtons_and_meters() -> None:
     assert sliding.profile_acceleration == pytest.approx(0.03 * turning.profile_acceleration)
 
 
-@pytest.mark.parametrize("name", ["scs15", "ax-12a", "mx-28", "xl320", "xl430-w250"])
+@pytest.mark.parametrize("name", ["scs15", "ax-12a", "mx-28", "xl320", "xl330-m077"])
 def test_an_unknown_loop_or_gain_gives_no_compliance(name: str) -> None:
     assert compliance_of(MODELS[name]) is None
 

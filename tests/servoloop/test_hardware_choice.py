@@ -45,11 +45,11 @@ def test_two_blocks_of_servos_name_their_buses(tmp_path: Path) -> None:
 
 def test_only_servos_lag_and_unknown_lags_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     robot = tmp_path / "robot.yaml"
-    robot.write_text((CONFIG / "robot_arm_dynamixel.yaml").read_text().replace("position_p: 2400, ", "", 1))
+    robot.write_text((CONFIG / "robot_arm_dynamixel.yaml").read_text().replace("position_p: 2400", "position_p: 0", 1))
     files = read_files(robot=robot)
     with caplog.at_level("INFO"):
-        assert set(build(None, files, {}, SimulatedClock()).compliances) == {f"joint{i}" for i in range(2, 7)}
-    assert "joint1, hand_right_joint: the servo stiffness is unknown" in caplog.text
+        assert set(build(None, files, {}, SimulatedClock()).compliances) == {*(f"joint{i}" for i in range(2, 7)), HAND}
+    assert "joint1: the servo stiffness is unknown" in caplog.text
     assert build(HardwareKind.MOCK, files, {}, SimulatedClock()).compliances == {}
 
 
