@@ -165,7 +165,8 @@ def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     if draw < 0.3:
         return Switch(at_s=at_s, for_s=for_s)
     if draw < 0.5:
-        return Reactivate(at_s=at_s, for_s=random.choice([for_s, 0.0]), push=_share(random))
+        for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False)])
+        return Reactivate(at_s=at_s, for_s=for_s, relax=relax, push=_share(random))
     return _move(random, joints, hand, at_s)
 
 

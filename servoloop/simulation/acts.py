@@ -90,14 +90,16 @@ class Switch(_Act):
 
 
 class Reactivate(_Act):
-    """Deactivate the hardware but keep its torque enabled. Reactivate the hardware and the controllers after ``for_s``.
+    """Deactivate the hardware, and reactivate the hardware and the controllers after ``for_s``.
 
     If ``for_s`` is 0, activate the hardware although it is already active, which enables the torque of limp joints. A
-    person may push these joints by hand before the activation.
+    person may push limp joints by hand before the activation.
     """
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Time = 0.5
+    relax: bool = False
+    """Whether the deactivation disables the torque."""
     push: Share = 0.0
     """Effort of the hand, as a fraction of a strong pull. A negative value pushes toward smaller positions."""
 

@@ -1,7 +1,7 @@
 """Simulated clients, which perform the actions of a schedule between cycles."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -285,23 +285,25 @@ class SimulatedClients:
             self._later(2.0 * loop.period_s, lambda: self._activate(*running))
 
         if act.for_s == 0.0:
-            self._push_limp(act.push)
+            parts = [one.hardware for one in loop.hardware.components if one.active]
+            limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}
+            self._push(limp, act.push, PUSHED_S)
             self._later(PUSHED_S, activate)
             return
         for name in components:
-            transitions.ask(name, LifecycleState.INACTIVE)
+            transitions.ask(name, LifecycleState.INACTIVE, act.relax)
+        if act.relax:
+            self._push(loop.hardware.joints, act.push, act.for_s / 2.0)
         self._later(act.for_s, activate_all)
 
-    def _push_limp(self, share: float) -> None:
-        """Push the limp joints, as a person may do before an activation."""
+    def _push(self, limp: Collection[str], share: float, for_s: float) -> None:
+        """Push limp joints, as a person may do before an activation."""
         stack = self._stack
-        parts = [one.hardware for one in stack.loop.hardware.components if one.active]
-        limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}
         for joint in stack.files.robot.joints:
             if joint.name in limp and share:
                 pull = share * PULL_SHARE * joint.full_effort
                 stack.world.load(joint.name, pull)
-                self._later(PUSHED_S, partial(stack.world.load, joint.name, -pull))
+                self._later(for_s, partial(stack.world.load, joint.name, -pull))
 
     def _send(self, goal: TrajectoryGoal) -> None:
         if self._arm.check(goal) is None:

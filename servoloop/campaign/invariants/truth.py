@@ -22,7 +22,7 @@ READING_COUNTS: Final = 4.0
 READING_AGE_S: Final = 0.004
 """Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
-"""Largest compensation offset between goal and command, as a fraction of the joint's range."""
+"""Largest gravity offset between goal and command, as a fraction of the joint's range."""
 OFFSET: Final = 0.006
 """Smallest compensation offset whose direction is checked, in rad or m: several counts of a servo."""
 LOADED: Final = 0.15
@@ -143,6 +143,12 @@ class GoalsMeanCommands(Invariant):
             name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
             for name, line in stack.lines.items()
         }
+        self._offsets = {
+            joint.name: OFFSET_SHARE * (joint.limits.upper - joint.limits.lower)
+            + (joint.compliance.uncorrected if joint.compliance else 0.0)
+            for joint in self.joints
+        }
+        """Largest compensation offset of each joint, in rad or m: the gravity offset and the slow correction."""
         self._last: dict[str, float] = {}
         """Position of each joint's last goal."""
         self._loaded = {joint.name: LOADED * joint.full_effort for joint in self.joints}
@@ -211,7 +217,7 @@ class GoalsMeanCommands(Invariant):
             meant = joint.position(counts)
             reported = joint.readings(true[joint.name], READING_COUNTS)
             ends = (commands[joint.name], before[joint.name], *reported)
-            slack = OFFSET_SHARE * (joint.upper - joint.lower)
+            slack = self._offsets[joint.name]
             low, high = min(ends) - slack, max(ends) + slack
             last, self._last[joint.name] = self._last.get(joint.name, commands[joint.name]), meant
             if _outside(meant, low, high) > _outside(last, low, high):
