@@ -74,6 +74,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         terminalreporter.write_line(report.longreprtext[-MOST_CHARACTERS:])
 
 
+@pytest.hookimpl(optionalhook=True)  # `make mutants` runs without xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Run tests over ROS at the same time as other tests if files are distributed to workers."""
     if config.getoption("dist") != "loadfile":
