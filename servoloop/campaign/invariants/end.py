@@ -13,7 +13,7 @@ from hal.types import JointState
 from servoloop.campaign.invariants.activation import CHANGES, wrong_torque_limit
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.campaign.invariants.reference import read_reference
-from servoloop.campaign.invariants.rest import PRESSES_SHARE
+from servoloop.campaign.invariants.rest import CREEPS, PRESSES_SHARE
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
@@ -84,12 +84,20 @@ class EndsAsChosen(Invariant):
             self.say(problem)
 
     def _presses(self, joint: str) -> bool:
-        """Return whether a joint of the arm is held far from its command although it was not moved by hand."""
+        """Return whether a joint of the arm is held far from its command although it was not moved by hand.
+
+        A joint beyond a limit cannot be relieved further than to the limit. A joint that still moves is pushed by a
+        neighbor, such as a limp joint that sinks.
+        """
         if joint not in self.driven_joints or self.deceived(joint):
             return False
         place = self.commanded.index(joint)
         limit, command = self.stack.loop.limits[place], float(self.stack.loop.command[place])
-        return abs(command - self.true_positions()[joint]) > PRESSES_SHARE * (limit.upper - limit.lower)
+        world = self.stack.world
+        if abs(float(world.velocity()[world.joints.index(joint)])) > CREEPS:
+            return False
+        relieved = min(max(self.true_positions()[joint], limit.lower), limit.upper)
+        return abs(command - relieved) > PRESSES_SHARE * (limit.upper - limit.lower)
 
     def _affected_at_the_end(self) -> set[str]:
         """Return the joints that faults have affected since the last cycle.
