@@ -159,6 +159,10 @@ class GoalsMeanCommands(Invariant):
             if joint.compliance is not None and joint.name in self.driven_joints
         }
         """Maximum distance of a goal from a blocked joint, in rad or m, keyed by joint name."""
+        self._ahead: dict[str, float] = {}
+        """Distance of each joint's goal from the joint in the previous cycle, in rad or m."""
+        self._approach = {joint.name: 0.5 * joint.limits.velocity * period_s for joint in self.joints}
+        """Minimum change of this distance in a cycle at which a goal approaches its joint, in rad or m."""
         self._blocked = Counter[str]()
         """Number of cycles in which the goal of each joint at rest has exceeded this distance."""
         self._stands = Counter[str]()
@@ -190,12 +194,15 @@ class GoalsMeanCommands(Invariant):
         """Check that the goal of a blocked joint is not further ahead than full drive requires.
 
         Otherwise, the joint would jump as soon as it is free. A joint that was turned beyond its limits is skipped,
-        because its servo may press in the direction of the other limit.
+        because its servo may press in the direction of the other limit. A goal that approaches a joint that was thrown
+        far away is also skipped, because goals change at a limited speed.
         """
         known, goal = self._known.get(joint), self._last.get(joint)
         inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD
         ahead = known.apart(goal, true) if known is not None and inside and goal is not None else 0.0
-        if speed > STANDS or ahead <= self._lead.get(joint, math.inf) or self.deceived(joint):
+        approaches = self._ahead.get(joint, ahead) - ahead > self._approach[joint]
+        self._ahead[joint] = ahead
+        if speed > STANDS or ahead <= self._lead.get(joint, math.inf) or approaches or self.deceived(joint):
             self._blocked[joint] = 0
             return
         self._blocked[joint] += 1
