@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.gate import RETURN_SHARE, Gated, SafetyGate
+from hal.gate import RETURN_SHARE, Gated, SafetyGate, clipped
 from hal.types import FloatArray, JointLimits
 
 PERIOD_S = 0.05
@@ -49,6 +49,18 @@ def test_the_output_is_finite_within_the_limits_and_reachable(wanted: FloatArray
 def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, period_s: float) -> None:
     out = gate().limit(wanted, last, period_s).values
     assert (np.abs(out - last) <= REACH / PERIOD_S * period_s + ROUNDING).all()
+
+
+@given(shares)
+def test_a_command_slightly_beyond_a_limit_becomes_the_limit(share: FloatArray) -> None:
+    at_end = np.where(share < 0.0, LOWER, UPPER)
+    out = gate().limit(at_end + 0.9 * share * REACH, at_end, PERIOD_S).values
+    np.testing.assert_allclose(out, at_end, rtol=0.0, atol=ROUNDING)
+
+
+@given(commands)
+def test_values_are_clipped_as_by_numpy(values: FloatArray) -> None:
+    np.testing.assert_array_equal(clipped(values, LOWER, UPPER), np.clip(values, LOWER, UPPER))
 
 
 @given(inside, shares)

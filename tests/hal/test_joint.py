@@ -129,3 +129,14 @@ def test_the_sign_is_the_direction_of_the_counts(joint: Joint, a: float, b: floa
 def test_effort_at_full_drive() -> None:
     assert ELBOW.full_effort == pytest.approx(2.94)
     assert HAND.full_effort == pytest.approx(98.0)
+
+
+def test_the_limits_between_its_stops_cover_the_travel_of_a_joint() -> None:
+    calibrated = replace(ELBOW, stops=(-2.5, 2.25))
+    assert ELBOW.between_stops() is ELBOW
+    assert calibrated.between_stops() == replace(calibrated, limits=limits(-2.5, 2.25))
+
+
+@pytest.mark.parametrize(("counts", "turns"), [(-1, -1), (0, 0), (4095, 0), (4096, 1), (-4097, -2)])
+def test_a_reading_contains_whole_turns(counts: int, turns: int) -> None:
+    assert ELBOW.turns(counts) == turns
