@@ -73,6 +73,9 @@ AREAS = {
             "tests/hal/test_fault_timeout.py",
             "tests/controller/test_manager.py",
             "tests/controller/test_manager_stops.py",
+            "tests/controller/test_relief.py",
+            "tests/controller/test_start_outside.py",
+            "tests/controller/test_false_measurements.py",
         ),
     ),
     "wire": Area(

@@ -490,6 +490,11 @@ def test_a_loop_kept_alive_starts_without_a_component_that_cannot_be_activated(
     refused.hand.failing["activate"] = PortLost(GONE)
     with pytest.raises(PortLost):
         refused.up()
+    asked = Two(keep_alive=True)
+    asked.hand.failing["activate"] = PortLost(GONE)
+    configure_all(asked.components)
+    with pytest.raises(PortLost):
+        asked.loop.activate(keep_alive=False)
 
 
 # Joints that are activated again

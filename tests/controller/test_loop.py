@@ -189,6 +189,22 @@ def test_a_cycle_without_a_measurement_is_counted_as_not_on_time(caplog: pytest.
     assert caplog.text.count("joint measurements have resumed after 3 cycles") == 1
 
 
+def test_episodes_without_a_measurement_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    _, loop, hardware, clock = puppet_loop()
+    for wait_s in (0.0, 0.25, 0.25, 0.5, 1.0):
+        clock.sleep_until(clock.now() + wait_s)
+        hardware.faults = dict.fromkeys(JOINTS, JointFault("silent", "servo 1: silent"))
+        loop.step()
+        hardware.faults = {}
+        loop.step()
+    text = "joint measurements have resumed after 1 cycle without a measurement"
+    assert [message for message in caplog.messages if "resumed" in message] == [
+        text,
+        f"{text} (2 earlier episodes not logged)",
+        text,
+    ]
+
+
 def test_no_episode_is_logged_while_a_joint_is_measured(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, hardware, _ = puppet_loop()
     hardware.faults = dict.fromkeys(JOINTS[:-1], JointFault("silent", "servo 1: silent"))
