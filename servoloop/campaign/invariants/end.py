@@ -86,18 +86,16 @@ class EndsAsChosen(Invariant):
     def _presses(self, joint: str) -> bool:
         """Return whether a joint of the arm is held far from its command although it was not moved by hand.
 
-        A joint beyond a limit cannot be relieved further than to the limit. A joint that still moves is pushed by a
-        neighbor, such as a limp joint that sinks.
+        A joint that still moves is pushed by a neighbor, such as a limp joint that sinks.
         """
         if joint not in self.driven_joints or self.deceived(joint):
             return False
-        place = self.commanded.index(joint)
-        limit, command = self.stack.loop.limits[place], float(self.stack.loop.command[place])
         world = self.stack.world
         if abs(float(world.velocity()[world.joints.index(joint)])) > CREEPS:
             return False
-        relieved = min(max(self.true_positions()[joint], limit.lower), limit.upper)
-        return abs(command - relieved) > PRESSES_SHARE * (limit.upper - limit.lower)
+        limit = self.stack.loop.limits[self.commanded.index(joint)]
+        off = self.off_command(joint, self.true_positions()[joint])
+        return off > PRESSES_SHARE * (limit.upper - limit.lower)
 
     def _affected_at_the_end(self) -> set[str]:
         """Return the joints that faults have affected since the last cycle.

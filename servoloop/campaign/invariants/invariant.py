@@ -108,6 +108,15 @@ class Invariant:
         """Return the positions that the stack reports in a cycle, in rad or m, keyed by joint name."""
         return dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
 
+    def off_command(self, joint: str, position: float) -> float:
+        """Return the distance of a joint from its command, in rad or m.
+
+        A joint that is blocked outside its limits counts as at the limit, because its command cannot follow further.
+        """
+        place = self.commanded.index(joint)
+        limit = self.stack.loop.limits[place]
+        return abs(float(self.stack.loop.command[place]) - min(max(position, limit.lower), limit.upper))
+
     def end_of_goal(self, joint: str, position: float) -> float:
         """Return the joint position at which a goal ends.
 

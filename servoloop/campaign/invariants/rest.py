@@ -248,10 +248,7 @@ class NothingPresses(Invariant):
         kept = np.array_equal(loop.command[places], loop.previous_command[places])
         self._commands_kept_s = self._commands_kept_s + loop.period_s if kept else 0.0
         before = self._least_off if self._commands_kept_s > RELIEF_OVER_S else {}
-        off: dict[str, float] = {}
-        for joint, place in self._places.items():
-            limit = loop.limits[place]  # A joint blocked outside its limits can only be relieved to the limit.
-            off[joint] = abs(float(loop.command[place]) - min(max(true[joint], limit.lower), limit.upper))
+        off = {joint: self.off_command(joint, true[joint]) for joint in self._places}
         self._least_off = {joint: min(now, before.get(joint, now)) for joint, now in off.items()}
 
     def _forget(self) -> None:
