@@ -151,7 +151,7 @@ class ServoHardware:
         self._goals.forget_stalls()
         if not relax:
             self.soft_torque.restore()
-        return ServoSetup(self._opened("deactivate")).torque_off(self._joints) if relax else []
+        return ServoSetup(self._opened("deactivate")).torque_off(self._joints, self._open_buses) if relax else []
 
     def cleanup(self) -> None:
         self.state = LifecycleState.UNCONFIGURED

@@ -18,6 +18,7 @@ from hal.joint import Joint
 from hal.servos.diagnose import NO_BAUD_RATE, diagnose, intermittent_text, read_explained_states
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
+from hal.servos.open_buses import OpenBuses
 from hal.servos.restart_turned import has_turned, restart
 from hal.servos.servo_faults import REBOOT
 from hal.servos.servo_gains import write_gains_in_ram
@@ -172,18 +173,38 @@ class ServoSetup:
         with self._buses.named(joint.bus):
             return question(self._buses.buses[joint.bus])
 
-    def torque_off(self, joints: Sequence[Joint]) -> list[str]:
-        """Disable the torque of joints on all buses, even if some of them fail. Return the errors."""
+    def torque_off(self, joints: Sequence[Joint], open_buses: OpenBuses | None = None) -> list[str]:
+        """Disable the torque of joints on all buses, even if some of them fail. Return the errors.
+
+        A bus whose port was lost is opened again by its function in ``open_buses``, because its adapter may be back.
+        """
         problems: list[str] = []
-        for name, bus in self._buses.buses.items():
+        for name in self._buses.buses:
             on = [joint for joint in joints if joint.bus == name]
             try:
-                with self._buses.named(name):
-                    failed = bus.torque_off([joint.servo_id for joint in on]) if on else []
-                problems += [self._error_text(on, error) for error in failed]
+                problems += self._torque_off(name, on)
             except PortError as error:
-                problems.append(str(error))
+                again = open_buses.get(name) if isinstance(open_buses, Mapping) else None
+                problems += self._torque_off_again(name, on, again, error)
         return problems
+
+    def _torque_off(self, name: str, joints: Sequence[Joint]) -> list[str]:
+        with self._buses.named(name):
+            failed = self._buses.buses[name].torque_off([joint.servo_id for joint in joints]) if joints else []
+        return [self._error_text(joints, error) for error in failed]
+
+    def _torque_off_again(
+        self, name: str, joints: Sequence[Joint], open_bus: Callable[[], Bus] | None, lost: PortError
+    ) -> list[str]:
+        """Open a lost bus again and disable the torque of its joints. Return the errors: ``lost`` if it stays lost."""
+        try:
+            if open_bus is not None:
+                self._buses.buses[name].close()
+                self._buses.buses[name] = open_bus()
+                return self._torque_off(name, joints)
+        except DriverError:
+            pass
+        return [str(lost)]
 
     def _error_text(self, joints: Sequence[Joint], error: ServoError) -> str:
         if not self._buses.several:

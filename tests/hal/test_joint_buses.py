@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -359,3 +360,29 @@ def test_too_many_lost_packets_fail_an_activation_without_torque(which: str) -> 
         bench.hardware.activate()
     assert len(lost) == ATTEMPTS
     assert bench.torque() == NONE
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_the_torque_on_a_lost_bus_is_disabled_if_its_adapter_is_back(back: bool) -> None:
+    ports = Ports()
+    opened: dict[str, list[VirtualPort]] = {"arm": [], "hand": []}
+
+    def open_bus(name: str) -> Bus:
+        if opened[name] and not back:
+            raise PortMissing(f"there is no /dev/{name}")
+        opened[name].append(VirtualPort(ports.servos[name], ports.clock, name=f"/dev/{name}"))
+        return Bus(opened[name][-1], ports.clock)
+
+    openers = {name: partial(open_bus, name) for name in opened}
+    hardware = ServoHardware("arm", (SHOULDER, FINGER, ELBOW), openers, ports.clock)
+    hardware.configure()
+    hardware.activate()
+    opened["hand"][0].unplug()
+    problems = hardware.deactivate(relax=True)
+    if back:
+        assert problems == [] and ports.torque() == {"arm": [], "hand": []}
+    else:
+        assert [text.partition(":")[0] for text in problems] == ["bus hand"]
+        assert ports.torque() == {"arm": [], "hand": [1]}
+    assert len(opened["arm"]) == 1
+    hardware.cleanup()
