@@ -255,6 +255,18 @@ def arm_is_taken_over_at_zero(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ControlLoop, "take_over", wrong)
 
 
+@detected_by("safe commands")
+def arm_is_taken_over_at_its_last_command(patch: pytest.MonkeyPatch) -> None:
+    take_over = ControlLoop.take_over
+
+    def wrong(loop: ControlLoop, *more: Any) -> None:
+        before = loop.command
+        take_over(loop, *more)
+        loop.command = np.where(np.isnan(before), loop.command, before)
+
+    patch.setattr(ControlLoop, "take_over", wrong)
+
+
 @detected_by("motion is true")
 def sign_left_out_of_velocities(patch: pytest.MonkeyPatch) -> None:
     update = ServoStates.update
