@@ -58,6 +58,8 @@ AREAS = {
             "tests/hal/test_own_limits.py",
             "tests/hal/test_setup_on_bad_lines.py",
             "tests/hal/test_dynamixel_reset.py",
+            "tests/hal/test_torque_watch.py",
+            "tests/hal/test_supply.py",
         ),
     ),
     "loop": Area(

@@ -1,6 +1,7 @@
 """Tests that each activation repeats all checks, because servos may have been changed, reset or replaced."""
 
 from dataclasses import replace
+from itertools import cycle
 
 import pytest
 
@@ -8,9 +9,12 @@ from drivers.servos import sts
 from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
+from hal.servos.activation import AGREE_COUNTS
+from hal.servos.soft_torque import SOFT_SHARE
 from sim_backend.packets.instructions import Instruction
 from tests.hal.bench import IDS, JOINTS, Bench, at, switches_torque_on
 
+SYNC_READ = 0x82
 CALIBRATED = (replace(JOINTS[0], homing_offset=600, settings=(("position_p", 16),)), *JOINTS[1:])
 
 CHANGES = [
@@ -125,3 +129,41 @@ def test_a_reactivation_that_fails_leaves_its_servo_limp_and_the_others_holding(
         bench.hardware.reactivate()
     assert bench.torque() == [1, 7]
     assert bench.hardware.without_torque == {"elbow"}
+
+
+def wobbling(apart_counts: int) -> Bench:
+    """Create a bench whose shoulder is at one of two positions in turn when its position is read."""
+    bench = Bench().configured()
+    at_counts = cycle([2048, 2048 + apart_counts])
+
+    def wobble(number: int, instruction: Instruction) -> None:
+        if instruction.code == SYNC_READ and instruction.parameters[0] == sts.present_position.address:
+            bench.place([next(at_counts), 2000, 1500])
+
+    bench.port.before_write = wobble
+    return bench
+
+
+def test_a_joint_whose_readings_differ_gets_no_torque() -> None:
+    bench = wobbling(AGREE_COUNTS + 27)  # within 10 ms, the shoulder could travel 26 counts
+    differ = r"two readings of shoulder .* differ \((2048, then 2078|2078, then 2048) counts\). Hold the arm still"
+    with pytest.raises(ActivationError, match=f"^not activated: {differ}"):
+        bench.hardware.activate()
+    assert bench.torque() == []
+
+
+def test_a_joint_that_sways_slowly_is_activated() -> None:
+    bench = wobbling(26)
+    bench.hardware.activate()
+    assert bench.torque() == list(IDS)
+
+
+@pytest.mark.parametrize("relax", [False, True])
+def test_a_held_arm_gets_its_full_torque_limits_back(relax: bool) -> None:
+    bench = Bench().active()
+    full = bench.held(1, sts.torque_limit)
+    assert bench.hardware.soft_torque.reduce() == []
+    reduced = bench.held(1, sts.torque_limit)
+    assert reduced == round(1000 * SOFT_SHARE)
+    bench.hardware.deactivate(relax)
+    assert bench.held(1, sts.torque_limit) == (reduced if relax else full)
