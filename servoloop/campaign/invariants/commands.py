@@ -141,10 +141,10 @@ class SafeCommands(Invariant):
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true, hardware = self.true_positions(), self.stack.loop.hardware
         for place, name in enumerate(self.commanded):
-            unchanged = last is not None and taken[place] == last[place]
-            if name in self._released and self.torque(self._by_name[name]):
-                unchanged = not hardware.ready(hardware.command_interfaces[place])
-            if unchanged or name not in true or not math.isfinite(taken[place]):
+            activated = name in self._released and self.torque(self._by_name[name])
+            unchanged = last is not None and taken[place] == last[place] and not activated
+            ready = hardware.ready(hardware.command_interfaces[place])  # A lost component is not taken over.
+            if unchanged or not ready or name not in true or not math.isfinite(taken[place]):
                 continue
             if self.deceived(name) and not self.never_confirmed(name, LEAP_COUNTS):
                 continue
