@@ -1,6 +1,7 @@
 """Run the fixed-rate control loop: read, update the controllers, apply the safety gate, write."""
 
 import logging
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -28,6 +29,9 @@ REMEMBERED: Final = 0.95
 RESERVE_MARGIN: Final = 0.1
 """Fraction of the period that the read leaves free in addition to the time that the other steps took so far. Without
 this margin, a cycle that waits for a late reply ends slightly too late, which costs the next cycle."""
+READ_AT_LEAST: Final = 1.25
+"""Minimum time for a read, as a multiple of the fastest complete read. On a bus or machine that is too slow for the
+rate, cycles are then missed, but the joints are measured."""
 
 
 class ControlLoop:
@@ -84,6 +88,8 @@ class ControlLoop:
         """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
         """Longest recent duration of the steps after the read, in seconds."""
+        self._fastest_read_s = math.inf
+        """Duration of the fastest read in which all joints were measured, in seconds; infinite before this read."""
         self.on_cycle: Callable[[JointState], None] = lambda state: None
         """Function called at the end of each cycle with the measured joint state. An exception in this function
         does not stop the loop.
@@ -106,7 +112,9 @@ class ControlLoop:
         """
         try:
             activate_all(self.hardware, keep_inactive, self._keep_alive if keep_alive is None else keep_alive)
-            state = self.hardware.read()
+            begin_s, state = self.clock.now(), self.hardware.read()
+            if not state.faults:
+                self._fastest_read_s = self.clock.now() - begin_s
             for component in self.hardware.components:
                 if component.active:
                     self.take_over(component, state)
@@ -179,6 +187,8 @@ class ControlLoop:
         self.figures.last_read_s = read_s - begin_s
         if state.faults or self.figures.unmeasured_in_a_row:
             self.figures.count_unmeasured(state, self.hardware)
+        else:
+            self._fastest_read_s = min(self._fastest_read_s, read_s - begin_s)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
@@ -199,7 +209,8 @@ class ControlLoop:
         """
         period_s = self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
-        return end_s - min(self._after_read_s + RESERVE_MARGIN * period_s, 0.5 * period_s)
+        reserved_s = min(self._after_read_s + RESERVE_MARGIN * period_s, 0.5 * period_s)
+        return max(end_s - reserved_s, now_s + min(READ_AT_LEAST * self._fastest_read_s, period_s))
 
     def _show(self, state: JointState) -> None:
         """Call ``on_cycle``. An error in the callback must not end the cycle."""

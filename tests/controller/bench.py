@@ -44,6 +44,8 @@ class ScriptedHardware(MockHardware):
         self.written: list[FloatArray] = []
         self.deadlines: list[float | None] = []
         """Deadline of each requested measurement."""
+        self.read_s = 0.0
+        """Duration of a measurement, in seconds."""
 
     def place(self, joint: str, position: float) -> None:
         """Set the position at which a joint stands."""
@@ -54,6 +56,7 @@ class ScriptedHardware(MockHardware):
 
     def read(self) -> JointState:
         self._called("read")
+        self._clock.sleep_until(self._clock.now() + self.read_s)
         state = super().read()
         return JointState(state.stamp_s, state.position, state.velocity, state.effort, dict(self.faults))
 

@@ -50,9 +50,10 @@ class Puppet:
         return True
 
 
-def puppet_loop() -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock]:
+def puppet_loop(read_s: float = 0.0) -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock]:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
+    hardware.read_s = read_s
     components = ComponentSet([hardware], clock)
     manager = ControllerManager(components, LIMITS)
     puppet = Puppet()
@@ -149,6 +150,20 @@ def test_a_measurement_may_take_the_time_that_other_steps_leave() -> None:
         loop.step()
     left_s = [0.045, 0.045, 0.025, 0.045 - 0.95 * 0.02, 0.025]
     np.testing.assert_allclose(np.array(hardware.deadlines) - begins_s, left_s)
+
+
+def test_a_measurement_gets_the_time_of_its_fastest_predecessor_even_if_the_cycle_is_then_late() -> None:
+    """Otherwise, a loop whose rate is too high for its bus would never measure its joints."""
+    puppet, loop, hardware, clock = puppet_loop(read_s=0.03)
+    hardware.deadlines.clear()
+    puppet.during_update = lambda: clock.sleep_until(clock.now() + 0.03)
+    begins_s: list[float] = []
+    for read_s, silent in ((0.04, ()), (0.02, JOINTS[:1]), (0.02, ()), (0.02, ())):
+        hardware.read_s, hardware.faults = read_s, dict.fromkeys(silent, JointFault("silent", "servo 1: silent"))
+        begins_s.append(clock.now())
+        loop.step()
+    left_s = np.array(hardware.deadlines) - begins_s
+    np.testing.assert_allclose(left_s, [0.045, 1.25 * 0.03, 1.25 * 0.03, 0.025])
 
 
 @pytest.mark.parametrize(("late_s", "left_s"), [(0.0, 0.045), (0.01, 0.035), (0.04, 0.02), (0.2, 0.02)])
