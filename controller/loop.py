@@ -188,7 +188,7 @@ class ControlLoop:
         if state.faults or self.figures.unmeasured_in_a_row:
             self.figures.count_unmeasured(state, self.hardware)
         else:
-            self._fastest_read_s = min(self._fastest_read_s, read_s - begin_s)
+            self._fastest_read_s = min(self._fastest_read_s, self.figures.last_read_s)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:

@@ -102,14 +102,16 @@ def compliance_of(
         model: Model of the servo.
         position_p: Position P gain of a Dynamixel. By default, this is the factory gain, which activation writes.
         transmission: Joint units per radian of the shaft.
-        settings: Settings of an STS that differ from the factory settings, keyed by register name.
+        settings: Settings that differ from the factory settings, keyed by register name.
 
     Returns:
         The compliance, or None if it is unknown. The gain scale of SCS, AX, MX and XL-320 servos is not published. The
-        factory gains of an XL330-M077 include an I gain, so its error at rest does not show its load.
+        error at rest of an X servo with an I gain does not show its load. The factory gains of an XL330-M077 include an
+        I gain.
     """
     factory = ram_gains(model)
-    if position_p is None and not factory.get(x.position_i_gain):
+    position_i = (settings or {}).get(x.position_i_gain.name, factory.get(x.position_i_gain))
+    if position_p is None and not position_i:
         position_p = factory.get(x.position_p_gain)
     if model in sts.MODELS.values():
         held = {**STS_SETTINGS, **(settings or {})}

@@ -196,15 +196,18 @@ class ServoSetup:
     def _torque_off_again(
         self, name: str, joints: Sequence[Joint], open_bus: Callable[[], Bus] | None, lost: PortError
     ) -> list[str]:
-        """Open a lost bus again and disable the torque of its joints. Return the errors: ``lost`` if it stays lost."""
+        """Open a lost bus again and disable the torque of its joints. Return the errors.
+
+        If the bus cannot be opened, the error is ``lost``.
+        """
+        if open_bus is None:
+            return [str(lost)]
         try:
-            if open_bus is not None:
-                self._buses.buses[name].close()
-                self._buses.buses[name] = open_bus()
-                return self._torque_off(name, joints)
+            self._buses.buses[name].close()
+            self._buses.buses[name] = open_bus()
+            return self._torque_off(name, joints)
         except DriverError:
-            pass
-        return [str(lost)]
+            return [str(lost)]
 
     def _error_text(self, joints: Sequence[Joint], error: ServoError) -> str:
         if not self._buses.several:

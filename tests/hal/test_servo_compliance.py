@@ -35,6 +35,8 @@ def test_an_x_servo_has_its_factory_gain_unless_another_gain_is_given() -> None:
     assert compliance_of(MODELS["xm430-w350"]) == compliance_of(MODELS["xm430-w350"], 800)
     assert compliance_of(MODELS["xl430-w250"]) == compliance_of(MODELS["xl430-w250"], 640)
     assert compliance_of(MODELS["xl430-w250"], 0) is None
+    assert compliance_of(MODELS["xl430-w250"], settings={"position_i_gain": 100}) is None
+    assert compliance_of(MODELS["xl330-m077"], settings={"position_i_gain": 0}) is not None
 
 
 @pytest.mark.parametrize("name", ["xl330-m077", "xl330-m288"])
