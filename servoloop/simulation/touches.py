@@ -1,6 +1,7 @@
 """Track which joints are affected by injected faults, and when. Invariants may excuse only affected joints."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from drivers.clock import Clock
@@ -18,7 +19,8 @@ class Touches:
     def __init__(self, joints: Sequence[Joint], player: FaultPlayer, clock: Clock) -> None:
         self._joints, self._player, self._clock = tuple(joints), player, clock
         self._seen = 0
-        self._last_s: dict[tuple[str, str], float] = {}
+        self._last_s = defaultdict[str, dict[str, float]](dict)
+        """Time at which each type of fault last affected each joint, keyed by joint name and fault type."""
 
     def update(self) -> None:
         """Record the faults that were active since the last call."""
@@ -30,7 +32,7 @@ class Touches:
         now_s = self._clock.now()
         for event in (*self._player.active.values(), *recent):
             for joint in touched_joints(event, self._joints):
-                self._last_s[joint, event.kind] = now_s
+                self._last_s[joint][event.kind] = now_s
 
     def since_s(self, joint: str, kinds: Iterable[str] | None = None) -> float:
         """Return the time since a fault last affected a joint, in seconds, or infinity if no fault has affected the
@@ -39,16 +41,14 @@ class Touches:
         ``kinds`` are the fault types to consider; None for all types.
         """
         self.update()
-        wanted = None if kinds is None else set(kinds)
-        times = [
-            at for (name, kind), at in self._last_s.items() if name == joint and (wanted is None or kind in wanted)
-        ]
+        last_s = self._last_s[joint]
+        times = last_s.values() if kinds is None else [last_s[kind] for kind in kinds if kind in last_s]
         return self._clock.now() - max(times, default=-math.inf)
 
     def kinds(self, joint: str) -> set[str]:
         """Return the types of faults that have affected a joint so far."""
         self.update()
-        return {kind for name, kind in self._last_s if name == joint}
+        return set(self._last_s[joint])
 
 
 def touched_joints(event: Event, joints: Sequence[Joint]) -> set[str]:

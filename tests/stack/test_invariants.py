@@ -145,6 +145,22 @@ def test_a_driver_that_sends_a_wrong_goal(monkeypatch: pytest.MonkeyPatch, off: 
     assert "joint2: goal" in violations["goals mean commands"]
 
 
+@pytest.mark.parametrize(("kick", "seen"), [(6.0, set()), (40.0, {"no joint too fast"})])
+@pytest.mark.parametrize("fault", ["", "jammed id=1 at=0.8s for=0.1s"])
+def test_a_joint_that_turns_faster_than_its_limit(kick: float, seen: set[str], fault: str) -> None:
+    """A jammed joint is excused because it may spring back; a blow of 20 ms is not."""
+
+    def with_a_blow(stack: FaultyStack) -> None:
+        def strike(time_s: float) -> None:
+            if 1.0 < time_s <= 1.0 + 0.02:
+                stack.world.data.joint("joint1").qvel[:] = kick
+
+        stack.on_step = strike
+
+    report = run(*[fault] * bool(fault), prepare=with_a_blow)
+    assert violated(report) & {"no joint too fast"} == (seen if not fault else set())
+
+
 def test_a_goal_that_does_not_end_and_torque_after_the_end() -> None:
     stack = FaultyStack(files=with_exit_policy(FILES, "relax"))
     watch = Watch(stack, (GoalsEnd, EndsAsChosen))

@@ -1,14 +1,14 @@
 """Invariant on the motion of the simulated arm, independent of its commands."""
 
 import math
-from collections import deque
 from collections.abc import Callable
-from operator import gt, sub
 from typing import Final
+
+import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.joint import Joint
-from hal.types import JointState
+from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -39,35 +39,46 @@ class NoFasterThanAllowed(Invariant):
             _furthest(self._by_name[name], within_s) if name in self._by_name else math.inf
             for name in stack.world.joints
         ]
-        self._excused = 0
+        self._excused_steps = 0
+        """Remaining time for which the speed is not checked, in ms."""
         self._happened = 0
         """Number of faults that have started or ended so far."""
-        self._positions = deque[list[float]](maxlen=OVER_STEPS + 1)
+        self._steps: list[FloatArray] = []
+        """Positions (n,) after each step since the last cycle, and after the ``OVER_STEPS`` steps before it."""
+        self._checked = 0
+        """Number of these positions that belong to earlier cycles."""
 
     def on_step(self, time_s: float) -> None:
-        now: list[float] = self.stack.world.position().tolist()
-        self._positions.append(now)
-        self._excused -= 1
-        player = self.stack.player
-        if player.active or len(player.happened) > self._happened:
-            events = (*player.active.values(), *player.happened[self._happened :])
-            self._happened = len(player.happened)
-            if any(one.kind in NOT_ITS_OWN for one in events):
-                self._excused = AFTER_STEPS
-        # For six numbers every millisecond, map is faster than NumPy or a loop.
-        if self._excused > 0 or not any(map(gt, map(abs, map(sub, now, self._positions[0])), self._furthest)):
-            return
-        for joint, here, there, furthest in zip(
-            self.stack.world.joints, now, self._positions[0], self._furthest, strict=True
-        ):
-            if abs(here - there) > furthest and self.active and self.torque(self._by_name[joint]):
-                limit = f"but its limit is {self._by_name[joint].limits.velocity:g} rad/s"
-                self.say(f"{joint} turned by {abs(here - there):.3f} rad in {OVER_STEPS} ms, {limit}")
+        self._steps.append(self.stack.world.position())
 
     def on_state(self, state: JointState) -> None:
+        self._excused_steps -= len(self._steps) - self._checked
+        if self._is_moved_by_fault():
+            self._excused_steps = AFTER_STEPS
         if not self.active:  # The joints are not driven, so they may fall or be moved by hand.
-            self._positions.clear()
-        self.examined += len(self._positions) > OVER_STEPS and self._excused <= 0
+            self._steps.clear()
+        if len(self._steps) > OVER_STEPS and self._excused_steps <= 0:
+            self.examined += 1
+            self._check()
+        del self._steps[:-OVER_STEPS]
+        self._checked = len(self._steps)
+
+    def _is_moved_by_fault(self) -> bool:
+        """Return whether one of the faults in ``NOT_ITS_OWN`` has been active since the last cycle."""
+        player = self.stack.player
+        events = (*player.active.values(), *player.happened[self._happened :])
+        self._happened = len(player.happened)
+        return any(one.kind in NOT_ITS_OWN for one in events)
+
+    def _check(self) -> None:
+        """Check the distances to the positions ``OVER_STEPS`` before, for all steps of a cycle at once."""
+        steps = np.array(self._steps)
+        moved = np.abs(steps[OVER_STEPS:] - steps[:-OVER_STEPS]).max(axis=0)
+        for index in np.flatnonzero(moved > self._furthest):
+            joint = self._by_name[self.stack.world.joints[index]]
+            if self.torque(joint):
+                limit = f"but its limit is {joint.limits.velocity:g} rad/s"
+                self.say(f"{joint.name} turned by {moved[index]:.3f} rad in {OVER_STEPS} ms, {limit}")
 
 
 def _furthest(joint: Joint, within_s: float) -> float:

@@ -97,10 +97,10 @@ class TakenBack(Invariant):
         self._reported_s = defaultdict[str, float](float)
 
     def on_state(self, state: JointState) -> None:
+        touches, usable = self.stack.touches, self.active and not self.shared_id
         for joint in self.joints:
-            touches = self.stack.touches
             passing = touches.kinds(joint.name) <= PASSING and touches.since_s(joint.name) > 0.0
-            if not self.active or self.shared_id or not passing or not self.torque(joint):
+            if not usable or not passing or not self.torque(joint):
                 self._reported_s[joint.name] = 0.0
                 continue
             self.examined += touches.since_s(joint.name) < TAKEN_BACK_S
@@ -180,8 +180,9 @@ class LimpIsFound(Invariant):
         self._limp_since_s: dict[str, float] = {}
 
     def on_state(self, state: JointState) -> None:
+        active = self.active
         for joint in self.joints:
-            known = not self.active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
+            known = not active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
             self.examined += not known and bool(self.stack.touches.kinds(joint.name))
             if known or self.torque(joint):
                 self._limp_since_s.pop(joint.name, None)

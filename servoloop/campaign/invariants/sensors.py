@@ -118,9 +118,10 @@ class HealthIsTrue(Invariant):
         self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}
 
     def on_state(self, state: JointState) -> None:
+        usable = self.active and not self.shared_id
         for joint in self.joints:
             health = state.health.get(joint.name)
-            if joint.name in state.faults or self.servos[joint.name].on_read or not self.active or self.shared_id:
+            if not usable or joint.name in state.faults or self.servos[joint.name].on_read:
                 health = None
             self.examined += health is not None
             found = {} if health is None else self._differences(joint, health)
