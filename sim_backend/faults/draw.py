@@ -29,7 +29,8 @@ def draw(
     By default, all fault types are drawn; ``kinds`` limits the types. If a fault starts while the arm is up, it starts
     within ``seconds``.
 
-    Random bids for each fault type are drawn from a separate sequence, and the events with the lowest bids are used.
+    Random bids for each fault type are drawn from a separate sequence, and the events with the lowest bids are used. A
+    type with a ``WEIGHT`` above 1 gets lower bids, so it is drawn more often.
     The draws of one type therefore do not change the events of another type; an additional type can only displace some
     of them.
     """
@@ -66,7 +67,8 @@ def _bids(
         # Each event has its own random stream, so that an additional draw within one event does not change other
         # events.
         own = Random(random.getrandbits(64))
-        bid, (since, at_s) = own.random(), _moment(own, there, seconds)
+        bid = min(own.random() for _ in range(KINDS[kind].WEIGHT))
+        since, at_s = _moment(own, there, seconds)
         try:
             yield bid, kind, number, KINDS[kind].drawn(own, there, at_s, since)
         except FaultError:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from random import Random
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel, ConfigDict, field_validator
 
@@ -28,6 +28,8 @@ class Event(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    WEIGHT: ClassVar[int] = 1
+    """How much more often than other types this type of fault is drawn."""
     kind: str
     at_s: Time = 0.0
     """Time from the moment specified by ``since`` to the start of the fault, in seconds."""

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from random import Random
-from typing import Any, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from hal.plausible import Delay, ServoId
 from sim_backend.faults.errors import FaultError
@@ -12,6 +12,9 @@ from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.line import overlaid
 from sim_backend.packets.faults import LONGEST_NOISE
+
+SEVERAL_CYCLES: Final = 0.7
+"""Fraction of the drawn late replies that are late by several cycles."""
 
 
 class _OnTheWire(Replies):
@@ -121,6 +124,7 @@ class LateReplies(Replies):
     """The adapter delays some replies, which also delays all replies after them."""
 
     kind: Literal["late_replies"] = "late_replies"
+    WEIGHT: ClassVar[int] = 3  # An old position that is mistaken for a new one shows only while the joint moves.
     by_s: Delay = 0.02
 
     @contextmanager
@@ -136,7 +140,11 @@ class LateReplies(Replies):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "by_s": log_uniform(random, 0.0002, 1.0)}
+        parameters = super().draw_parameters(random, there)
+        if random.random() < SEVERAL_CYCLES:
+            lasting = {"chance": log_uniform(random, 0.1, 1.0), "for_s": log_uniform(random, 0.05, 5.0)}
+            return {**parameters, **lasting, "by_s": log_uniform(random, 0.1, 0.5)}
+        return {**parameters, "by_s": log_uniform(random, 0.0002, 1.0)}
 
 
 class MissedInstructions(Replies):

@@ -104,7 +104,6 @@ def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float
     ("kind", "parameter", "lowest", "highest"),
     [
         ("stall", "for_s", 0.001, 5.0),
-        ("late_replies", "by_s", 0.0002, 1.0),
         ("lost_replies", "chance", 0.01, 1.0),
         ("missed_instructions", "chance", 0.01, 1.0),
         ("weak_supply", "resistance_ohm", 0.01, 20.0),
@@ -118,6 +117,18 @@ def test_each_power_of_ten_is_drawn_equally_often(kind: str, parameter: str, low
     assert lowest <= values[0] < lowest * 10 ** (0.1 * decades)
     assert highest >= values[-1] > highest / 10 ** (0.1 * decades)
     assert 0.4 * decades < log10(values[len(values) // 2] / lowest) < 0.6 * decades
+
+
+def test_many_late_replies_are_late_by_several_cycles() -> None:
+    delays_s = drawn("late_replies", "by_s")
+    assert delays_s[0] < 0.0003 and delays_s[-1] > 0.9
+    several = sum(0.1 <= delay_s <= 0.5 for delay_s in delays_s) / len(delays_s)
+    assert 0.7 < several < 0.85  # SEVERAL_CYCLES, plus those of the other delays that are within this range
+
+
+def test_a_type_of_fault_with_a_weight_is_drawn_more_often() -> None:
+    drawn_kinds = Counter(event.kind for seed in range(300) for event in draw(seed, TWO_LINES, 10.0, 3))
+    assert 2.0 < drawn_kinds["late_replies"] / drawn_kinds["lost_replies"] < 4.0
 
 
 def test_half_of_the_durations_are_near_the_time_outs() -> None:

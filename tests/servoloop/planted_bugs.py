@@ -25,6 +25,7 @@ from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances, excess, resolve
 from drivers.bus.bus import Bus
+from drivers.bus.late_replies import LateReplyFilter
 from drivers.types import ServoFault, ServoGoal
 from hal import gate
 from hal.compensation.joint_offset import JointOffset
@@ -483,3 +484,8 @@ def settings_are_not_written(patch: pytest.MonkeyPatch) -> None:
 @detected_by("goals mean commands")
 def goals_run_ahead_of_blocked_joints(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(servo_goals._Servo, "_within_pull", lambda servo, wanted, here, reach, period_s: wanted)
+
+
+@detected_by("measured now", "reported truly")
+def late_replies_are_taken_as_current(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(LateReplyFilter, "match", lambda *_, **__: None)
