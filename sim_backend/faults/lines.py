@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from random import Random
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -80,6 +80,7 @@ class WeakSupply(OfBus, Lasting):
     too low."""
 
     kind: Literal["weak_supply"] = "weak_supply"
+    WEIGHT: ClassVar[int] = 2
     voltage_v: Volts | None = None
     """No-load voltage; None to leave it unchanged."""
     resistance_ohm: Ohms | None = None
@@ -102,8 +103,11 @@ class WeakSupply(OfBus, Lasting):
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
         parameters = super().draw_parameters(random, there)
         fed = [model for bus in there.buses(parameters["bus"]) for model in there.servos[bus].values()]
-        voltage_v = about(random, min(model.rated_voltage_v for model in fed), 4.0)
+        # Half of the voltages are near the servo's range, because a servo stops if the voltage is far too low.
+        voltage_v = about(random, min(model.rated_voltage_v for model in fed), random.choice((1.5, 4.0)))
         drawn = random.choice([{"voltage_v": voltage_v}, {"resistance_ohm": log_uniform(random, 0.01, 20.0)}])
+        if parameters["for_s"] is not None:  # only a voltage that is wrong for more than a second is reported
+            drawn["for_s"] = log_uniform(random, 0.05, 20.0)
         return {**parameters, **drawn}
 
 
