@@ -169,7 +169,11 @@ class GoalsAreJudged(Invariant):
         self._reference = read_reference(stack.files, stack.narrowed)
         self._sent = self._rejected = 0
         self._stood: dict[str, list[float]] = {}
-        """Positions and commands of joints with narrowed limits in the most recent cycles, in rad or m."""
+        """Positions and commands of joints with narrowed limits in the most recent cycles, in rad or m.
+
+        While joints return to their limits, their controller waits and knows only where the joints were before. In this
+        case, all positions and commands since then are included.
+        """
 
     def on_state(self, state: JointState) -> None:
         log, answers = self.stack.goals, self.stack.stack_faults.answers
@@ -183,8 +187,10 @@ class GoalsAreJudged(Invariant):
             if beyond := self._beyond(logged.goal, BEYOND):
                 self.say(f"a goal beyond the limits was accepted: {beyond}")
         true, commands = self.true_positions(), dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
+        waiting = {joint for arm in self.stack.arms if arm.tracking is None for joint in arm.joints}
         for joint in self.stack.narrowed:
-            self._stood[joint] = [*self._stood.get(joint, [])[-2:], true[joint], commands[joint]]
+            stood = self._stood.get(joint, [])
+            self._stood[joint] = [*(stood if joint in waiting else stood[-2:]), true[joint], commands[joint]]
         for goal, reason in rejected:
             if len(goal.points) == 1 and not self._beyond(goal, -BEYOND) and self._complete(goal, reason):
                 self.say(f"a goal within the limits was rejected: {reason}")

@@ -29,6 +29,8 @@ DECEIVING: Final = frozenset(
     }
 )
 """Faults after which the position that a servo reports temporarily or permanently differs from its joint's position."""
+UNREAD: Final = frozenset({"silent", "corrupt", "late", "no_time"})
+"""Kinds of faults of servos whose state cannot be read."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
 """Registers that are 0 unless the servo reports an error."""
 
@@ -157,10 +159,15 @@ class Invariant:
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def released(self, state: JointState) -> set[str]:
-        """Return the reported joints whose torque is off. Only an activation enables their torque."""
+        """Return the reported joints whose torque is off. Only an activation enables their torque.
+
+        If a servo cannot be read, the stack cannot know that the servo has released its torque, and the next goal may
+        enable the torque again.
+        """
         if not state.faults or not self.active:
             return set()
-        return {joint.name for joint in self.joints if joint.name in state.faults and not self.torque(joint)}
+        known = {name for name, fault in state.faults.items() if fault.kind not in UNREAD}
+        return {joint.name for joint in self.joints if joint.name in known and not self.torque(joint)}
 
     def on_write(self, bus: str, data: bytes) -> None:
         """Called with every packet before the servos on this bus receive it."""
