@@ -12,9 +12,11 @@ from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from hal.errors import PartLost
 from hal.joint import Joint
 
-_LINE_TEXTS: Final = dict.fromkeys(
-    ("silent", "late"), "no servo responds on {}: check the cable, adapter, supply and load of this computer"
-) | {"no_time": "no servo was measured on {}: the cycle had no time left"}
+_LINE_TEXTS: Final = {  # The first kind of fault that occurred is reported.
+    "no_time": "no servo was measured on {}: the cycle had no time left",
+    "late": "all servos on {} respond too late: check the adapter and the load of this computer",
+    "silent": "no servo responds on {}: check the cable, adapter, supply and load of this computer",
+}
 _counts: Final = attrgetter(*ServoCounters.__slots__)  # copies four times as fast as dataclasses.replace
 
 
@@ -29,9 +31,8 @@ class JointBuses:
         self.several = len({joint.bus for joint in joints}) > 1
         """Whether the joints use several buses, even if only one of them is open."""
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
-        # Buses that read servos one by one come first, because each request waits for the reply to the previous
-        # request. During this time, the kernel buffers the bytes received on the other buses. Dead buses are read last,
-        # because they use up all remaining time.
+        # Buses that read servos one by one come first: while they wait for each reply, the kernel buffers the bytes of
+        # the other buses. Dead buses are read last, because they use up all remaining time.
         self._in_turn = sorted(buses, key=lambda name: buses[name].read_together)
         self._dead: set[str] = set()
 
@@ -64,7 +65,7 @@ class JointBuses:
         kinds = {fault.kind for fault in faults.values()}
         if 1 < len(readings) == len(faults) and kinds <= _LINE_TEXTS.keys():
             self._dead.add(name)
-            text = _LINE_TEXTS["no_time" if "no_time" in kinds else "silent"].format(self.buses[name].name)
+            text = next(text for kind, text in _LINE_TEXTS.items() if kind in kinds).format(self.buses[name].name)
             return {i: fault._replace(text=text) for i, fault in faults.items()}
         labels = {joint.servo_id: self.label(joint) for joint in self.joints_on[name]}
         return {**readings, **{i: fault._replace(text=f"{labels[i]}: {fault.text}") for i, fault in faults.items()}}
@@ -133,8 +134,7 @@ class JointBuses:
             raise type(error)(error.servo_id, f"{error.text} ({self._owner(name, error.servo_id)})") from error
 
     def _owner(self, name: str, servo_id: int) -> str:
-        joint = next(joint for joint in self.joints_on[name] if joint.servo_id == servo_id)
-        return f"{joint.name}, bus {name}"
+        return next(f"{joint.name}, bus {name}" for joint in self.joints_on[name] if joint.servo_id == servo_id)
 
 
 def _is_state(reading: Reading) -> bool:

@@ -92,6 +92,21 @@ def test_a_bus_that_misses_one_cycle_is_logged_twice(log_lines: pytest.LogCaptur
     assert end == "shoulder (servo 1), elbow (servo 2), finger (servo 7) respond again"
 
 
+def test_a_bus_whose_replies_are_all_late_is_not_called_silent() -> None:
+    bench = Bench().active()
+    bench.wait()
+    bench.servos.faults.on_arrival.append(lambda servo_id: 1.2 * PERIOD_S)
+    kinds, texts = set(), set()
+    for _ in range(6):
+        for fault in bench.wait().faults.values():
+            kinds.add(fault.kind)
+            texts.add(fault.text)
+    assert kinds == {"silent", "late"}
+    late, silent = sorted(texts)
+    assert late == "all servos on virtual respond too late: check the adapter and the load of this computer"
+    assert silent.startswith("no servo responds on virtual: ")
+
+
 def test_servos_after_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.wait()
