@@ -222,6 +222,7 @@ class ComponentTransitions:
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
         """Deactivate the controllers of a component in this cycle. The component's joints then come to rest."""
         ended = self._manager.release((*component.hardware.command_interfaces, *outputs_of(component.hardware)), reason)
+        component.leaving = True
         self.leaving.append(_Leaving(component, transition))
         if transition is not None and transition.reactivated is not None:
             transition.controllers = ended
@@ -237,6 +238,7 @@ class ComponentTransitions:
         return range(len(self._hardware.command_interfaces))[component.commands]
 
     def _left(self, component: Component, transition: ComponentTransition | None) -> None:
+        component.leaving = False
         if component.error is not None:
             self._hardware.drop(component)
         if transition is not None and component.error is not None:

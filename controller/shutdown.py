@@ -59,8 +59,8 @@ def shut_down(
     _try(problems, "complete component transitions", loop.component_transitions.end)
     for component in loop.hardware.lost if relax else ():
         released |= _end_lost(loop, component, hurry(), problems)
+    _try(problems, "deactivate the controllers", loop.manager.deactivate)
     if loop.hardware.state is LifecycleState.ACTIVE:
-        _try(problems, "deactivate the controllers", loop.manager.deactivate)
         if not relax:
             _try(problems, "relieve the joints", lambda: _relieve(loop, hurry))
         if relax and park and not hurry():

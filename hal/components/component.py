@@ -26,6 +26,8 @@ class Component:
     """Number of cycles between two updates of the component."""
     switching: bool = False
     """Whether a transition is running in the background. During a transition, the cycle skips the component."""
+    leaving: bool = False
+    """Whether the joints are coming to rest before a transition. No controller can be activated during this time."""
     error: Exception | None = None
     """Error that caused the loss of the component. The component may still be stopped if it is reachable."""
     out_of_reach: bool = False

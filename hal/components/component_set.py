@@ -73,9 +73,9 @@ class ComponentSet:
         return next((component for component in self.components if component.name == name), None)
 
     def ready(self, interface: str) -> bool:
-        """Return whether a controller can use this command interface now: its component must be active."""
+        """Return whether a controller can use this command interface now: its component must be active and stay so."""
         home = self._outputs.get(interface) or self._homes.get(Interface.parse(interface).joint)
-        return home is not None and home.active
+        return home is not None and home.active and not home.leaving
 
     def measured(self, interface: str) -> bool:
         """Return whether a controller can use this state interface now: its component must be readable."""

@@ -19,6 +19,7 @@ from servoloop.simulation.acts import (
     Reactivate,
     SocketDeath,
     SocketMove,
+    SocketRequest,
     Stream,
     Switch,
 )
@@ -35,8 +36,10 @@ NEAR: Final = 0.3
 """Largest position in goals near zero, as a fraction of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
 """Longest time between two actions, in seconds. Goals without a result need this much time to end."""
-DIES: Final = 0.5
-"""Fraction of motions over the command socket during which the client program dies."""
+INTERRUPTED: Final = 0.8
+"""Fraction of motions over the command socket that the client program interrupts."""
+INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "release")
+"""Ways in which the client program interrupts its motion."""
 OWN_TOLERANCES: Final = 0.3
 """Fraction of goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
@@ -82,11 +85,18 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
         if isinstance(acts[-1], FollowWaypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
-        if isinstance(acts[-1], SocketMove) and random.random() < DIES:
+        if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
             at_s = min(at_s + random.uniform(0.1, 0.7) * acts[-1].seconds, seconds)
-            acts.append(SocketDeath(at_s=round(at_s, 3), connection=acts[-1].connection))
+            acts.append(_interruption(random, acts[-1].connection, round(at_s, 3)))
         at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)])
     return tuple(acts)
+
+
+def _interruption(random: Random, connection: int, at_s: float) -> Act:
+    how: Any = random.choice(INTERRUPTIONS)
+    if how == "death":
+        return SocketDeath(at_s=at_s, connection=connection)
+    return SocketRequest(at_s=at_s, connection=connection, op=how)
 
 
 def _positions(random: Random, joints: Mapping[str, JointLimits]) -> dict[str, float]:

@@ -318,6 +318,34 @@ def test_deactivating_a_moving_component_ends_its_controllers_and_brakes_first()
     assert (two.hand.calls.count("read"), len(two.hand.written)) == (reads + 3, writes)
 
 
+def test_no_controller_is_activated_while_its_component_comes_to_rest() -> None:
+    two = Two().going()
+    change = two.loop.component_transitions.ask("hand", INACTIVE)
+    two.cycle()
+    again = SwitchRequest(activate=("finger_controller",))
+    with pytest.raises(SwitchError, match="'finger/position' is not available: is its hardware component active"):
+        two.manager.switch(again, two.loop.command)
+    two.cycle(20)
+    two.work()
+    assert change.done and two.active() == ["shoulder", "elbow"]
+    two.set(ACTIVE).result()
+    two.manager.switch(again, two.loop.command)
+    assert two.active() == ["shoulder", "elbow", "finger"]
+
+
+def test_controllers_of_an_inactive_arm_are_deactivated_at_the_end() -> None:
+    two = Two().up()
+    for name in ("arm", "hand"):
+        two.set(INACTIVE, name).result()
+    reporter = Puppet()
+    reporter.command_interfaces = reporter.state_interfaces = ()
+    two.manager.registry.add(reporter)
+    two.manager.activate_each([reporter.name], two.states[-1], two.loop.command)
+    assert two.manager.registry.loaded[reporter.name].active
+    assert shut_down(two.loop, relax=False, park=None, velocity_scale=1.0) == []
+    assert not two.manager.registry.loaded[reporter.name].active
+
+
 def test_other_components_keep_their_cycles_while_a_component_is_configured() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()

@@ -23,12 +23,14 @@ from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.standstill import Standstill
 from controller.trajectory.tolerances import Tolerances, excess, resolve
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import LateReplyFilter
 from drivers.types import ServoFault, ServoGoal
 from hal import gate
 from hal.compensation.joint_offset import JointOffset
+from hal.components.component import Component
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
@@ -38,6 +40,7 @@ from hal.servos import activation, servo_goals, servo_setup
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
+from hal.servos.soft_torque import SoftTorque
 from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
 from hal.types import FloatArray, JointLimits, JointState
@@ -489,3 +492,51 @@ def goals_run_ahead_of_blocked_joints(patch: pytest.MonkeyPatch) -> None:
 @detected_by("measured now", "reported truly")
 def late_replies_are_taken_as_current(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(LateReplyFilter, "match", lambda *_, **__: None)
+
+
+@detected_by("aborts are true")
+def error_codes_are_zero(patch: pytest.MonkeyPatch) -> None:
+    decide = GoalHandle.decide
+    patch.setattr(GoalHandle, "decide", lambda handle, status, code, text: decide(handle, status, 0, text))
+
+
+@detected_by("smooth end")
+def arm_parks_at_full_speed(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(shutdown, "_slower", lambda limit, scale: limit)
+
+
+@detected_by("reported truly")
+def silent_joints_are_reported_at_zero(patch: pytest.MonkeyPatch) -> None:
+    update = ServoStates.update
+
+    def wrong(states: ServoStates, *more: Any) -> JointState:
+        state = update(states, *more)
+        silent = [joint.name in state.faults for joint in states._joints]
+        return replace(state, position=np.where(silent, 0.0, state.position))
+
+    patch.setattr(ServoStates, "update", wrong)
+
+
+@detected_by("trajectories wait")
+def trajectories_do_not_wait(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Standstill, "step", lambda standstill, faults, step_s, *_: step_s)
+
+
+@detected_by("activated as configured")
+def guided_arm_is_not_soft(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SoftTorque, "reduce", lambda torque: [])
+
+
+@detected_by("activated as configured", "ends as chosen")
+def guided_arm_stays_soft(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SoftTorque, "restore", lambda torque, silent=(): None)
+
+
+@detected_by("cancels are followed")
+def stops_over_the_socket_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StackRequests, "_stop", lambda requests, client, message: {})
+
+
+@detected_by("every goal ends")
+def controllers_are_activated_while_their_component_leaves(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Component, "leaving", property(lambda component: False, lambda component, value: None))

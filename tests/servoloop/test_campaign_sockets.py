@@ -130,7 +130,7 @@ def test_equal_seeds_have_equal_runs_and_the_schedule_can_be_saved(tmp_path: Pat
 
 def test_the_seeds_of_the_program_draw_every_action_and_every_nonsense() -> None:
     arm = joints_and_hand(files_of("robot_arm"), None)
-    acts = [act for seed in range(150) for act in draw_client("sockets", seed, *arm, 8.0)]
+    acts = [act for seed in range(300) for act in draw_client("sockets", seed, *arm, 8.0)]
     assert {act.kind for act in acts} == {
         *("socket_move", "socket_stream", "socket_request", "socket_nonsense", "socket_stall", "socket_death")
     }

@@ -7,6 +7,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import JointState
+from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -32,6 +33,12 @@ CHANGES: Final = frozenset(
 OUTSIDE_SHARE: Final = 0.06
 """Maximum distance outside the limits at which a joint may be activated, as a fraction of its range: 0.05 plus
 backlash."""
+SOFT: Final = 0.8
+"""Largest torque limit of a joint that is guided by hand, as a fraction of its usual limit."""
+SWITCH_CYCLES: Final = 2
+"""Number of cycles after which all torque limits must be reduced."""
+STIFF_S: Final = 3.0
+"""Time after which all torque limits must be restored, in seconds."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -54,9 +61,10 @@ def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str
 class ActivatedAsConfigured(Invariant):
     """After an activation, every servo has the torque limit, gains and settings that the robot file specifies.
 
-    A joint that was far outside its limits must not have been activated.
+    A joint that was far outside its limits must not have been activated. Both conditions also hold for a single servo
+    that has lost power and is activated again.
 
-    Both conditions also hold for a single servo that has lost power and is activated again.
+    While an arm is guided by hand, its torque limits are reduced, and they are restored afterward.
     """
 
     name = "activated as configured"
@@ -66,8 +74,11 @@ class ActivatedAsConfigured(Invariant):
         self._reference = read_reference(stack.files, stack.narrowed)
         self._was_active = False
         self._released: set[str] = set()
+        self._guided_cycles = self._stiff_cycles = 0
+        """Numbers of consecutive cycles in which the arm could, or could not, be guided by hand."""
 
     def on_state(self, state: JointState) -> None:
+        self._examine_softness()
         begins, self._was_active = self.active and not self._was_active, self.active
         released, self._released = self._released, self.released(state)
         if not begins and not released:
@@ -82,6 +93,29 @@ class ActivatedAsConfigured(Invariant):
                 touched = set()
             if not touched and touches.since_s(joint.name, LOSSES) > self.stack.loop.period_s:
                 self._examine(joint, self._reference[joint.name])
+
+    def _examine_softness(self) -> None:
+        """Check that the torque limits are reduced while the arm is guided by hand, and complete some time later."""
+        freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
+        if freedrive is None or not self.active:
+            self._guided_cycles = self._stiff_cycles = 0
+            return
+        self._guided_cycles = self._guided_cycles + 1 if freedrive.active else 0
+        self._stiff_cycles = 0 if freedrive.active else self._stiff_cycles + 1
+        guided = self._guided_cycles > SWITCH_CYCLES
+        if not guided and self._stiff_cycles * self.stack.loop.period_s < STIFF_S:
+            return
+        for joint in self.joints:
+            wanted, series = self._reference.get(joint.name), series_of(joint.model)
+            known = wanted is not None and joint.name in self.arm.joints and not self.stack.touches.kinds(joint.name)
+            if not known or series.torque_limit is None or wanted is None:
+                continue
+            self.examined += 1
+            memory = self.servos[joint.name].memory
+            if guided and memory.get(series.torque_limit) > SOFT * wanted.torque_limit * series.full_torque:
+                self.say(f"{joint.name} is guided by hand, but its torque limit is not reduced")
+            elif not guided and (problem := wrong_torque_limit(joint, memory, wanted)):
+                self.say(f"{problem}, after the arm was guided by hand")
 
     def _starts_wrong(self, joint: Joint) -> bool:
         """Return whether all wrong settings of a joint existed before the start, so that the activation corrects

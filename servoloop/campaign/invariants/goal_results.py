@@ -17,6 +17,11 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
+CODES: Final = {
+    "path tolerance": ErrorCode.PATH_TOLERANCE_VIOLATED,
+    "goal_time_tolerance": ErrorCode.GOAL_TOLERANCE_VIOLATED,
+}
+"""Error code that belongs to a message with these words."""
 DEVIATION: Final = 0.1
 """Deviation allowed in addition to the tolerance, in rad or m, because two readings must agree and servos overshoot."""
 DEVIATES_S: Final = 0.6
@@ -33,7 +38,10 @@ The goal ends only after its joints are at rest and relieved.
 
 
 class AbortsAreTrue(Invariant):
-    """A joint named in the abort message has really deviated from its path or could not be measured."""
+    """A joint named in the abort message has really deviated from its path or could not be measured.
+
+    The error code of a result agrees with its status and its message.
+    """
 
     name = "aborts are true"
     of_each_arm = True
@@ -49,8 +57,16 @@ class AbortsAreTrue(Invariant):
             self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
         for logged in self.stack.ended_goals:
             handle = logged.handle
-            if handle.status is GoalStatus.ABORTED and logged.controller == self.arm.name:
+            if logged.controller != self.arm.name:
+                continue
+            aborted = handle.status is GoalStatus.ABORTED
+            if aborted:
                 self._examine(handle.error_code, handle.error_text)
+            if aborted != (handle.error_code != ErrorCode.SUCCESSFUL) or not _belongs(
+                handle.error_code, handle.error_text
+            ):
+                result = f"{handle.status.name} with the error code {handle.error_code}"
+                self.say(f"the result of a goal is {result}: {handle.error_text}")
 
     def _examine(self, code: int, text: str) -> None:
         found = OFF.search(text)
@@ -68,6 +84,11 @@ class AbortsAreTrue(Invariant):
 
     def _largest_deviation(self, joint: str) -> float:
         return max((abs(wanted[joint] - true[joint]) for wanted, true, _ in self._history), default=math.inf)
+
+
+def _belongs(code: int, text: str) -> bool:
+    """Return whether the error code agrees with the kind of tolerance that the message names, if any."""
+    return next((code == own for words, own in CODES.items() if words in text), True)
 
 
 class FeedbackIsTrue(Invariant):

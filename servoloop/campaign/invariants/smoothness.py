@@ -29,6 +29,10 @@ A command applies to the end of its period.
 """
 AT_END: Final = 1e-9
 """Maximum distance from a limit at which a command counts as at the limit, in rad or m."""
+FASTEST_PARKING: Final = 1.05
+"""Allowed speed of a parking joint, as a multiple of its scaled velocity limit."""
+ROUNDING: Final = 1e-6
+"""Increase of a command's change between two cycles that does not count, in rad or m."""
 UPSET_S: Final = 3.0
 """Duration after a controller's fault during which commands at the end are not checked, in seconds."""
 
@@ -105,6 +109,8 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
+    After the stop, no joint moves faster than the velocity scale for parking allows.
+
     A joint that has lost its controller also stops within its acceleration limit.
 
     Commands are not checked after a faulty controller has made them jump, because only their speed is limited. Commands
@@ -122,6 +128,10 @@ class SmoothEnd(Invariant):
         self._commands = deque[FloatArray](maxlen=3)
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
+        park = stack.files.robot.file.park
+        scale = park.velocity_scale if park is not None else 1.0
+        self._park_step = scale * np.array([limit.velocity for limit in stack.loop.limits]) * stack.loop.period_s
+        """Largest change of each command in a cycle while the arm parks, in rad or m."""
 
     def on_command(self, values: FloatArray) -> None:
         now_s = self.stack.clock.now()
@@ -147,6 +157,18 @@ class SmoothEnd(Invariant):
             if change[worst] > (COMMANDS_SHARE if parks else RELIEF_SHARE) * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
+            if parks:
+                self._examine_speed()
+
+    def _examine_speed(self) -> None:
+        """Check that no command changes faster than in a parking motion, unless it slows down."""
+        before, now = np.abs(np.diff(np.array(self._commands), axis=0))
+        fast = (now > FASTEST_PARKING * self._park_step) & (now > before + ROUNDING)
+        if fast.any():
+            place = int(np.flatnonzero(fast)[0])
+            speeds = f"{now[place] / self.stack.loop.period_s:.2f}, but at most"
+            most = self._park_step[place] / self.stack.loop.period_s
+            self.say(f"{self.commanded[place]} parks at a speed of {speeds} {most:.2f} is allowed")
 
 
 class NanHolds(Invariant):

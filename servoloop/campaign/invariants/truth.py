@@ -11,7 +11,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
+from servoloop.campaign.invariants.invariant import DECEIVING, UNREAD, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -55,8 +55,10 @@ ARRIVED: Final = 0.02
 
 
 class ReportedTruly(Invariant):
-    """The reported position of a joint without a fault matches its position in the simulated world in sign and
-    scale."""
+    """The reported position of a joint without a fault matches its position in the simulated world in sign and scale.
+
+    A joint whose servo cannot be read keeps its last reported position.
+    """
 
     name = "reported truly"
 
@@ -75,17 +77,22 @@ class ReportedTruly(Invariant):
         self._by_name = {joint.name: joint for joint in self.joints}
         self._reported_s = dict.fromkeys(self._names, -math.inf)
         """Time at which each joint was last reported with a fault."""
+        self._before: list[float] = []
+        """Positions reported in the previous cycle."""
 
     def on_step(self, time_s: float) -> None:
         self._steps.append(self.stack.world.position())
 
     def on_state(self, state: JointState) -> None:
         steps, self._steps = self._steps, self._steps[-1:]
+        reported = state.position[self._reported].tolist()
+        before, self._before = self._before, reported
         if not steps or self.shared_id:
             return
         true = np.array(steps)[:, self._world]
         lowest, highest = true.min(axis=0).tolist(), true.max(axis=0).tolist()
-        reported = state.position[self._reported].tolist()
+        if state.faults and before:
+            self._keeps_unread(state, before, reported)
         for place, name in enumerate(self._names):
             if name in state.faults:
                 self._reported_s[name] = state.stamp_s
@@ -95,6 +102,12 @@ class ReportedTruly(Invariant):
             low, high = lowest[place] - self._slack[place], highest[place] + self._slack[place]
             if not low <= reported[place] <= high and self._wrong(self._reference[place], reported[place], low, high):
                 self.say(f"{name} is reported at {reported[place]:.4f}, but was between {low:.4f} and {high:.4f}")
+
+    def _keeps_unread(self, state: JointState, before: list[float], reported: list[float]) -> None:
+        for name, last, now in zip(self._names, before, reported, strict=True):
+            unread = name in state.faults and state.faults[name].kind in UNREAD
+            if unread and math.isfinite(last) and now != last:
+                self.say(f"{name} is not measured, but its reported position changes from {last:.4f} to {now:.4f}")
 
     def _believes(self, name: str, now_s: float) -> bool:
         """Return whether the stack may accept a false position of a joint.

@@ -11,7 +11,7 @@ from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goal_paths import ForwardedIsFollowed, PathIsAsSent, ReplacedGoalsEnd
 from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue
-from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
+from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd, TrajectoriesWait
 from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
@@ -40,6 +40,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     TakenBack,
     LimpIsFound,
     GoalsEnd,
+    TrajectoriesWait,
     ReplacedGoalsEnd,
     DeviationEnds,
     AbortsAreTrue,
