@@ -30,7 +30,6 @@ from drivers.bus.late_replies import LateReplyFilter
 from drivers.types import ServoFault, ServoGoal
 from hal import gate
 from hal.compensation.joint_offset import JointOffset
-from hal.components.component import Component
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
@@ -537,6 +536,12 @@ def stops_over_the_socket_are_ignored(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(StackRequests, "_stop", lambda requests, client, message: {})
 
 
-@detected_by("every goal ends")
-def controllers_are_activated_while_their_component_leaves(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Component, "leaving", property(lambda component: False, lambda component, value: None))
+@detected_by("path is as sent")
+def goals_take_twice_as_long(patch: pytest.MonkeyPatch) -> None:
+    def slower(
+        start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
+    ) -> RuckigMotion:
+        return motion_to(start, target, limits, 2.0 * asked_s, names)
+
+    for module in (goal_planner, paths):
+        patch.setattr(module, "motion_to", slower)

@@ -1,11 +1,13 @@
 """Tests of the invariants: each one detects its planted bug, and none is violated without a bug."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from controller.motion import Kinematics, RuckigMotion
 from drivers.types import ServoGoal
 from hal.gate import Gated, SafetyGate
 from hal.lifecycle import LifecycleState
@@ -175,6 +177,21 @@ def test_a_goal_that_does_not_end_and_torque_after_the_end() -> None:
     assert watch.violations[GoalsEnd.name].text == "1 of 1 goals did not end"
 
 
+def test_a_path_that_makes_a_detour(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = RuckigMotion.sample
+
+    def sway(motion: RuckigMotion, time_s: float) -> Kinematics:
+        state, share = sample(motion, time_s), min(time_s / max(motion.duration_s, 0.1), 1.0)
+        return replace(state, position=state.position + 0.05 * (1.0 - math.cos(math.tau * share)))
+
+    clients = (Move(positions={"joint1": 0.4}, seconds=3.0),)
+    schedule = Schedule(seconds=5.0, clients=clients)
+    assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
+    monkeypatch.setattr(RuckigMotion, "sample", sway)
+    texts = {one.invariant: one.text for one in run_schedule(FILES, {"": JobSettings()}, schedule).violations}
+    assert "but its path leads from" in texts["path is as sent"], texts
+
+
 MOVES = (
     Move(at_s=0.1, positions={"joint1": 0.4, "joint2": -0.3}, seconds=1.0),
     Cancel(at_s=0.6),
@@ -199,6 +216,10 @@ JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
         ("no_joint_is_relieved", "nothing presses after the end", JAMMED, ("jammed id=1",)),
         ("silent_servo_never_returns", "taken back", (), ("silent id=3 for=0.3s",)),
         ("gate_replaces_nan_by_zero", "nan holds", MOVES, ("controller_nan at=0.5s for=0.3s",)),
+        ("goals_take_twice_as_long", "path is as sent", (Move(positions={"joint1": 0.3}, seconds=2.0),), ()),
+        ("error_codes_are_zero", "aborts are true", JAMMED, ("jammed id=1",)),
+        ("silent_joints_are_reported_at_zero", "reported truly", MOVES, ("silent id=2 at=0.8s for=0.5s",)),
+        ("trajectories_do_not_wait", "trajectories wait", MOVES, ("lost_replies at=1.8s for=0.3s",)),
     ],
 )
 def test_a_planted_bug_is_detected_and_its_schedule_passes_without_the_bug(

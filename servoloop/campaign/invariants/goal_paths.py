@@ -9,6 +9,7 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
+from servoloop.campaign.invariants.goals import at_most_s
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
@@ -24,6 +25,14 @@ EARLY_CYCLES: Final = 2.0
 """Number of cycles by which a goal may end before its last point's time, because its start is rounded to a cycle."""
 ENDS_EARLY_CYCLES: Final = 4
 """Number of cycles by which a reference may reach the last point early, because a path ends slowly."""
+STANDS: Final = 0.01
+"""Maximum speed of a reference at rest, in rad/s or m/s."""
+GAINS_S: Final = 0.1
+"""Time for which a reference that accelerates may gain speed before it turns, in seconds."""
+DETOUR: Final = 0.03
+"""Maximum distance by which a path leaves the range between its start and its only point, in rad or m."""
+SLOW_S: Final = 0.5
+"""Time by which a path may take longer, in seconds. A path that paused rejoins itself within 0.3 s."""
 AT_POINT: Final = 1e-4
 """Maximum distance at which a reference counts as at rest at a point, in rad or m."""
 FORWARDED_S: Final = 0.5
@@ -39,7 +48,10 @@ REPLACED_CYCLES: Final = 2
 
 class PathIsAsSent(Invariant):
     """The path of a successful goal passes through all points of the client, and no path ends before their scheduled
-    times."""
+    times.
+
+    The path to a single point makes no detour, and takes no longer than the client asked or the limits require.
+    """
 
     name = "path is as sent"
     of_each_arm = True
@@ -49,8 +61,15 @@ class PathIsAsSent(Invariant):
         self._paths = defaultdict[int, list[FloatArray]](list)
         """References of each unfinished goal in each cycle on its path."""
         self._begun_s: dict[int, float] = {}
+        self._longest_s: dict[int, float] = {}
+        """Planned duration of each unfinished goal's path, in seconds."""
+        self._speed = self._nothing = np.zeros(len(arm.joints))
+        """Reference speeds in the previous cycle, including the speed that the acceleration may still add."""
+        self._speeds: dict[int, FloatArray] = {}
+        """Reference speeds just before each unfinished goal began."""
         limits = dict(zip(self.commanded, stack.loop.limits, strict=True))
         self._bounded = {joint for joint in arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
+        self._limits = limits
 
     def on_state(self, state: JointState) -> None:
         arm, tracking = self.arm, self.arm.tracking
@@ -58,13 +77,22 @@ class PathIsAsSent(Invariant):
             for logged in (*self.stack.goals.open, *self.stack.ended_goals):
                 if logged.controller == arm.name and (tracking.on_goal or self._paths[id(logged)]):
                     self._begun_s.setdefault(id(logged), state.stamp_s - tracking.elapsed_s)
+                    self._speeds.setdefault(id(logged), self._speed)
                     self._paths[id(logged)].append(tracking.reference.position)
+                    if tracking.on_goal:
+                        self._longest_s[id(logged)] = tracking.path.duration_s
                     self._examine_end(logged, self._paths[id(logged)])
         for logged in self.stack.ended_goals:
             path, begun_s = self._paths.pop(id(logged), []), self._begun_s.pop(id(logged), 0.0)
+            longest_s, speeds = self._longest_s.pop(id(logged), 0.0), self._speeds.pop(id(logged), self._nothing)
             if logged.controller == arm.name and logged.handle.status is GoalStatus.SUCCEEDED:
                 self.examined += 1
                 self._examine(logged, np.array(path), begun_s)
+                if len(logged.goal.points) == 1 and len(path) > 1:
+                    self._examine_way(logged, np.array(path), longest_s, speeds)
+        self._speed = self._nothing
+        if tracking is not None:
+            self._speed = np.abs(tracking.reference.velocity) + GAINS_S * np.abs(tracking.reference.acceleration)
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
         """Check that an unfinished goal with one point does not come to rest at this point before the scheduled
@@ -102,6 +130,31 @@ class PathIsAsSent(Invariant):
                 self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path misses point #{number} {text}")
                 return
             before += int(np.flatnonzero(off <= PASSES)[0])
+
+    def _examine_way(self, logged: LoggedGoal, path: FloatArray, longest_s: float, speeds: FloatArray) -> None:
+        """Check that a path to one point stays between its start and the point, and that it is not slow.
+
+        A path that starts in motion first brakes, which takes time and leads further.
+        """
+        goal, needs_s = logged.goal, 0.0
+        wanted = dict(zip(goal.joints, goal.points[0].positions, strict=True))
+        for place, joint in enumerate(self.arm.joints):
+            if joint not in self._bounded:
+                continue
+            limit, way = self._limits[joint], path[:, place]
+            brakes_s = 0.0
+            if speeds[place] > STANDS:
+                brakes_s = speeds[place] / limit.acceleration + 2.0 * limit.acceleration / limit.jerk
+            slack = DETOUR + limit.acceleration * brakes_s**2
+            end = self.end_of_goal(joint, wanted.get(joint, way[0]))
+            if joint in wanted and not min(way[0], end) - slack <= way.min() <= way.max() <= max(way[0], end) + slack:
+                off = f"from {way.min():.3f} to {way.max():.3f}"
+                self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path leads {off}")
+            needs_s = max(needs_s, 2.0 * brakes_s + at_most_s(abs(end - way[0]), limit))
+        asked_s = goal.delay_s + goal.points[0].time_from_start_s
+        if longest_s > max(asked_s, needs_s) + SLOW_S:
+            asked = f"for {asked_s:.2f} s, and the limits require {needs_s:.2f} s"
+            self.say(f"the path of a goal takes {longest_s:.2f} s, but its client asked {asked}")
 
 
 def _distances(path: FloatArray, point: FloatArray) -> FloatArray:

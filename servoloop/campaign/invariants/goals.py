@@ -251,15 +251,15 @@ def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:
     The motion to the first point may cover the whole range of a joint.
     """
     asked_s = goal.points[-1].time_from_start_s + max(goal.delay_s, 0.0)
-    first_s = max(_duration_s(limits[joint].upper - limits[joint].lower, limits[joint]) for joint in goal.joints)
+    first_s = max(at_most_s(limits[joint].upper - limits[joint].lower, limits[joint]) for joint in goal.joints)
     others_s = 0.0
     for one, next_one in pairwise(goal.points):
         moves = zip(goal.joints, one.positions, next_one.positions, strict=False)
-        others_s += max((_duration_s(abs(b - a), limits[joint]) for joint, a, b in moves), default=0.0)
+        others_s += max((at_most_s(abs(b - a), limits[joint]) for joint, a, b in moves), default=0.0)
     return max(asked_s, first_s + others_s)
 
 
-def _duration_s(distance: float, limit: JointLimits) -> float:
+def at_most_s(distance: float, limit: JointLimits) -> float:
     """Return an upper bound on the time (s) that a joint takes to move a distance (rad or m) from rest to rest."""
     distance = min(distance, 2.0 * math.tau)  # The range of a joint without limits is infinite.
     return distance / limit.velocity + 2.0 * limit.velocity / limit.acceleration + 4.0 * limit.acceleration / limit.jerk
