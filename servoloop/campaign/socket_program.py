@@ -60,6 +60,8 @@ class SocketProgram:
         """Goals that the program has sent to controllers."""
         self._running: dict[str, Any] = {}
         """Fields of the message that cancels the latest motion."""
+        self._denied = False
+        """Whether the latest reply said that another program has control of the arm."""
         self._stream: Iterator[None] = iter(())
         self._rest: tuple[float, bytes] | None = None
         """Second half of a message, and the time at which the program sends it."""
@@ -109,8 +111,14 @@ class SocketProgram:
         self._write(self._motion(self._number(), act))
 
     def _motion(self, number: int | str, act: SocketMove) -> bytes:
-        """Request control of the arm, and return the message for a motion."""
+        """Request control of the arm, and return the message for a motion.
+
+        If another program keeps control of the arm, the stack must refuse the motion.
+        """
         self._ask("take")
+        self._read()
+        if self._denied:
+            number = f"{INVALID}-{number}"
         names, values = list(act.positions), list(act.positions.values())
         sent_s, arm = self._now(), self._stack.arm
         if act.op == "move":
@@ -209,6 +217,7 @@ class SocketProgram:
 
     def _judge(self, reply: dict[str, Any]) -> None:
         number, error = str(reply["id"]), reply.get("error")
+        self._denied = error is not None and error["type"] == "owned"
         if error is not None and error["type"] == "internal":
             self._served.defects.append(number)
         if number.startswith(INVALID):

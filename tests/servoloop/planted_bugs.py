@@ -37,6 +37,7 @@ from hal.joint import Joint
 from hal.leaps import Plausibility
 from hal.servos import activation, servo_goals, servo_setup
 from hal.servos.activation import Activation
+from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.servos.soft_torque import SoftTorque
@@ -45,6 +46,7 @@ from hal.servos.supply_watch import SupplyWatch
 from hal.types import FloatArray, JointLimits, JointState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server import requests
+from servoloop.command_server.ownership import Ownership
 from servoloop.command_server.requests import StackRequests
 
 Plant = Callable[[pytest.MonkeyPatch], None]
@@ -545,3 +547,18 @@ def goals_take_twice_as_long(patch: pytest.MonkeyPatch) -> None:
 
     for module in (goal_planner, paths):
         patch.setattr(module, "motion_to", slower)
+
+
+@detected_by("goals mean commands")
+def last_joint_receives_no_goals(patch: pytest.MonkeyPatch) -> None:
+    write_goals = JointBuses.write_goals
+
+    def wrong(buses: JointBuses, goals: Mapping[str, ServoGoal]) -> None:
+        write_goals(buses, dict(list(goals.items())[: max(len(goals) - 1, 1)]))
+
+    patch.setattr(JointBuses, "write_goals", wrong)
+
+
+@detected_by("goals are judged")
+def programs_without_control_may_move_the_arm(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Ownership, "moving", lambda ownership, client, move: move())

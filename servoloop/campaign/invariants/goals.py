@@ -211,7 +211,7 @@ class GoalsAreJudged(Invariant):
         self._sent, self._rejected = len(log.goals), len(log.refused)
         self.examined += len(answers) + len(sent) + len(rejected)
         if None in answers:
-            self.say("a malformed goal was accepted")
+            self.say("a malformed goal, or a motion of a program without control of the arm, was accepted")
         answers.clear()
         for logged in sent:
             if beyond := self._beyond(logged.goal, BEYOND):

@@ -39,6 +39,8 @@ checked."""
 LEAD: Final = 0.05
 """Distance allowed between a goal and a blocked joint, in rad or m, in addition to that of full drive and two
 cycles."""
+CYCLES_WITHOUT_GOAL: Final = 3
+"""Maximum number of cycles for which a driven joint receives no goal."""
 STANDS: Final = 0.01
 """Speed below which a joint is at rest, in rad/s or m/s."""
 STANDS_CYCLES: Final = 10
@@ -138,6 +140,8 @@ class GoalsMeanCommands(Invariant):
     """A goal on the bus, when converted independently, equals the joint's command or lies between the command and the
     joint.
 
+    Every driven joint receives a goal in each cycle.
+
     The goal may differ by the compensation for the servo's compliance, within narrow bounds. Goals change at a limited
     speed, so a goal outside this range may still be approaching it. The compensation for a joint at rest acts against
     the gravity torque in the simulated world.
@@ -180,8 +184,11 @@ class GoalsMeanCommands(Invariant):
         """Number of cycles in which the goal of each joint at rest has exceeded this distance."""
         self._stands = Counter[str]()
         """Number of cycles for which each joint of the arm has been at rest near its command."""
+        self._without_goal = Counter[str]()
+        """Number of cycles since each driven joint received a goal."""
 
     def on_state(self, state: JointState) -> None:
+        self._examine_rate(state)
         if not self.active or state.faults:
             self._stands.clear()
             self._blocked.clear()
@@ -202,6 +209,14 @@ class GoalsMeanCommands(Invariant):
             self._stands[joint] += 1
             if self._stands[joint] > STANDS_CYCLES and holding * offset < 0.0:
                 self.say(f"the goal of {joint} is {offset:+.4f} off, but holding it needs an effort of {holding:+.3f}")
+
+    def _examine_rate(self, state: JointState) -> None:
+        """Check that every driven joint received a goal in the latest cycles."""
+        for joint in self.joints:
+            driven = self.active and joint.name not in state.faults and self.torque(joint)
+            self._without_goal[joint.name] = self._without_goal[joint.name] + 1 if driven else 0
+            if self._without_goal[joint.name] > CYCLES_WITHOUT_GOAL:
+                self.say(f"{joint.name} has received no goal for {self._without_goal[joint.name]} cycles")
 
     def _examine_lead(self, joint: str, true: float, speed: float) -> None:
         """Check that the goal of a blocked joint is not further ahead than full drive requires.
@@ -231,6 +246,8 @@ class GoalsMeanCommands(Invariant):
         true = self.true_positions()
         for servo_id, counts in goals.items():
             joint = self._joints[bus].get(servo_id)
+            if joint is not None:
+                self._without_goal[joint.name] = 0
             if joint is None or self.deceived(joint.name):
                 continue
             self.examined += 1
