@@ -19,6 +19,8 @@ PRESSES: Final = 0.9
 drive at 0.8. The reported drive must also reach this value, because a strong motor has up to 1.2 times the torque that
 its servo reports.
 """
+OUTSIDE_TURNS: Final = 0.02
+"""Minimum distance from its limits at which a joint counts as outside them, in turns of its servo."""
 STILL_TURNS: Final = 0.003
 """Largest motion of a joint, or change of its command, while it presses, in turns of its servo."""
 
@@ -37,7 +39,8 @@ class LongPressesAreReduced(Invariant):
     moving.
 
     The drive is computed from the joint's effort in the simulated world. The time starts again when the joint or its
-    command moves, when the joint is reported as faulty, and during each fault of the joint.
+    command moves, when the joint is reported as faulty, and during each fault of the joint. A joint that is reported
+    far outside its limits is skipped, because its goal cannot come closer to it than the limit.
     """
 
     name = "long presses are reduced"
@@ -62,6 +65,8 @@ class LongPressesAreReduced(Invariant):
             drive = abs(float(self.stack.world.arrays.effort[effort_at])) / joint.full_effort
             reported = abs(float(state.effort[self.stack.loop.hardware.joints.index(name)])) / joint.full_effort
             excused = name in state.faults or self.stack.touches.since_s(name) < REDUCED_S
+            limit, at = self.stack.loop.limits[place], state.position[self.stack.loop.hardware.joints.index(name)]
+            excused = excused or max(limit.lower - at, at - limit.upper) > OUTSIDE_TURNS * self._turns[name]
             if not self.active or excused or min(drive, reported) < PRESSES * self._limits[name]:
                 self._presses.pop(name, None)
                 continue
