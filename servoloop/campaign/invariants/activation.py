@@ -107,8 +107,8 @@ class ActivatedAsConfigured(Invariant):
             return
         for joint in self.joints:
             wanted, series = self._reference.get(joint.name), series_of(joint.model)
-            known = wanted is not None and joint.name in self.arm.joints and not self.stack.touches.kinds(joint.name)
-            if not known or series.torque_limit is None or wanted is None:
+            skipped = joint.name not in self.arm.joints or self.stack.touches.kinds(joint.name)
+            if skipped or wanted is None or series.torque_limit is None:
                 continue
             self.examined += 1
             memory = self.servos[joint.name].memory

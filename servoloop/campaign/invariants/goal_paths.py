@@ -1,7 +1,7 @@
 """Invariants on the path to a goal: commands pass through the client's points at the specified times."""
 
-from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -46,6 +46,19 @@ REPLACED_CYCLES: Final = 2
 """Maximum number of cycles until a replaced goal ends."""
 
 
+@dataclass(slots=True)
+class _Path:
+    """Path of one goal."""
+
+    begun_s: float
+    speeds: FloatArray
+    """Reference speeds (n,) just before the path began."""
+    references: list[FloatArray] = field(default_factory=list)
+    """Reference positions (n,) in each cycle."""
+    duration_s: float = 0.0
+    """Planned duration."""
+
+
 class PathIsAsSent(Invariant):
     """The path of a successful goal passes through all points of the client, and no path ends before their scheduled
     times.
@@ -58,15 +71,10 @@ class PathIsAsSent(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._paths = defaultdict[int, list[FloatArray]](list)
-        """References of each unfinished goal in each cycle on its path."""
-        self._begun_s: dict[int, float] = {}
-        self._longest_s: dict[int, float] = {}
-        """Planned duration of each unfinished goal's path, in seconds."""
-        self._speed = self._nothing = np.zeros(len(arm.joints))
+        self._paths: dict[int, _Path] = {}
+        """Path of each unfinished goal."""
+        self._speed = self._at_rest = np.zeros(len(arm.joints))
         """Reference speeds in the previous cycle, including the speed that the acceleration may still add."""
-        self._speeds: dict[int, FloatArray] = {}
-        """Reference speeds just before each unfinished goal began."""
         limits = dict(zip(self.commanded, stack.loop.limits, strict=True))
         self._bounded = {joint for joint in arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
         self._limits = limits
@@ -75,24 +83,29 @@ class PathIsAsSent(Invariant):
         arm, tracking = self.arm, self.arm.tracking
         if tracking is not None and tracking.stamp_s == state.stamp_s:
             for logged in (*self.stack.goals.open, *self.stack.ended_goals):
-                if logged.controller == arm.name and (tracking.on_goal or self._paths[id(logged)]):
-                    self._begun_s.setdefault(id(logged), state.stamp_s - tracking.elapsed_s)
-                    self._speeds.setdefault(id(logged), self._speed)
-                    self._paths[id(logged)].append(tracking.reference.position)
+                if logged.controller == arm.name and (tracking.on_goal or id(logged) in self._paths):
+                    begun = _Path(state.stamp_s - tracking.elapsed_s, self._speed)
+                    path = self._paths.setdefault(id(logged), begun)
+                    path.references.append(tracking.reference.position)
                     if tracking.on_goal:
-                        self._longest_s[id(logged)] = tracking.path.duration_s
-                    self._examine_end(logged, self._paths[id(logged)])
+                        path.duration_s = tracking.path.duration_s
+                    self._examine_end(logged, path.references)
         for logged in self.stack.ended_goals:
-            path, begun_s = self._paths.pop(id(logged), []), self._begun_s.pop(id(logged), 0.0)
-            longest_s, speeds = self._longest_s.pop(id(logged), 0.0), self._speeds.pop(id(logged), self._nothing)
+            ended = self._paths.pop(id(logged), None)
             if logged.controller == arm.name and logged.handle.status is GoalStatus.SUCCEEDED:
                 self.examined += 1
-                self._examine(logged, np.array(path), begun_s)
-                if len(logged.goal.points) == 1 and len(path) > 1:
-                    self._examine_way(logged, np.array(path), longest_s, speeds)
-        self._speed = self._nothing
+                self._examine_success(logged, ended)
+        self._speed = self._at_rest
         if tracking is not None:
             self._speed = np.abs(tracking.reference.velocity) + GAINS_S * np.abs(tracking.reference.acceleration)
+
+    def _examine_success(self, logged: LoggedGoal, path: _Path | None) -> None:
+        if path is None:
+            self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path never began")
+            return
+        self._examine(logged, np.array(path.references), path.begun_s)
+        if len(logged.goal.points) == 1 and len(path.references) > 1:
+            self._examine_way(logged, path)
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
         """Check that an unfinished goal with one point does not come to rest at this point before the scheduled
@@ -131,20 +144,20 @@ class PathIsAsSent(Invariant):
                 return
             before += int(np.flatnonzero(off <= PASSES)[0])
 
-    def _examine_way(self, logged: LoggedGoal, path: FloatArray, longest_s: float, speeds: FloatArray) -> None:
+    def _examine_way(self, logged: LoggedGoal, path: _Path) -> None:
         """Check that a path to one point stays between its start and the point, and that it is not slow.
 
         A path that starts in motion first brakes, which takes time and leads further.
         """
-        goal, needs_s = logged.goal, 0.0
+        goal, needs_s, references = logged.goal, 0.0, np.array(path.references)
         wanted = dict(zip(goal.joints, goal.points[0].positions, strict=True))
         for place, joint in enumerate(self.arm.joints):
             if joint not in self._bounded:
                 continue
-            limit, way = self._limits[joint], path[:, place]
+            limit, way = self._limits[joint], references[:, place]
             brakes_s = 0.0
-            if speeds[place] > STANDS:
-                brakes_s = speeds[place] / limit.acceleration + 2.0 * limit.acceleration / limit.jerk
+            if path.speeds[place] > STANDS:
+                brakes_s = path.speeds[place] / limit.acceleration + 2.0 * limit.acceleration / limit.jerk
             slack = DETOUR + limit.acceleration * brakes_s**2
             end = self.end_of_goal(joint, wanted.get(joint, way[0]))
             if joint in wanted and not min(way[0], end) - slack <= way.min() <= way.max() <= max(way[0], end) + slack:
@@ -152,9 +165,9 @@ class PathIsAsSent(Invariant):
                 self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path leads {off}")
             needs_s = max(needs_s, 2.0 * brakes_s + at_most_s(abs(end - way[0]), limit))
         asked_s = goal.delay_s + goal.points[0].time_from_start_s
-        if longest_s > max(asked_s, needs_s) + SLOW_S:
+        if path.duration_s > max(asked_s, needs_s) + SLOW_S:
             asked = f"for {asked_s:.2f} s, and the limits require {needs_s:.2f} s"
-            self.say(f"the path of a goal takes {longest_s:.2f} s, but its client asked {asked}")
+            self.say(f"the path of a goal takes {path.duration_s:.2f} s, but its client asked {asked}")
 
 
 def _distances(path: FloatArray, point: FloatArray) -> FloatArray:

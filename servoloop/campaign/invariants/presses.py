@@ -63,10 +63,11 @@ class LongPressesAreReduced(Invariant):
         for joint, effort_at, place in self._limited:
             name, command = joint.name, float(self.stack.loop.command[place])
             drive = abs(float(self.stack.world.arrays.effort[effort_at])) / joint.full_effort
-            reported = abs(float(state.effort[self.stack.loop.hardware.joints.index(name)])) / joint.full_effort
-            excused = name in state.faults or self.stack.touches.since_s(name) < REDUCED_S
-            limit, at = self.stack.loop.limits[place], state.position[self.stack.loop.hardware.joints.index(name)]
-            excused = excused or max(limit.lower - at, at - limit.upper) > OUTSIDE_TURNS * self._turns[name]
+            at = self.stack.loop.hardware.joints.index(name)
+            reported = abs(float(state.effort[at])) / joint.full_effort
+            limit, position = self.stack.loop.limits[place], float(state.position[at])
+            outside = max(limit.lower - position, position - limit.upper) > OUTSIDE_TURNS * self._turns[name]
+            excused = outside or name in state.faults or self.stack.touches.since_s(name) < REDUCED_S
             if not self.active or excused or min(drive, reported) < PRESSES * self._limits[name]:
                 self._presses.pop(name, None)
                 continue
