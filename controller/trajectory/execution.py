@@ -100,7 +100,7 @@ class GoalExecution:
         if self._unmeasured.lasting(unmeasured, now.period_s) and unmeasured.keys() >= set(self._joints):
             return False
         self._relief.step(now)
-        return not self._relief.done
+        return self._relief.goes_on
 
     def cycle(self, now: Cycle) -> None:
         """Process cancel requests, new goals and the active goal."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.trajectory.active_goal import Cycle
-from controller.trajectory.rest import HELD_S, LONGEST_REST_S, RESTS_S, Rest
+from controller.trajectory.rest import HELD_S, LONGEST_REST_S, LONGEST_SLIDE_S, RESTS_S, Rest
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.waypoints import BoolArray
 from hal.types import FloatArray
@@ -61,6 +61,8 @@ class Relief:
         ]
         self._rest = Rest(sampler.still)
         self._stood_s = 0.0
+        self._slides = False
+        """Whether a measured joint is still moving away from its command."""
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._free_error = np.full(len(joints), np.inf)
@@ -88,6 +90,12 @@ class Relief:
         """Whether the goal may end, because the joints are at rest or have had enough time to come to rest."""
         return not self.due or self._stood_s > LONGEST_REST_S
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether joints without a goal still have to be relieved. A joint that slides along an obstacle gets more time
+        to come to rest."""
+        return self.due and self._stood_s <= (LONGEST_SLIDE_S if self._slides else LONGEST_REST_S)
+
     def step(self, now: Cycle) -> None:
         """Run one cycle while relief is due."""
         faults = now.state.faults
@@ -108,6 +116,7 @@ class Relief:
         # A joint that is blocked outside its limits cannot be relieved further than to the limit.
         off = np.abs(now.reference.position - self._sampler.inside(measured(now))) > PRESSES * self._sampler.still
         pushed = (np.abs(now.error) > self._free_error) & (self._attempts < ATTEMPTS)
+        self._slides = bool((off & ~unknown & ~self._rest.for_at_least(HELD_S)).any())
         held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | pushed)
         if held.any():
             self._relieve(held, now)

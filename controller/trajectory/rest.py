@@ -21,6 +21,9 @@ LONGEST_REST_S: Final = 1.0
 """Maximum time that a goal waits for its joints to come to rest, in seconds. After this time, the goal ends even if
 joints are still oscillating.
 """
+LONGEST_SLIDE_S: Final = 4.0
+"""Maximum time that the relief waits for joints away from their commands to come to rest, in seconds. A joint that is
+pushed along an obstacle, or by a neighbor, slides for a few seconds."""
 
 
 class Rest:

@@ -246,6 +246,16 @@ def test_a_deactivated_controller_leaves_no_joint_pressing(end: Callable[[Bench]
     assert (np.diff(path[:, 0]) >= -1e-9).all(), "the other joint comes to rest and stays"
 
 
+def test_a_joint_that_slides_along_its_obstacle_is_relieved_when_it_comes_to_rest() -> None:
+    bench = pressing(Bench())
+    deactivate(bench)
+    for _ in range(40):
+        bench.hardware.objects["elbow"] -= 0.01
+        bench.cycle()
+    bench.cycle(60)
+    assert bench.path()[-1][ELBOW] == pytest.approx(-0.1, abs=PRESSES_RAD)
+
+
 def test_a_free_arm_keeps_its_command_when_its_controller_is_deactivated() -> None:
     bench = Bench().up()
     handle = bench.send(to(0.4, 0.8))

@@ -523,6 +523,16 @@ def trajectories_do_not_wait(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Standstill, "step", lambda standstill, faults, step_s, *_: step_s)
 
 
+@detected_by("stops follow paths")
+def stops_leave_the_path(patch: pytest.MonkeyPatch) -> None:
+    stop = TrajectorySampler.stop
+
+    def wrong(sampler: TrajectorySampler, reference: Any, parameters: Any, along: bool = False) -> None:
+        stop(sampler, reference, parameters)
+
+    patch.setattr(TrajectorySampler, "stop", wrong)
+
+
 @detected_by("activated as configured")
 def guided_arm_is_not_soft(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SoftTorque, "reduce", lambda torque: [])
@@ -562,3 +572,8 @@ def last_joint_receives_no_goals(patch: pytest.MonkeyPatch) -> None:
 @detected_by("goals are judged")
 def programs_without_control_may_move_the_arm(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Ownership, "moving", lambda ownership, client, move: move())
+
+
+@detected_by("trajectories wait")
+def arm_does_not_wait_for_the_hand(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GoalExecution, "_ready", lambda execution, now: True)

@@ -197,6 +197,7 @@ MOVES = (
     Cancel(at_s=0.6),
     Move(at_s=1.6, positions={"joint1": -0.2, "joint2": 0.2}, seconds=0.8),
 )
+CANCELED = (Move(positions={"joint1": 1.2, "joint2": -0.3}, seconds=2.0), Cancel(at_s=1.0))
 JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
 
 
@@ -207,6 +208,7 @@ JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
         ("sign_left_out_of_positions", "reported truly", MOVES, ()),
         ("cancels_are_ignored", "cancels are followed", MOVES, ()),
         ("stops_are_abrupt", "smooth reference", (Move(positions={"joint1": 1.5}, seconds=0.5), Cancel(at_s=0.4)), ()),
+        ("stops_leave_the_path", "stops follow paths", CANCELED, ()),
         ("feedback_is_one_cycle_old", "feedback is true", MOVES, ()),
         ("arm_moves_back_after_an_abort", "nothing travels after the end", MOVES, ()),
         ("limits_of_goals_are_not_checked", "goals are judged", (Move(positions={"joint1": 9.0}),), ()),

@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.goals import at_most_s
 from servoloop.campaign.invariants.invariant import Invariant
@@ -42,6 +43,13 @@ FORWARDED_FACTOR: Final = 1.2
 limit."""
 FORWARDED_SHARE: Final = 0.01
 """Allowed distance from the commanded value, as a fraction of the joint's range."""
+STEADY: Final = 0.2
+"""Maximum acceleration of a path on which a stop is examined, as a fraction of the acceleration limit. The remaining
+fraction is enough to brake."""
+CURVE_S: Final = 0.01
+"""Time between two samples of a path, in seconds."""
+OFF_CURVE: Final = 0.0005
+"""Maximum distance of a stopping reference from its sampled path, in rad or m."""
 REPLACED_CYCLES: Final = 2
 """Maximum number of cycles until a replaced goal ends."""
 
@@ -179,6 +187,54 @@ def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
     share = np.clip(((point - starts) * ways).sum(axis=1) / lengths, 0.0, 1.0)
     distances: FloatArray = np.abs(starts + share[:, None] * ways - point).max(axis=1)
     return distances
+
+
+class StopsFollowPaths(Invariant):
+    """A goal that ends early brakes along its path: the reference stays on the path until it is at rest.
+
+    Stops that begin while the path accelerates or ends are not examined, because the limits may not allow braking along
+    the path there.
+    """
+
+    name = "stops follow paths"
+    of_each_arm = True
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        limits = [stack.loop.limits[self.commanded.index(joint)] for joint in arm.joints]
+        self._acceleration = np.array([limit.acceleration for limit in limits])
+        self._jerk = np.array([limit.jerk for limit in limits])
+        self._before: Tracking | None = None
+        self._curve: FloatArray | None = None
+        """Rest of the path (m, n) when the examined stop began."""
+
+    def on_state(self, state: JointState) -> None:
+        before, now = self._before, self.arm.tracking
+        self._before = now
+        if now is None or now.on_goal or not self.arm.parameters.constraints.decelerate_on_cancel:
+            self._curve = None
+        elif before is not None and before.on_goal:
+            self._curve = self._rest_of(before) if now.path is not before.path else None
+        elif before is None or before.path is not now.path or now.elapsed_s > now.path.duration_s:
+            self._curve = None
+        if now is None or self._curve is None:
+            return
+        self.examined += 1
+        off = float(_distances(self._curve, now.reference.position).min())
+        if off > OFF_CURVE:
+            self.say(f"the arm brakes {off:.4f} away from its path")
+
+    def _rest_of(self, before: Tracking) -> FloatArray | None:
+        """Return the rest of a path, or None if the limits may not allow a stop along this path."""
+        path, from_s = before.path, before.elapsed_s
+        speed = np.abs(path.sample(from_s).velocity)
+        brakes_s = float((speed / self._acceleration + 2.0 * self._acceleration / self._jerk).max())
+        if before.rate != 1.0 or from_s + brakes_s > path.duration_s:
+            return None
+        samples = [path.sample(time_s) for time_s in np.arange(from_s, from_s + brakes_s, CURVE_S)]
+        steady = all((np.abs(sample.acceleration) <= STEADY * self._acceleration).all() for sample in samples)
+        rest_s = np.arange(from_s, path.duration_s + CURVE_S, CURVE_S)
+        return np.array([path.sample(time_s).position for time_s in rest_s]) if steady else None
 
 
 class ReplacedGoalsEnd(Invariant):

@@ -14,7 +14,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.sampler import Tracking
 from hal.types import JointLimits, JointState
 from servoloop.api.stream_gate import STREAM
-from servoloop.campaign.invariants.invariant import UNREAD, Invariant
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.acts import STREAM_AGE_S
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -31,8 +31,6 @@ BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be either accepted or rejected, as a fraction of the joint's range."""
 RESTS: Final = 0.02
 """Maximum velocity at which a reference counts as at rest, as a fraction of the velocity limit."""
-UNMEASURED_CYCLES: Final = 2
-"""Number of cycles without measurements after which a trajectory must wait."""
 SILENT_CYCLES: Final = 2
 """Maximum number of cycles until a stream ends after its latest target has become too old."""
 
@@ -109,34 +107,6 @@ class GoalsEnd(Invariant):
     def _waits_s(self) -> float:
         parameters = self.arm.parameters
         return parameters.wait_for_timeout if parameters.wait_for else 0.0
-
-
-class TrajectoriesWait(Invariant):
-    """While none of an arm's joints can be measured, its trajectory waits.
-
-    A single cycle without measurements does not count.
-    """
-
-    name = "trajectories wait"
-    of_each_arm = True
-
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
-        super().__init__(stack, say, arm)
-        self._cycles = 0
-        """Number of consecutive cycles in which no joint of the arm was measured."""
-        self._elapsed_s = 0.0
-
-    def on_state(self, state: JointState) -> None:
-        tracking = self.arm.tracking
-        unread = all(name in state.faults and state.faults[name].kind in UNREAD for name in self.arm.joints)
-        self._cycles = self._cycles + 1 if unread and tracking is not None and self.active else 0
-        if tracking is None:
-            return
-        elapsed_s, self._elapsed_s = self._elapsed_s, tracking.elapsed_s
-        if self._cycles > UNMEASURED_CYCLES and tracking.on_goal:
-            self.examined += 1
-            if tracking.elapsed_s > elapsed_s:
-                self.say(f"the trajectory goes on at {tracking.elapsed_s:.2f} s although no joint is measured")
 
 
 class CancelsAreFollowed(Invariant):

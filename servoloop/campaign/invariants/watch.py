@@ -9,9 +9,14 @@ from hal.types import JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
-from servoloop.campaign.invariants.goal_paths import ForwardedIsFollowed, PathIsAsSent, ReplacedGoalsEnd
+from servoloop.campaign.invariants.goal_paths import (
+    ForwardedIsFollowed,
+    PathIsAsSent,
+    ReplacedGoalsEnd,
+    StopsFollowPaths,
+)
 from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue
-from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd, TrajectoriesWait
+from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
 from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
@@ -21,6 +26,7 @@ from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
 from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
 from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
+from servoloop.campaign.invariants.waiting import TrajectoriesWait
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -45,6 +51,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     DeviationEnds,
     AbortsAreTrue,
     CancelsAreFollowed,
+    StopsFollowPaths,
     FeedbackIsTrue,
     GoalsAreJudged,
     GripsAreFollowed,

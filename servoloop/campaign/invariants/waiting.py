@@ -1,0 +1,102 @@
+"""Invariant on trajectories that wait: for measurements, and for other controllers."""
+
+from collections.abc import Callable
+from typing import Final
+
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
+from hal.types import JointState
+from servoloop.campaign.invariants.invariant import UNREAD, Invariant
+from servoloop.simulation.faulty_stack import FaultyStack
+
+UNMEASURED_CYCLES: Final = 2
+"""Number of cycles without measurements after which a trajectory must wait."""
+ARRIVED_SHARE: Final = 0.04
+"""Maximum distance from its goal at which a joint may count as having arrived, as a fraction of its range. It includes
+the tolerance of a reading."""
+STILL_S: Final = 0.1
+"""Minimum time at rest for a joint to count as stalled, in seconds."""
+TRAVELS_SHARE: Final = 0.1
+"""Minimum speed of a joint that travels, as a fraction of its velocity limit."""
+
+
+class TrajectoriesWait(Invariant):
+    """While none of an arm's joints can be measured, its trajectory waits. A single cycle without measurements does not
+    count.
+
+    A goal also waits for the controllers in ``wait_for``: their joints have arrived, or no longer move, when it begins.
+    It does not wait longer than ``wait_for_timeout``.
+    """
+
+    name = "trajectories wait"
+    of_each_arm = True
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._cycles = 0
+        """Number of consecutive cycles in which no joint of the arm was measured."""
+        self._elapsed_s = 0.0
+        self._begun = 0
+        """Number of the arm's goals that had begun by the last cycle."""
+        self._true = self.true_positions()
+        self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
+        """Latest values sent to each controller in ``wait_for``, and the time since when they have been valid."""
+
+    def on_state(self, state: JointState) -> None:
+        tracking = self.arm.tracking
+        self._examine_measured(state, tracking)
+        if not self.arm.parameters.wait_for:
+            return
+        self._note_values(state.stamp_s)
+        if tracking is not None and tracking.on_goal and self._begins(state.stamp_s):
+            for name in self._sent:
+                self._examine_other(name, state)
+        self._true = self.true_positions()
+
+    def _examine_measured(self, state: JointState, tracking: Tracking | None) -> None:
+        unread = all(name in state.faults and state.faults[name].kind in UNREAD for name in self.arm.joints)
+        self._cycles = self._cycles + 1 if unread and tracking is not None and self.active else 0
+        if tracking is None:
+            return
+        elapsed_s, self._elapsed_s = self._elapsed_s, tracking.elapsed_s
+        if self._cycles > UNMEASURED_CYCLES and tracking.on_goal:
+            self.examined += 1
+            if tracking.elapsed_s > elapsed_s:
+                self.say(f"the trajectory goes on at {tracking.elapsed_s:.2f} s although no joint is measured")
+
+    def _note_values(self, now_s: float) -> None:
+        """Note the values of the other controllers whose commands have to move for them."""
+        commands = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
+        for name in self.arm.parameters.wait_for:
+            controller = self.stack.controllers.get(name)
+            if controller is None or not self.stack.manager.registry.loaded[name].active or controller.upsets:
+                self._sent.pop(name, None)
+            elif name not in self._sent or self._sent[name][0] != controller.forwarded:
+                values = controller.forwarded
+                stays = values is None or all(commands[j] == v for j, v in zip(controller.joints, values, strict=True))
+                self._sent[name] = values, -1.0 if stays else now_s
+
+    def _begins(self, now_s: float) -> bool:
+        """Return whether the latest goal begins in this cycle, and is too young to begin without waiting."""
+        own = [logged for logged in self.stack.goals.goals if logged.controller == self.arm.name]
+        begins, self._begun = len(own) > self._begun, len(own)
+        if not begins or own[-1].goal.from_topic:
+            return False
+        return now_s - own[-1].sent_s < self.arm.parameters.wait_for_timeout - 2.0 * self.stack.loop.period_s
+
+    def _examine_other(self, name: str, state: JointState) -> None:
+        values, since_s = self._sent[name]
+        if values is None or since_s < 0.0:
+            return
+        true = self.true_positions()
+        for joint, value in zip(self.stack.controllers[name].joints, values, strict=True):
+            limit = self.stack.loop.limits[self.commanded.index(joint)]
+            end, near = min(max(value, limit.lower), limit.upper), ARRIVED_SHARE * (limit.upper - limit.lower)
+            if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < 1.0:
+                continue
+            self.examined += 1
+            moved = abs(true[joint] - self._true[joint])
+            travels = moved > TRAVELS_SHARE * limit.velocity * self.stack.loop.period_s
+            just_sent = state.stamp_s - since_s < STILL_S
+            if min(abs(true[joint] - end), abs(self._true[joint] - end)) > near and (travels or just_sent):
+                self.say(f"a goal begins although {joint} is still at {true[joint]:.4f} on its way to {end:.4f}")
