@@ -29,6 +29,8 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 SET_POINT_S: Final = 0.3
 """Time until the arm is at rest at a set point, in seconds."""
+STATES_HZ: Final = 10.0
+"""Rate at which programs receive the state of the arm, in states per second."""
 INVALID: Final = "invalid"
 """Prefix of the ID of a message that the stack must reject."""
 
@@ -63,6 +65,7 @@ class SocketProgram:
         self._denied = False
         """Whether the latest reply said that another program has control of the arm."""
         self._stream: Iterator[None] = iter(())
+        self._log = self._stack.program_log
         self._rest: tuple[float, bytes] | None = None
         """Second half of a message, and the time at which the program sends it."""
         self._actions: Mapping[type[SocketAct], Callable[[Any], None]] = {
@@ -73,6 +76,7 @@ class SocketProgram:
             SocketStall: self._stall,
             SocketDeath: self._die,
         }
+        self._ask("watch", rate_hz=STATES_HZ)
 
     def send(self, data: bytes | bytearray) -> int:
         """Receive bytes from the stack; the session uses this method as its transport."""
@@ -95,7 +99,7 @@ class SocketProgram:
             self._write(rest)
         if self._rest is None:
             next(self._stream, None)
-        self._session.serve()
+        self._serve()
         self._session.notify(self._served.requests.state)
         self._read()
         if self.open and self._session.refused:
@@ -104,6 +108,7 @@ class SocketProgram:
     def hang_up(self) -> None:
         """End the connection. The server ends the program's motions."""
         self.open = False
+        self._log.hang_up(self.name)
         self._expect_end(self._goals)
         self._session.end()
 
@@ -116,7 +121,6 @@ class SocketProgram:
         If another program keeps control of the arm, the stack must refuse the motion.
         """
         self._ask("take")
-        self._read()
         if self._denied:
             number = f"{INVALID}-{number}"
         names, values = list(act.positions), list(act.positions.values())
@@ -163,6 +167,8 @@ class SocketProgram:
         elif act.op != "cancel":
             if act.op in ("release", "stop"):
                 self._expect_end(self._goals if act.op == "release" else self._all_goals())
+            if act.op == "release":
+                self._log.released.add(self.name)
             self._ask(act.op)
         elif self._running:
             self._ask(**self._running)
@@ -193,10 +199,16 @@ class SocketProgram:
 
     def _write(self, data: bytes) -> None:
         """Send bytes to the stack, which immediately processes complete messages."""
-        before = len(self._stack.goals.goals)
         self._session.receive(data)
+        self._serve()
+
+    def _serve(self) -> None:
+        """Let the stack handle the messages, and read the replies."""
+        before = len(self._stack.goals.goals)
         self._session.serve()
-        self._goals += [one.handle for one in self._stack.goals.goals[before:]]
+        goals = tuple(one.handle for one in self._stack.goals.goals[before:])
+        self._goals += goals
+        self._read(goals)
 
     def _all_goals(self) -> list[GoalHandle]:
         """Return the unfinished goals of all clients."""
@@ -207,13 +219,17 @@ class SocketProgram:
         for handle in goals:
             self._stack.goals.canceled(handle)
 
-    def _read(self) -> None:
-        """Read all replies and events."""
+    def _read(self, goals: tuple[GoalHandle, ...] = ()) -> None:
+        """Read all replies and events. The replies belong to messages that started ``goals``."""
         lines, _, self._unread = self._unread.rpartition(b"\n")
-        for line in filter(None, lines.split(b"\n")):
-            found = json.loads(line)
-            if "ok" in found and "event" not in found:
-                self._judge(found)
+        messages = [json.loads(line) for line in filter(None, lines.split(b"\n"))]
+        self._log.events += [(self.name, message) for message in messages if "event" in message]
+        replies = [message for message in messages if "event" not in message]
+        for reply in replies:
+            self._judge(reply)
+        started = [(kind, reply[kind]) for reply in replies for kind in ("motion", "goal") if kind in reply]
+        if len(started) == 1 and goals:
+            self._log.motions[(self.name, *started[0])] = goals
 
     def _judge(self, reply: dict[str, Any]) -> None:
         number, error = str(reply["id"]), reply.get("error")

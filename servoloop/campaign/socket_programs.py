@@ -27,11 +27,15 @@ class ConnectedPrograms:
         return self.served.last_target_s
 
     @property
+    def owner(self) -> str:
+        """Name of the program that has control of the arm, or an empty string."""
+        return self.served.requests.ownership.owner
+
+    @property
     def dead_owner(self) -> str:
         """Name of a program that still has control of the arm although it has died, or an empty string."""
-        owner = self.served.requests.ownership.owner
         open_names = {program.name for program in self._programs.values() if program.open}
-        return "" if owner in open_names else owner
+        return "" if self.owner in open_names else self.owner
 
     def carry_out(self, act: SocketAct) -> None:
         """Let the program of a connection perform an action. A program that has died is restarted."""

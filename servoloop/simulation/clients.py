@@ -75,6 +75,11 @@ class SocketPrograms(Protocol):
         ...
 
     @property
+    def owner(self) -> str:
+        """Name of the program that has control of the arm, or an empty string if there is no such program."""
+        ...
+
+    @property
     def dead_owner(self) -> str:
         """Name of a program that has died but still has control of the arm, or an empty string if there is no such
         program."""

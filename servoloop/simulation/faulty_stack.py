@@ -10,6 +10,7 @@ from drivers.bus.bus import Bus
 from hal.types import JointState
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.goal_log import GoalLog, LoggedGoal
+from servoloop.simulation.program_log import ProgramLog
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from servoloop.simulation.touches import Touches
@@ -43,6 +44,7 @@ class FaultyStack(SimulatedStack):
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
         """Goals that finished in the latest cycle."""
+        self.program_log = ProgramLog()
         super().__init__(**options)
         self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
         self.arm = self.arms[number_of_arm(options.get("build", NOMINAL_BUILD).seed, len(self.arms))]

@@ -44,10 +44,15 @@ from hal.servos.soft_torque import SoftTorque
 from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
 from hal.types import FloatArray, JointLimits, JointState
+from servoloop.api.backend import ArmState
+from servoloop.api.stack_backend import StackBackend
 from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server import requests
+from servoloop.command_server.arm_requests import ArmRequests
+from servoloop.command_server.motions import Motions
 from servoloop.command_server.ownership import Ownership
 from servoloop.command_server.requests import StackRequests
+from servoloop.command_server.session import Session
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
@@ -577,3 +582,39 @@ def programs_without_control_may_move_the_arm(patch: pytest.MonkeyPatch) -> None
 @detected_by("trajectories wait")
 def arm_does_not_wait_for_the_hand(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(GoalExecution, "_ready", lambda execution, now: True)
+
+
+@detected_by("programs are told")
+def programs_are_told_that_motions_succeed(patch: pytest.MonkeyPatch) -> None:
+    ended = ArmRequests.ended
+    patch.setattr(
+        ArmRequests, "ended", lambda requests, client: ({**event, "error": None} for event in ended(requests, client))
+    )
+
+
+@detected_by("programs are told")
+def results_of_goals_are_not_sent_to_programs(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Motions, "ended", lambda motions, client: iter(()))
+
+
+@detected_by("programs are told")
+def programs_are_not_told_that_they_lost_control(patch: pytest.MonkeyPatch) -> None:
+    post = Session.post
+
+    def silent(session: Session, message: dict[str, Any]) -> None:
+        if message.get("event") != "lost":
+            post(session, message)
+
+    patch.setattr(Session, "post", silent)
+
+
+@detected_by("programs are told")
+def programs_are_told_the_state_of_another_joint(patch: pytest.MonkeyPatch) -> None:
+    converted = StackBackend._converted
+
+    def wrong(backend: StackBackend, state: JointState, command: FloatArray) -> ArmState:
+        told = converted(backend, state, command)
+        first, *others = told.position.values()
+        return replace(told, position=dict(zip(told.position, (*others, first), strict=True)))
+
+    patch.setattr(StackBackend, "_converted", wrong)

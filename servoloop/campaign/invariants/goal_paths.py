@@ -193,7 +193,7 @@ class StopsFollowPaths(Invariant):
     """A goal that ends early brakes along its path: the reference stays on the path until it is at rest.
 
     Stops that begin while the path accelerates or ends are not examined, because the limits may not allow braking along
-    the path there.
+    the path there. A stop for another goal is not examined either.
     """
 
     name = "stops follow paths"
@@ -214,7 +214,7 @@ class StopsFollowPaths(Invariant):
         if now is None or now.on_goal or not self.arm.parameters.constraints.decelerate_on_cancel:
             self._curve = None
         elif before is not None and before.on_goal:
-            self._curve = self._rest_of(before) if now.path is not before.path else None
+            self._curve = None if now.path is before.path or self._replaced(state) else self._rest_of(before)
         elif before is None or before.path is not now.path or now.elapsed_s > now.path.duration_s:
             self._curve = None
         if now is None or self._curve is None:
@@ -223,6 +223,11 @@ class StopsFollowPaths(Invariant):
         off = float(_distances(self._curve, now.reference.position).min())
         if off > OFF_CURVE:
             self.say(f"the arm brakes {off:.4f} away from its path")
+
+    def _replaced(self, state: JointState) -> bool:
+        """Return whether a client has just sent another goal, along whose path the arm may brake."""
+        sent_s = [logged.sent_s for logged in self.stack.goals.goals if logged.controller == self.arm.name]
+        return bool(sent_s) and state.stamp_s - sent_s[-1] < REPLACED_CYCLES * self.stack.loop.period_s
 
     def _rest_of(self, before: Tracking) -> FloatArray | None:
         """Return the rest of a path, or None if the limits may not allow a stop along this path."""

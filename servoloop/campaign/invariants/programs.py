@@ -1,0 +1,99 @@
+"""Invariant on what programs on the command socket are told."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from controller.action_goals import GoalStatus
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.types import JointState
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.program_log import MotionKey
+
+RESULT_CYCLES: Final = 2
+"""Maximum number of cycles until a program receives the result of a motion that has ended."""
+STATE_CYCLES: Final = 2
+"""Maximum age of a state that a program receives, in cycles."""
+
+
+class ProgramsAreTold(Invariant):
+    """A program on the command socket receives the true result of each motion promptly, the state of the latest cycle,
+    and an event when it has lost control of the arm.
+    """
+
+    name = "programs are told"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._log = stack.program_log
+        self._shown = deque[tuple[JointState, dict[str, float]]](maxlen=STATE_CYCLES)
+        """States and commands of the latest cycles."""
+        self._cycles = Counter[MotionKey]()
+        """Number of cycles since the goals of each motion have ended."""
+        self._owner = ""
+
+    def on_state(self, state: JointState) -> None:
+        clients = self.stack.clients
+        if clients is None or clients.programs is None:
+            return
+        for program, event in self._log.events:
+            if event["event"] == "state" and self._shown:
+                self._examine_state(event)
+            elif event["event"] in ("moved", "result"):
+                self._examine_result(program, event)
+        self._examine_owner(clients.programs.owner)
+        self._log.events.clear()
+        self._log.released.clear()
+        for key, goals in self._log.motions.items():
+            self._cycles[key] += all(goal.done for goal in goals)
+            if self._cycles[key] > RESULT_CYCLES:
+                self.say(f"{key[0]} does not receive the result of its {key[1]} {key[2]}")
+        command = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
+        self._shown.append((state, command))
+
+    def _examine_state(self, event: Mapping[str, Any]) -> None:
+        self.examined += 1
+        found = [(state, command) for state, command in self._shown if state.stamp_s == event["time_s"]]
+        if not found:
+            self.say(f"programs are told the state of {event['time_s']:.3f} s, instead of the latest")
+            return
+        state, command = found[0]
+        joints = self.stack.loop.hardware.joints
+        for field in ("position", "velocity", "effort"):
+            true = dict(zip(joints, getattr(state, field).tolist(), strict=True))
+            self._compare(field, event[field], true)
+        self._compare("command", event["command"], command)
+        unmeasured = {joint for joint in event["position"] if joint in state.faults}
+        if set(event["unmeasured"]) != unmeasured or not unmeasured <= event["faults"].keys():
+            self.say(f"programs are told that {event['unmeasured']} are not measured, instead of {sorted(unmeasured)}")
+
+    def _compare(self, field: str, told: Mapping[str, float | None], true: Mapping[str, float]) -> None:
+        for joint, value in told.items():
+            if value != (true[joint] if math.isfinite(true[joint]) else None):
+                self.say(f"programs are told that the {field} of {joint} is {value}, instead of {true[joint]}")
+
+    def _examine_result(self, program: str, event: Mapping[str, Any]) -> None:
+        kind = "motion" if event["event"] == "moved" else "goal"
+        goals = self._log.motions.pop((program, kind, event[kind]), ())
+        if not goals:
+            return
+        self.examined += 1
+        told = f"{program} is told about its {kind} {event[kind]}: {event.get('error', event.get('status'))}"
+        if kind == "motion" and (event["error"] is None) != all(one.status is GoalStatus.SUCCEEDED for one in goals):
+            self.say(f"{told}, but its goals ended as {', '.join(goal.status.name for goal in goals)}")
+        elif kind == "goal":
+            goal = goals[0]
+            if (event["status"], event["code"], event["text"]) != (
+                *(goal.status.value, goal.error_code, goal.error_text),
+            ):
+                self.say(f"{told}, but it ended as {goal.status.name}: {goal.error_text}")
+
+    def _examine_owner(self, owner: str) -> None:
+        former, self._owner = self._owner, owner
+        if former in ("", owner) or former in self._log.released:
+            return
+        self.examined += 1
+        if not any(program == former and event["event"] == "lost" for program, event in self._log.events):
+            self.say(f"{former} is not told that it has lost control of the arm")

@@ -1,0 +1,26 @@
+"""Log of what programs on the command socket of a simulated stack have been told."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from controller.trajectory.goal import GoalHandle
+
+MotionKey = tuple[str, str, int]
+"""Name of a program, kind of its motion (``motion`` or ``goal``), and the number in the stack's reply."""
+
+
+@dataclass(slots=True)
+class ProgramLog:
+    """Events that programs have received, and the motions whose results they have not received yet."""
+
+    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    """Events since an invariant last cleared this list, each with the name of its program."""
+    motions: dict[MotionKey, tuple[GoalHandle, ...]] = field(default_factory=dict)
+    """The goals of each motion that a connected program has started."""
+    released: set[str] = field(default_factory=set)
+    """Programs that have released control of the arm, or disconnected, since an invariant last cleared this set."""
+
+    def hang_up(self, program: str) -> None:
+        """Log that a program has disconnected."""
+        self.released.add(program)
+        self.motions = {key: goals for key, goals in self.motions.items() if key[0] != program}
