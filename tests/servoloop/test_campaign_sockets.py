@@ -33,6 +33,8 @@ STREAM = SocketStream(at_s=0.2, positions={JOINT: TARGET}, for_s=1.0, closes=Fal
 PERIOD_S = 0.05
 LEAD = 2.1
 """Acceleration of a command as a share of the joint's limit: the command leads its path by the lag of the servo."""
+WATCHES = "ok"
+"""First reply to each program, which watches the states of the arm."""
 Replies = list[tuple[str, str]]
 
 
@@ -100,7 +102,7 @@ def test_a_stream_that_falls_silent_ends_within_its_age() -> None:
 
 def test_a_program_that_stalls_within_a_message_moves_nothing_later(replies: Replies) -> None:
     path = path_of(SocketStall(at_s=0.2, positions={JOINT: TARGET}, for_s=0.8))
-    assert np.ptp(path) == 0.0 and [error for _, error in replies] == ["ok", "stale"]
+    assert np.ptp(path) == 0.0 and [error for _, error in replies] == [WATCHES, "ok", "stale"]
     path = path_of(SocketStall(at_s=0.2, positions={JOINT: TARGET}, for_s=0.3))
     assert path[-1] == pytest.approx(TARGET, abs=1e-6)
 
@@ -108,7 +110,7 @@ def test_a_program_that_stalls_within_a_message_moves_nothing_later(replies: Rep
 def test_a_second_owner_is_refused_until_it_seizes_the_motion(replies: Replies) -> None:
     second = SocketMove(at_s=0.4, connection=2, positions={JOINT: -TARGET})
     assert path_of(MOVE, second, seconds=4.0)[-1] == pytest.approx(TARGET, abs=1e-6)
-    assert [error for _, error in replies] == ["ok", "ok", "owned", "not_owner"]
+    assert [error for _, error in replies] == [WATCHES, "ok", "ok", WATCHES, "owned", "not_owner"]
     seized = SocketRequest(at_s=0.4, connection=2, op="seize"), second.model_copy(update={"at_s": 0.5})
     assert path_of(MOVE, *seized, seconds=4.0)[-1] == pytest.approx(-TARGET, abs=1e-6)
 
