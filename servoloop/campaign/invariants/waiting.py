@@ -40,7 +40,8 @@ class TrajectoriesWait(Invariant):
         """Number of the arm's goals that had begun by the last cycle."""
         self._true = self.true_positions()
         self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
-        """Latest values sent to each controller in ``wait_for``, and the time since when they have been valid."""
+        """Latest values sent to each controller in ``wait_for``, and the time at which they were sent, or -1 if the
+        joints need not move to them any further."""
 
     def on_state(self, state: JointState) -> None:
         tracking = self.arm.tracking
@@ -65,7 +66,7 @@ class TrajectoriesWait(Invariant):
                 self.say(f"the trajectory goes on at {tracking.elapsed_s:.2f} s although no joint is measured")
 
     def _note_values(self, now_s: float) -> None:
-        """Note the values of the other controllers whose commands have to move for them."""
+        """Note the values of the other controllers, and whether their joints are still moving to them."""
         commands = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
         for name in self.arm.parameters.wait_for:
             controller = self.stack.controllers.get(name)
@@ -75,6 +76,14 @@ class TrajectoriesWait(Invariant):
                 values = controller.forwarded
                 stays = values is None or all(commands[j] == v for j, v in zip(controller.joints, values, strict=True))
                 self._sent[name] = values, -1.0 if stays else now_s
+            elif now_s - self._sent[name][1] > STILL_S and not all(map(self._travels, controller.joints)):
+                self._sent[name] = controller.forwarded, -1.0  # A stalled joint may move again later.
+
+    def _travels(self, joint: str) -> bool:
+        """Return whether a joint has moved since the previous cycle."""
+        limit = self.stack.loop.limits[self.commanded.index(joint)]
+        moved = abs(self.true_positions()[joint] - self._true[joint])
+        return moved > TRAVELS_SHARE * limit.velocity * self.stack.loop.period_s
 
     def _begins(self, now_s: float) -> bool:
         """Return whether the latest goal begins in this cycle, and is too young to begin without waiting."""
@@ -95,8 +104,5 @@ class TrajectoriesWait(Invariant):
             if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < 1.0:
                 continue
             self.examined += 1
-            moved = abs(true[joint] - self._true[joint])
-            travels = moved > TRAVELS_SHARE * limit.velocity * self.stack.loop.period_s
-            just_sent = state.stamp_s - since_s < STILL_S
-            if min(abs(true[joint] - end), abs(self._true[joint] - end)) > near and (travels or just_sent):
+            if min(abs(true[joint] - end), abs(self._true[joint] - end)) > near:
                 self.say(f"a goal begins although {joint} is still at {true[joint]:.4f} on its way to {end:.4f}")
