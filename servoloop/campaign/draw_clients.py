@@ -174,8 +174,8 @@ def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     draw, for_s = random.random(), round(random.uniform(0.05, 1.0), 2)
     if draw < 0.3:
         return Switch(at_s=at_s, for_s=for_s)
-    if draw < 0.5:
-        for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False)])
+    if draw < 0.6:
+        for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False), (0.0, False)])
         return Reactivate(at_s=at_s, for_s=for_s, relax=relax, push=_share(random))
     return _move(random, joints, hand, at_s)
 
@@ -203,7 +203,8 @@ def _grip(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
         return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
     share = random.choice([0.0, 1.0, round(random.random(), 3)])
     cancel_after_s = round(random.uniform(0.05, 1.0), 2) if random.random() < 0.25 else 0.0
-    return Grip(at_s=at_s, share=share, cancel_after_s=cancel_after_s)
+    speed = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.5 else 0.0
+    return Grip(at_s=at_s, share=share, cancel_after_s=cancel_after_s, speed=speed)
 
 
 def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:

@@ -111,6 +111,7 @@ def run_schedule(
     stack.clients = None
     end_program(stack)
     watch.end()
+    stack.require_no_defect()
     if programs is not None:
         programs.require_no_defect()
     largest_rad = max(chain(*(stack.trace_of(arm.joints).following().largest_rad for arm in stack.arms)), default=None)

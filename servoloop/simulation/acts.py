@@ -80,6 +80,8 @@ class Grip(_Act):
     share: HandShare = 0.5
     cancel_after_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
     """Time after which the goal is canceled, in seconds. If 0, the goal is not canceled."""
+    speed: HandShare = 0.0
+    """Speed of the fingers, as a fraction of the velocity limit. If 0, the goal contains no speed."""
 
 
 class Switch(_Act):

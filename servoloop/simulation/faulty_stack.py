@@ -95,6 +95,12 @@ class FaultyStack(SimulatedStack):
             self.player.update(time_s)
         super()._after_step(time_s)
 
+    def require_no_defect(self) -> None:
+        """Raise RuntimeError if a controller has failed although no fault was injected into it."""
+        for name, controller in self.controllers.items():
+            if controller.defect is not None:
+                raise RuntimeError(f"the controller {name} has failed") from controller.defect
+
     def _on_cycle(self, state: JointState) -> None:
         for line in self.lines.values():  # also advance servos that are not read
             line.advance(self.clock.now())

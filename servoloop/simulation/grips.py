@@ -58,7 +58,8 @@ class GripperClient:
         if not self.active:
             former = (hand,) if loop.manager.registry.loaded[hand].active else ()
             loop.manager.switch(SwitchRequest(activate=(NAME,), deactivate=former), loop.within_limits)
-        goal = GripperGoal(self.limits.lower + act.share * (self.limits.upper - self.limits.lower))
+        position = self.limits.lower + act.share * (self.limits.upper - self.limits.lower)
+        goal = GripperGoal(position, act.speed * self.limits.velocity)
         if self.controller.check(goal) is not None:
             return None
         self.goals.append(LoggedGrip(self.controller.submit(goal), self._stack.clock.now()))

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
 from random import Random
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
+
+Result = TypeVar("Result")
 
 ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.0169}
 """Time to configure and activate one servo, in seconds, keyed by make."""
@@ -85,6 +87,8 @@ class Upsettable:
         """Latest goal, if the controller accepts goals that end."""
         self.forwarded: tuple[float, ...] | None = None
         """Latest accepted values, if the controller forwards values to its joints."""
+        self.defect: Exception | None = None
+        """First exception of the controller that was not injected."""
         self._controller: Any = controller
         self._goals = goals
 
@@ -94,7 +98,18 @@ class Upsettable:
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         if any(how == "raises" for how, _ in self.upsets):
             raise RuntimeError("a fault was injected into this controller")
-        self._controller.update(state, now_s, period_s)
+        self._guarded(lambda: self._controller.update(state, now_s, period_s))
+
+    def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
+        return self._guarded(lambda: bool(self._controller.relieve(state, now_s, period_s)))
+
+    def _guarded(self, call: Callable[[], Result]) -> Result:
+        """Call a method of the controller, and keep its first exception."""
+        try:
+            return call()
+        except Exception as error:
+            self.defect = self.defect or error
+            raise
 
     @property
     def takes_goals(self) -> bool:

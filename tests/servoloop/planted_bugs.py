@@ -1,5 +1,6 @@
 """Bugs that tests plant in the stack, each with the invariants that may detect it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -10,12 +11,13 @@ import pytest
 from controller import loop, shutdown
 from controller.action_goals import GoalStatus
 from controller.forward.forward_command_controller import ForwardCommandController
+from controller.gripper import gripper_action_controller
 from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, RuckigMotion, motion_to
 from controller.stops import DecelerationStops
-from controller.trajectory import active_goal, execution, goal_planner, paths
+from controller.trajectory import active_goal, execution, goal_planner, joint_trajectory_controller, paths
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
@@ -618,3 +620,18 @@ def programs_are_told_the_state_of_another_joint(patch: pytest.MonkeyPatch) -> N
         return replace(told, position=dict(zip(told.position, (*others, first), strict=True)))
 
     patch.setattr(StackBackend, "_converted", wrong)
+
+
+@detected_by("success is true")
+def goals_succeed_before_the_joints_rest(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ActiveGoal, "settles", lambda goal, now, still: True)
+
+
+@detected_by("trajectories wait")
+def trajectories_jump_after_a_stall(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(joint_trajectory_controller, "LONGEST_STEP", math.inf)
+
+
+@detected_by("gripper goals are followed")
+def speeds_of_gripper_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(gripper_action_controller, "velocity_of", lambda goal, limits, parameters: limits.velocity)

@@ -15,6 +15,7 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.goal_log import LoggedGoal
 
 OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
 CODES: Final = {
@@ -30,6 +31,16 @@ OWN_S: Final = 0.4
 """Maximum time until a goal ends if a reported position deviates by more than the goal's tolerance, in seconds."""
 READING: Final = 0.003
 """Deviation of a reported position allowed in addition to the goal's own tolerance, in rad or m."""
+REPORTED: Final = 0.002
+"""Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
+ARRIVED: Final = 0.02
+"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
+RESTS_SHARE: Final = 0.05
+"""Maximum speed of a joint at rest, as a fraction of its velocity limit. It includes a slow oscillation."""
+OSCILLATES_S: Final = 0.9
+"""Time after the end of a path from which a goal may succeed although its joints move, in seconds."""
+TOUCHED_S: Final = 1.0
+"""Time after a fault of a joint during which the joint may move, in seconds."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal in which to search for a deviation.
 
@@ -184,3 +195,51 @@ class DeviationEnds(Invariant):
         known = self._reference.get(joint)
         readings = [true] if known is None else known.readings(true, 0.0)
         return min(abs(wanted - reading) for reading in readings)
+
+
+class SuccessIsTrue(Invariant):
+    """When a goal succeeds, its joints are reported to be within the goal tolerance of the positions that the client
+    sent.
+
+    In the simulated world, the joints are near these positions and at rest.
+    """
+
+    name = "success is true"
+
+    def on_state(self, state: JointState) -> None:
+        for logged in self.stack.ended_goals:
+            if logged.handle.status is GoalStatus.SUCCEEDED:
+                self._arrived(logged, state)
+                self._rests(logged, state)
+
+    def _rests(self, logged: LoggedGoal, state: JointState) -> None:
+        """Check that the joints are at rest. A goal whose joints oscillate succeeds after one second."""
+        controller = self.stack.controllers[logged.controller]
+        tracking, world = controller.tracking, self.stack.world
+        if tracking is None or tracking.elapsed_s - tracking.path.duration_s > OSCILLATES_S:
+            return
+        velocity = dict(zip(world.joints, world.velocity().tolist(), strict=True))
+        for joint in controller.joints:
+            if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < TOUCHED_S:
+                continue
+            self.examined += 1
+            share = abs(velocity[joint]) / self.stack.loop.limits[self.commanded.index(joint)].velocity
+            if share > RESTS_SHARE:
+                self.say(f"a goal succeeded while {joint} still moved at {velocity[joint]:.3f}")
+
+    def _arrived(self, logged: LoggedGoal, state: JointState) -> None:
+        tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal
+        asked = logged.goal.tolerances.goal
+        true, last = self.true_positions(), logged.goal.points[-1]
+        reported = self.reported_positions(state)
+        for joint, wanted in zip(logged.goal.joints, last.positions, strict=False):
+            allowed = asked.get(joint) or tolerances.get(joint, 0.0)
+            if allowed <= 0.0 or joint not in true or self.deceived(joint):
+                continue
+            self.examined += 1
+            wanted = self.end_of_goal(joint, wanted)
+            off = abs(true[joint] - wanted)
+            if off > allowed + ARRIVED:
+                self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")
+            if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
+                self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")

@@ -21,12 +21,17 @@ OFF_SHARE: Final = 0.03
 """Deviation allowed in addition to the goal tolerance, as a fraction of the joint's range, because of backlash."""
 CREEP_SHARE: Final = 0.05
 """Maximum speed at which fingers count as at rest, in goal tolerances per second."""
+FASTEST: Final = 1.05
+"""Allowed speed of a command, as a multiple of the speed in its goal."""
+STANDS: Final = 1e-3
+"""Maximum speed of a command at rest, in rad/s or m/s."""
 STANDS_S: Final = 0.5
 """Minimum time the fingers must be at rest before a stalled goal ends, in seconds."""
 
 
 class GripsAreFollowed(Invariant):
-    """A gripper goal ends in time, and its result is true. A canceled or replaced goal ends immediately.
+    """A gripper goal ends in time, and its result is true. A canceled or replaced goal ends immediately. A command that
+    starts from rest does not exceed the speed in the goal.
 
     Positions are taken from the simulated world. Cycles in which the joint moves or is not measured do not count, but
     the goal ends after the fault timeout.
@@ -42,6 +47,12 @@ class GripsAreFollowed(Invariant):
         self._unmeasured_s: dict[int, float] = {}
         """Time since the joint was last measured, in seconds, for each unfinished goal, keyed by goal index."""
         self._seen = 0
+        self._speed = 0.0
+        """Speed of the command in the previous cycle, in rad/s or m/s."""
+        self._last_s = 0.0
+        """Time of the previous cycle."""
+        self._from_rest = False
+        """Whether the command was at rest when the latest goal was sent."""
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 
     @property
@@ -56,7 +67,9 @@ class GripsAreFollowed(Invariant):
         self._positions.append(self.true_positions()[joint])
         for index in range(self._seen, len(client.goals)):
             self._open[index] = self._unmeasured_s[index] = 0.0
+            self._from_rest = self._speed < STANDS
         self._seen = len(client.goals)
+        self._examine_speed(client, state.stamp_s)
         for index in list(self._open):
             self._examine(client, index, joint in state.faults)
 
@@ -86,6 +99,16 @@ class GripsAreFollowed(Invariant):
         self._open[index] += period_s * stands
         if self._open[index] > self._due_s(client):
             self.say(f"a gripper goal continues although {joint} has been at rest for {self._open[index]:.1f} s")
+
+    def _examine_speed(self, client: GripperClient, now_s: float) -> None:
+        loop, place = self.stack.loop, self.commanded.index(client.parameters.joint)
+        passed_s, self._last_s = max(now_s - self._last_s, loop.period_s), now_s
+        self._speed = abs(loop.command[place] - loop.previous_command[place]) / passed_s
+        if not client.goals or client.goals[-1].handle.done or not self._from_rest or self.upset:
+            return
+        allowed = client.goals[-1].handle.goal.max_velocity
+        if allowed and self._speed > FASTEST * allowed:
+            self.say(f"a gripper goal moves the command at {self._speed:.4f}, but its speed is {allowed:.4f}")
 
     def _creep(self, client: GripperClient) -> float:
         """Return the maximum distance that a joint at rest may move in a cycle, in rad or m."""

@@ -131,23 +131,28 @@ class NothingTravels(Invariant):
         rests = command + velocity * (BRAKES * brakes_s + 2.0 * self.stack.loop.period_s)
         here = self._true()
         reach = speed * self._brakes_s + TURNS * self._acceleration * self._brakes_s**2
-        turns = [self._turn(command, goal, reach) for goal in ended]
+        turns = [self._turn(command, velocity, goal, reach) for goal in ended]
         ends = np.array([command, rests, here, *(end for pair in turns for end in pair)])
         return _End(ends.min(axis=0), ends.max(axis=0), self.stack.clock.now(), here)
 
-    def _turn(self, command: FloatArray, goal: TrajectoryGoal, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the range (n,) that joints reach toward the waypoints of a goal with several points.
+    def _turn(
+        self, command: FloatArray, velocity: FloatArray, goal: TrajectoryGoal, reach: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the range (n,) that joints reach toward the waypoints of a goal.
 
-        Along such a path, a joint may reverse its direction while another joint brakes.
+        Along a path with several points, a joint may reverse its direction while another joint brakes. Along a path to
+        one point, only a joint that moves away from this point reverses, because of an earlier motion.
         """
         lowest, highest = command.copy(), command.copy()
-        if len(goal.points) > 1:
-            for place, joint in enumerate(self.arm.joints):
-                if joint in goal.joints:
-                    column = goal.joints.index(joint)
-                    positions = [point.positions[column] for point in goal.points]
-                    lowest[place] = min(lowest[place], max(min(positions), command[place] - reach[place]))
-                    highest[place] = max(highest[place], min(max(positions), command[place] + reach[place]))
+        for place, joint in enumerate(self.arm.joints):
+            if joint not in goal.joints:
+                continue
+            column = goal.joints.index(joint)
+            positions = [point.positions[column] for point in goal.points]
+            if len(positions) == 1 and (positions[0] - command[place]) * velocity[place] >= 0.0:
+                continue
+            lowest[place] = min(lowest[place], max(min(positions), command[place] - reach[place]))
+            highest[place] = max(highest[place], min(max(positions), command[place] + reach[place]))
         return lowest, highest
 
     def _true(self) -> FloatArray:

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
@@ -15,7 +14,6 @@ from servoloop.campaign.invariants.invariant import DECEIVING, UNREAD, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.goal_log import LoggedGoal
 
 READING_COUNTS: Final = 4.0
 """Tolerance for the resolution and noise of a servo reading, in counts."""
@@ -50,10 +48,6 @@ RECENT_S: Final = 0.5
 previous reading to compare, in seconds."""
 LEAP_S: Final = 0.1
 """Maximum time between two readings of a joint without a reported fault, in seconds, including the stack's margin."""
-REPORTED: Final = 0.002
-"""Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
-ARRIVED: Final = 0.02
-"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
 
 
 class ReportedTruly(Invariant):
@@ -266,35 +260,3 @@ class GoalsMeanCommands(Invariant):
 def _outside(value: float, low: float, high: float) -> float:
     """Return the distance between a value and a range."""
     return max(low - value, value - high, 0.0)
-
-
-class SuccessIsTrue(Invariant):
-    """When a goal succeeds, its joints are reported to be within the goal tolerance of the positions that the client
-    sent.
-
-    The joints are also near these positions in the simulated world.
-    """
-
-    name = "success is true"
-
-    def on_state(self, state: JointState) -> None:
-        for logged in self.stack.ended_goals:
-            if logged.handle.status is GoalStatus.SUCCEEDED:
-                self._arrived(logged, state)
-
-    def _arrived(self, logged: LoggedGoal, state: JointState) -> None:
-        tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal
-        asked = logged.goal.tolerances.goal
-        true, last = self.true_positions(), logged.goal.points[-1]
-        reported = self.reported_positions(state)
-        for joint, wanted in zip(logged.goal.joints, last.positions, strict=False):
-            allowed = asked.get(joint) or tolerances.get(joint, 0.0)
-            if allowed <= 0.0 or joint not in true or self.deceived(joint):
-                continue
-            self.examined += 1
-            wanted = self.end_of_goal(joint, wanted)
-            off = abs(true[joint] - wanted)
-            if off > allowed + ARRIVED:
-                self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")
-            if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
-                self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")

@@ -16,6 +16,10 @@ ARRIVED_SHARE: Final = 0.04
 the tolerance of a reading."""
 STILL_S: Final = 0.1
 """Minimum time at rest for a joint to count as stalled, in seconds."""
+LONGEST_STEP: Final = 2.0
+"""Maximum time by which a trajectory advances in a late cycle, in periods."""
+ROUNDING: Final = 1e-6
+"""Rounding error of this time, in periods."""
 TRAVELS_SHARE: Final = 0.1
 """Minimum speed of a joint that travels, as a fraction of its velocity limit."""
 
@@ -23,6 +27,8 @@ TRAVELS_SHARE: Final = 0.1
 class TrajectoriesWait(Invariant):
     """While none of an arm's joints can be measured, its trajectory waits. A single cycle without measurements does not
     count.
+
+    In a late cycle, a trajectory advances by at most two periods.
 
     A goal also waits for the controllers in ``wait_for``: their joints have arrived, or no longer move, when it begins.
     It does not wait longer than ``wait_for_timeout``.
@@ -35,7 +41,7 @@ class TrajectoriesWait(Invariant):
         super().__init__(stack, say, arm)
         self._cycles = 0
         """Number of consecutive cycles in which no joint of the arm was measured."""
-        self._elapsed_s = 0.0
+        self._before: Tracking | None = None
         self._begun = 0
         """Number of the arm's goals that had begun by the last cycle."""
         self._true = self.true_positions()
@@ -54,16 +60,19 @@ class TrajectoriesWait(Invariant):
                 self._examine_other(name, state)
         self._true = self.true_positions()
 
-    def _examine_measured(self, state: JointState, tracking: Tracking | None) -> None:
+    def _examine_measured(self, state: JointState, now: Tracking | None) -> None:
         unread = all(name in state.faults and state.faults[name].kind in UNREAD for name in self.arm.joints)
-        self._cycles = self._cycles + 1 if unread and tracking is not None and self.active else 0
-        if tracking is None:
+        self._cycles = self._cycles + 1 if unread and now is not None and self.active else 0
+        before, self._before = self._before, now
+        if now is None or before is None or before.path is not now.path or not now.on_goal:
             return
-        elapsed_s, self._elapsed_s = self._elapsed_s, tracking.elapsed_s
-        if self._cycles > UNMEASURED_CYCLES and tracking.on_goal:
+        advanced_s = now.elapsed_s - before.elapsed_s
+        if self._cycles > UNMEASURED_CYCLES:
             self.examined += 1
-            if tracking.elapsed_s > elapsed_s:
-                self.say(f"the trajectory goes on at {tracking.elapsed_s:.2f} s although no joint is measured")
+            if advanced_s > 0.0:
+                self.say(f"the trajectory goes on at {now.elapsed_s:.2f} s although no joint is measured")
+        elif advanced_s > (LONGEST_STEP + ROUNDING) * self.stack.loop.period_s and now.rate > 0.0:
+            self.say(f"the trajectory advances by {advanced_s:.3f} s in one cycle")
 
     def _note_values(self, now_s: float) -> None:
         """Note the values of the other controllers, and whether their joints are still moving to them."""

@@ -15,7 +15,7 @@ from servoloop.campaign.invariants.goal_paths import (
     ReplacedGoalsEnd,
     StopsFollowPaths,
 )
-from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue
+from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue, SuccessIsTrue
 from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
 from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
@@ -26,7 +26,7 @@ from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, Name
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
 from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
-from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
+from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly
 from servoloop.campaign.invariants.waiting import TrajectoriesWait
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack

@@ -20,6 +20,8 @@ from sim_backend.packets.instructions import Instruction, Parser
 
 MEASURED_WITHIN_COUNTS: Final = 3
 """Tolerance for joints that sag between the measurement and the moment the torque is enabled, in counts."""
+MEASURED_S: Final = 0.1
+"""Maximum age of the measurement that becomes the goal of a limp joint, in seconds. Replies may be late."""
 SWITCHED_ON_S: Final = 0.02
 """Maximum time to read the servos of an arm, send their goals and enable their torque, in seconds.
 
@@ -171,7 +173,7 @@ class WireMonitor:
         """Return the distance by which a limp joint may have moved since its last measurement, in counts."""
         servo = self._joints[joint.servo_id][1]
         velocity_rad_s = self._line.rig.plant.velocities()[self._line.servos.index(servo)]
-        turns = abs(velocity_rad_s) * SWITCHED_ON_S / (2.0 * pi)
+        turns = abs(velocity_rad_s) * MEASURED_S / (2.0 * pi)
         return MEASURED_WITHIN_COUNTS + turns * joint.model.counts_per_turn
 
 
