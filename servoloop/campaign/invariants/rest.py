@@ -218,7 +218,13 @@ class NothingPresses(Invariant):
             return
         ended = [one for one in self.stack.goals.goals if one.controller == self.arm.name and one.ended_s]
         unwanted = bool(ended) and ended[-1].handle.status is not GoalStatus.SUCCEEDED
-        if self.open_goals or not unwanted or not self.active or self.upset:
+        if self.open_goals or not unwanted or not self.active:
+            self._commands_kept_s = 0.0
+            self._forget()
+            return
+        true = self.true_positions()
+        self._measure_distances(true)
+        if self.upset:
             self._forget()
             return
         last = ended[-1].handle
@@ -229,9 +235,8 @@ class NothingPresses(Invariant):
         self._last = last
         relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
         waited = relieved and not (self._delayed or self._streamed)
-        true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
+        relieved_s = RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
-        self._measure_distances(true)
         for joint, place in self._places.items():
             known = not self.deceived(joint) and joint not in state.faults and self.torque_of(joint)
             command = float(self.stack.loop.command[place])
@@ -257,7 +262,6 @@ class NothingPresses(Invariant):
         self._least_off = {joint: min(now, before.get(joint, now)) for joint, now in off.items()}
 
     def _forget(self) -> None:
-        self._commands_kept_s = 0.0
         self._off_s.clear()
         self._pressed_s.clear()
 
