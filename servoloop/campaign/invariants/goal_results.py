@@ -213,13 +213,13 @@ class SuccessIsTrue(Invariant):
                 self._rests(logged, state)
 
     def _rests(self, logged: LoggedGoal, state: JointState) -> None:
-        """Check that the joints are at rest. A goal whose joints oscillate succeeds after one second."""
-        controller = self.stack.controllers[logged.controller]
-        tracking, world = controller.tracking, self.stack.world
-        if tracking is None or tracking.elapsed_s - tracking.path.duration_s > OSCILLATES_S:
+        """Check that the joints of an arm are at rest. A goal whose joints oscillate succeeds after one second."""
+        arm = next((one for one in self.stack.arms if one.name == logged.controller), None)
+        tracking, world = arm and arm.tracking, self.stack.world
+        if arm is None or tracking is None or tracking.elapsed_s - tracking.path.duration_s > OSCILLATES_S:
             return
         velocity = dict(zip(world.joints, world.velocity().tolist(), strict=True))
-        for joint in controller.joints:
+        for joint in arm.joints:
             if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < TOUCHED_S:
                 continue
             self.examined += 1

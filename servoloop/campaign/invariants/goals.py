@@ -92,7 +92,8 @@ class GoalsEnd(Invariant):
             return
         counts = self._on_path_s if tracking.on_goal else self._off_path_s
         counts[key] += period_s
-        due_s = self._due_s(logged, tracking) if tracking.on_goal else self._waits_s() + RELIEF_S
+        ends_s = RELIEF_S if key in self._on_path_s else REST_S  # A goal that waits has no joints to relieve.
+        due_s = self._due_s(logged, tracking) if tracking.on_goal else self._waits_s() + ends_s
         if counts[key] > due_s:
             self.say(f"a goal sent at {logged.sent_s:.2f} s did not end within {due_s:.1f} s")
 

@@ -26,17 +26,17 @@ FOUND_S: Final = 0.5
 """Maximum time until silently lost torque is detected at 20 Hz, in seconds."""
 SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
 """Faults during which a servo does not respond."""
-PASSING: Final = frozenset(
-    {"silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate"}
-)
+FALSIFYING: Final = frozenset({"false_position", "false_value"})
+"""Faults that falsify the replies of a servo themselves."""
+PASSING: Final = FALSIFYING | {
+    *("silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate")
+}
 """Faults that leave a servo unchanged after they end."""
 TAKEN_BACK_S: Final = 2.5
 """Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
 may arrive for two seconds, and then the servo's torque is checked."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a moving servo between two samples of its position, in counts."""
-FALSIFYING: Final = frozenset({"false_position", "false_value"})
-"""Faults that falsify the replies of a servo themselves."""
 LOSING: Final = "adapter_unplugged"
 """Fault that makes a component lose a bus."""
 
