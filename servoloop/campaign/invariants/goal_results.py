@@ -3,7 +3,7 @@
 import math
 import re
 from collections import defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
@@ -210,16 +211,14 @@ class SuccessIsTrue(Invariant):
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
                 self._arrived(logged, state)
-                self._rests(logged, state)
+                for arm in self.stack.arms:
+                    if arm.name == logged.controller and not _oscillates(arm.tracking):
+                        self._examine_rest(arm.joints, state)
 
-    def _rests(self, logged: LoggedGoal, state: JointState) -> None:
-        """Check that the joints of an arm are at rest. A goal whose joints oscillate succeeds after one second."""
-        arm = next((one for one in self.stack.arms if one.name == logged.controller), None)
-        tracking, world = arm and arm.tracking, self.stack.world
-        if arm is None or tracking is None or tracking.elapsed_s - tracking.path.duration_s > OSCILLATES_S:
-            return
+    def _examine_rest(self, joints: Sequence[str], state: JointState) -> None:
+        world = self.stack.world
         velocity = dict(zip(world.joints, world.velocity().tolist(), strict=True))
-        for joint in arm.joints:
+        for joint in joints:
             if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < TOUCHED_S:
                 continue
             self.examined += 1
@@ -243,3 +242,8 @@ class SuccessIsTrue(Invariant):
                 self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")
             if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
                 self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")
+
+
+def _oscillates(tracking: Tracking | None) -> bool:
+    """Return whether a goal may succeed although its joints move. It waits one second for joints that oscillate."""
+    return tracking is None or tracking.elapsed_s - tracking.path.duration_s > OSCILLATES_S
