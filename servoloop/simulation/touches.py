@@ -19,17 +19,19 @@ class Touches:
     def __init__(self, joints: Sequence[Joint], player: FaultPlayer, clock: Clock) -> None:
         self._joints, self._player, self._clock = tuple(joints), player, clock
         self._seen = 0
+        self._updated_s = -math.inf
         self._last_s = defaultdict[str, dict[str, float]](dict)
         """Time at which each type of fault last affected each joint, keyed by joint name and fault type."""
 
     def update(self) -> None:
         """Record the faults that were active since the last call."""
-        happened = self._player.happened
+        happened, now_s = self._player.happened, self._clock.now()
+        if now_s == self._updated_s and len(happened) == self._seen:
+            return
         recent = happened[self._seen :]
-        self._seen = len(happened)
+        self._seen, self._updated_s = len(happened), now_s
         if not recent and not self._player.active:
             return
-        now_s = self._clock.now()
         for event in (*self._player.active.values(), *recent):
             for joint in touched_joints(event, self._joints):
                 self._last_s[joint][event.kind] = now_s

@@ -81,12 +81,14 @@ class Invariant:
         place = stack.player.targets.place
         self.servos: dict[str, Any] = {joint.name: place(joint.servo_id, joint.bus).servo for joint in self.joints}
         """The virtual servo of each joint."""
+        self._torque_enable = {joint.name: series_of(joint.model).torque_enable for joint in self.joints}
 
     @property
     def active(self) -> bool:
         """Whether the hardware is active and none of its components is changing its state."""
-        hardware = self.stack.loop.hardware
-        return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
+        components = self.stack.loop.hardware.components
+        active = any(one.hardware.state is LifecycleState.ACTIVE for one in components)
+        return active and not any(one.switching for one in components)
 
     @property
     def upset(self) -> bool:
@@ -156,7 +158,7 @@ class Invariant:
 
     def torque(self, joint: Joint) -> bool:
         """Return whether the torque of the joint's virtual servo is enabled. The stack may report a different state."""
-        return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
+        return bool(self.servos[joint.name].memory.get(self._torque_enable[joint.name]) != 0)
 
     def released(self, state: JointState) -> set[str]:
         """Return the reported joints whose torque is off. Only an activation enables their torque.
