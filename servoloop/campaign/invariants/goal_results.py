@@ -41,7 +41,7 @@ RESTS_SHARE: Final = 0.05
 OSCILLATES_S: Final = 0.9
 """Time after the end of a path from which a goal may succeed although its joints move, in seconds."""
 TOUCHED_S: Final = 1.0
-"""Time after a fault of a joint during which the joint may move, in seconds."""
+"""Time after a fault of a joint during which the joints of the arm may move, in seconds."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal in which to search for a deviation.
 
@@ -217,9 +217,11 @@ class SuccessIsTrue(Invariant):
 
     def _examine_rest(self, joints: Sequence[str], state: JointState) -> None:
         world = self.stack.world
+        if min(map(self.stack.touches.since_s, joints)) < TOUCHED_S:
+            return  # A joint that is released moves its neighbors.
         velocity = dict(zip(world.joints, world.velocity().tolist(), strict=True))
         for joint in joints:
-            if joint in state.faults or self.deceived(joint) or self.stack.touches.since_s(joint) < TOUCHED_S:
+            if joint in state.faults or self.deceived(joint):
                 continue
             self.examined += 1
             share = abs(velocity[joint]) / self.stack.loop.limits[self.commanded.index(joint)].velocity
