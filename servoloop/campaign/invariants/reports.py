@@ -28,10 +28,14 @@ SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
 """Faults during which a servo does not respond."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
 """Faults that falsify the replies of a servo themselves."""
-PASSING: Final = FALSIFYING | {
-    *("silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate")
-}
-"""Faults that leave a servo unchanged after they end."""
+PASSING: Final = frozenset(
+    {
+        *("silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies"),
+        *("noise", "echo", "wrong_rate", "false_position"),
+    }
+)
+"""Faults that leave a servo unchanged after they end. After a false value, the stack may have to assume that the servo
+has released its torque."""
 TAKEN_BACK_S: Final = 2.5
 """Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
 may arrive for two seconds, and then the servo's torque is checked."""
