@@ -62,7 +62,7 @@ class Relief:
         self._rest = Rest(sampler.still)
         self._stood_s = 0.0
         self._slides = False
-        """Whether a measured joint is still moving away from its command."""
+        """Whether a measured joint is away from its command and still moves."""
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._free_error = np.full(len(joints), np.inf)

@@ -45,6 +45,7 @@ class FaultyStack(SimulatedStack):
         self.ended_goals: list[LoggedGoal] = []
         """Goals that finished in the latest cycle."""
         self.program_log = ProgramLog()
+        """Messages that the programs on the command socket have received."""
         super().__init__(**options)
         self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
         self.arm = self.arms[number_of_arm(options.get("build", NOMINAL_BUILD).seed, len(self.arms))]

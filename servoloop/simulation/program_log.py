@@ -1,4 +1,4 @@
-"""Log of what programs on the command socket of a simulated stack have been told."""
+"""Log of the messages that programs on the command socket of a simulated stack have received."""
 
 from dataclasses import dataclass, field
 from typing import Any

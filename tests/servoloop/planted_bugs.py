@@ -586,21 +586,21 @@ def arm_does_not_wait_for_the_hand(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(GoalExecution, "_ready", lambda execution, now: True)
 
 
-@detected_by("programs are told")
-def programs_are_told_that_motions_succeed(patch: pytest.MonkeyPatch) -> None:
+@detected_by("programs are informed")
+def programs_are_informed_that_motions_succeed(patch: pytest.MonkeyPatch) -> None:
     ended = ArmRequests.ended
     patch.setattr(
         ArmRequests, "ended", lambda requests, client: ({**event, "error": None} for event in ended(requests, client))
     )
 
 
-@detected_by("programs are told")
+@detected_by("programs are informed")
 def results_of_goals_are_not_sent_to_programs(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Motions, "ended", lambda motions, client: iter(()))
 
 
-@detected_by("programs are told")
-def programs_are_not_told_that_they_lost_control(patch: pytest.MonkeyPatch) -> None:
+@detected_by("programs are informed")
+def programs_are_not_informed_that_they_lost_control(patch: pytest.MonkeyPatch) -> None:
     post = Session.post
 
     def silent(session: Session, message: dict[str, Any]) -> None:
@@ -610,14 +610,14 @@ def programs_are_not_told_that_they_lost_control(patch: pytest.MonkeyPatch) -> N
     patch.setattr(Session, "post", silent)
 
 
-@detected_by("programs are told")
-def programs_are_told_the_state_of_another_joint(patch: pytest.MonkeyPatch) -> None:
+@detected_by("programs are informed")
+def programs_receive_the_state_of_another_joint(patch: pytest.MonkeyPatch) -> None:
     converted = StackBackend._converted
 
     def wrong(backend: StackBackend, state: JointState, command: FloatArray) -> ArmState:
-        told = converted(backend, state, command)
-        first, *others = told.position.values()
-        return replace(told, position=dict(zip(told.position, (*others, first), strict=True)))
+        shown = converted(backend, state, command)
+        first, *others = shown.position.values()
+        return replace(shown, position=dict(zip(shown.position, (*others, first), strict=True)))
 
     patch.setattr(StackBackend, "_converted", wrong)
 

@@ -1,4 +1,4 @@
-"""Invariant on what programs on the command socket are told."""
+"""Invariant on the messages to programs on the command socket."""
 
 import math
 from collections import Counter, deque
@@ -18,12 +18,12 @@ STATE_CYCLES: Final = 2
 """Maximum age of a state that a program receives, in cycles."""
 
 
-class ProgramsAreTold(Invariant):
+class ProgramsAreInformed(Invariant):
     """A program on the command socket receives the true result of each motion promptly, the state of the latest cycle,
     and an event when it has lost control of the arm.
     """
 
-    name = "programs are told"
+    name = "programs are informed"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
@@ -57,7 +57,7 @@ class ProgramsAreTold(Invariant):
         self.examined += 1
         found = [(state, command) for state, command in self._shown if state.stamp_s == event["time_s"]]
         if not found:
-            self.say(f"programs are told the state of {event['time_s']:.3f} s, instead of the latest")
+            self.say(f"programs receive the state of {event['time_s']:.3f} s, instead of the latest state")
             return
         state, command = found[0]
         joints = self.stack.loop.hardware.joints
@@ -67,12 +67,14 @@ class ProgramsAreTold(Invariant):
         self._compare("command", event["command"], command)
         unmeasured = {joint for joint in event["position"] if joint in state.faults}
         if set(event["unmeasured"]) != unmeasured or not unmeasured <= event["faults"].keys():
-            self.say(f"programs are told that {event['unmeasured']} are not measured, instead of {sorted(unmeasured)}")
+            self.say(
+                f"programs are informed that {event['unmeasured']} are not measured, instead of {sorted(unmeasured)}"
+            )
 
-    def _compare(self, field: str, told: Mapping[str, float | None], true: Mapping[str, float]) -> None:
-        for joint, value in told.items():
+    def _compare(self, field: str, received: Mapping[str, float | None], true: Mapping[str, float]) -> None:
+        for joint, value in received.items():
             if value != (true[joint] if math.isfinite(true[joint]) else None):
-                self.say(f"programs are told that the {field} of {joint} is {value}, instead of {true[joint]}")
+                self.say(f"programs are informed that the {field} of {joint} is {value}, instead of {true[joint]}")
 
     def _examine_result(self, program: str, event: Mapping[str, Any]) -> None:
         kind = "motion" if event["event"] == "moved" else "goal"
@@ -80,15 +82,15 @@ class ProgramsAreTold(Invariant):
         if not goals:
             return
         self.examined += 1
-        told = f"{program} is told about its {kind} {event[kind]}: {event.get('error', event.get('status'))}"
+        text = f"{program} is informed about its {kind} {event[kind]}: {event.get('error', event.get('status'))}"
         if kind == "motion" and (event["error"] is None) != all(one.status is GoalStatus.SUCCEEDED for one in goals):
-            self.say(f"{told}, but its goals ended as {', '.join(goal.status.name for goal in goals)}")
+            self.say(f"{text}, but its goals ended as {', '.join(goal.status.name for goal in goals)}")
         elif kind == "goal":
             goal = goals[0]
             if (event["status"], event["code"], event["text"]) != (
                 *(goal.status.value, goal.error_code, goal.error_text),
             ):
-                self.say(f"{told}, but it ended as {goal.status.name}: {goal.error_text}")
+                self.say(f"{text}, but it ended as {goal.status.name}: {goal.error_text}")
 
     def _examine_owner(self, owner: str) -> None:
         former, self._owner = self._owner, owner
@@ -96,4 +98,4 @@ class ProgramsAreTold(Invariant):
             return
         self.examined += 1
         if not any(program == former and event["event"] == "lost" for program, event in self._log.events):
-            self.say(f"{former} is not told that it has lost control of the arm")
+            self.say(f"{former} is not informed that it has lost control of the arm")

@@ -21,7 +21,7 @@ from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.presses import LongPressesAreReduced
-from servoloop.campaign.invariants.programs import ProgramsAreTold
+from servoloop.campaign.invariants.programs import ProgramsAreInformed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
@@ -55,7 +55,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     StopsFollowPaths,
     FeedbackIsTrue,
     GoalsAreJudged,
-    ProgramsAreTold,
+    ProgramsAreInformed,
     GripsAreFollowed,
     NothingTravels,
     NothingPresses,
