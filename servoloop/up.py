@@ -64,11 +64,11 @@ class OwnControllers:
         Raises:
             RosError: ROS does not start, or the search has found another controller manager.
         """
-        from nodes.surface import Surface
+        from nodes.stack_nodes import StackNodes
 
         if self.search is not None:
             self.search.finish()
-        return Surface(stack)
+        return StackNodes(stack)
 
 
 OWN_CONTROLLERS: Final = OwnControllers()
@@ -148,11 +148,11 @@ class _Up:
             ros = self._has_ros()
             if self._simulated is None:  # in simulated time, no cycle is late, and the clients need the CPU
                 claim_realtime_priority()
-            surface = self._program.ros_interface(self._ros_stack()) if ros else WithoutRos()
+            ros_nodes = self._program.ros_interface(self._ros_stack()) if ros else WithoutRos()
             try:
-                self._record_and_serve(thread, surface, ready)
+                self._record_and_serve(thread, ros_nodes, ready)
             finally:
-                surface.close()
+                ros_nodes.close()
         return 1 if thread.failed or self._must_end else 0
 
     def _has_ros(self) -> bool:
@@ -198,28 +198,28 @@ class _Up:
             files.namespace,
         )
 
-    def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
+    def _record_and_serve(self, thread: LoopThread, ros_nodes: RosInterface, ready: Callable[[str], None]) -> None:
         """Activate the hardware and serve clients until the loop ends. Publish all cycles; record them if requested."""
         stack, loop = self._stack, self._stack.loop
-        loop.on_cycle = surface.post
+        loop.on_cycle = ros_nodes.post
         if self._simulated is not None:
-            self._simulated.connect(loop, surface)
+            self._simulated.connect(loop, ros_nodes)
             thread.before_cycle = self._simulated.before_cycle
         offset_s = 0.0 if self._simulated else wall_offset_s(loop.clock, time)
         recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
         with recorded, command_socket(stack, self._recording, lambda: thread.done):
             loop.activate(self._initial.inactive)
             with prompt_interpreter():
-                self._serve_clients(thread, surface, ready)
+                self._serve_clients(thread, ros_nodes, ready)
 
-    def _serve_clients(self, run: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
+    def _serve_clients(self, run: LoopThread, ros_nodes: RosInterface, ready: Callable[[str], None]) -> None:
         """Run the loop in its own thread and the ROS interface in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
         thread = run.start()
         try:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
             with self._planning():
-                surface.spin(lambda: run.done or run.hangs())
+                ros_nodes.spin(lambda: run.done or run.hangs())
         except RosError as error:
             self._must_end = True
             LOG.error("the stack ends: %s", error)
@@ -232,4 +232,4 @@ class _Up:
             if self._simulated is not None:
                 self._simulated.pace.end()
                 LOG.info("%s", self._simulated.pace.summary)
-            surface.finish()
+            ros_nodes.finish()

@@ -1,4 +1,4 @@
-"""Slow down a taught path to a requested speed and to the joint limits."""
+"""Slow down a path recorded by hand to a requested speed and to the joint limits."""
 
 from collections.abc import Sequence
 from typing import Final

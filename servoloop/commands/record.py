@@ -15,7 +15,7 @@ from drivers.printable import counted
 from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options
-from servoloop.commands.teach import PlayOptions, TaughtArm, play_motion
+from servoloop.commands.teach import PlayOptions, SelectedArm, play_motion
 from servoloop.commands.view import view
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import SUFFIX, check_path
@@ -24,7 +24,7 @@ from servoloop.stack.arm_options import RunningArm, RunningNamespace
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
-    from servoloop.teach.taught import RecordedMotion
+    from servoloop.teach.motion_files import RecordedMotion
 
 OUT: Final = Path("out")
 
@@ -106,7 +106,7 @@ def replay(
     running: Annotated[
         bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of an arm on a port.")
     ] = False,
-    place: TaughtArm,
+    selected: SelectedArm,
     options: PlayOptions,
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
@@ -116,21 +116,21 @@ def replay(
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
-    if running and place.port is not None:
+    if running and selected.port is not None:
         raise DriverError("--running moves the arm of `servoloop up`, which already uses the port: omit --port")
-    if not running and place.port is None:
-        _require_no_motion_options(place, options)
+    if not running and selected.port is None:
+        _require_no_motion_options(selected, options)
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
         return
-    play_motion(place, partial(_recorded_motion, recording), options)
+    play_motion(selected, partial(_recorded_motion, recording), options)
 
 
-def _require_no_motion_options(place: TaughtArm, options: PlayOptions) -> None:
+def _require_no_motion_options(selected: SelectedArm, options: PlayOptions) -> None:
     """Raise DriverError if an option for a motion is given, but the recording is only displayed."""
     unset = PlayOptions()
     given = {
-        "--arm": place.arm is not None,
-        "--namespace": place.namespace is not None,
+        "--arm": selected.arm is not None,
+        "--namespace": selected.namespace is not None,
         "--speed": options.speed != unset.speed,
         "--hands-free": options.hands_free,
     }

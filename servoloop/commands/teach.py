@@ -34,7 +34,7 @@ from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
     from servoloop.api.arm import Arm
-    from servoloop.teach.taught import RecordedMotion
+    from servoloop.teach.motion_files import RecordedMotion
 
 
 READY_S: Final = 1.5
@@ -45,7 +45,7 @@ Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 
 
 @dataclass(frozen=True, slots=True)
-class TaughtArm:
+class SelectedArm:
     """Options that select the arm for a motion: an arm at a port or a running arm."""
 
     port: Annotated[
@@ -110,7 +110,7 @@ MotionOf = Callable[[Path | None, Sequence[str], Sequence[JointLimits]], "Record
 def record(
     *,
     name: Name,
-    place: TaughtArm,
+    selected: SelectedArm,
     limp: Annotated[
         bool,
         typer.Option("--limp", help="Disable the torque. The arm moves more easily, but falls when you release it."),
@@ -133,12 +133,12 @@ def record(
     from rich.console import Console
 
     from hal.servos.limp_arm import release_question, servo_name
+    from servoloop.teach.motion_files import MotionStore
     from servoloop.teach.record import SOFT
     from servoloop.teach.run import record as run
     from servoloop.teach.screen import Teacher
-    from servoloop.teach.taught import MotionStore
 
-    folder = arm_folder(place)
+    folder = arm_folder(selected)
     joints = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}
     motions = MotionStore(folder)
     motions.require_writable()
@@ -152,19 +152,19 @@ def record(
             print_styled(f"! {warning}", fg="yellow")
         typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
-    with place.opened() as arm:
+    with selected.opened() as arm:
         run(arm, limp, poses, Teacher(Console()), keep)
 
 
-def arm_folder(place: TaughtArm) -> Path:
+def arm_folder(selected: SelectedArm) -> Path:
     """Return the folder of an arm at a port or of a running arm. Raises HalError, ArmSetupError or TeachError."""
     from servoloop.api.arm import Arm
-    from servoloop.teach.taught import TeachError
+    from servoloop.teach.motion_files import TeachError
 
-    if place.port is not None:
-        side_of(place.arm or OWN, place.port)
-        return find_arm(place.arm or OWN).folder
-    with Arm.connect(place.arm, namespace=place.namespace) as arm:
+    if selected.port is not None:
+        side_of(selected.arm or OWN, selected.port)
+        return find_arm(selected.arm or OWN).folder
+    with Arm.connect(selected.arm, namespace=selected.namespace) as arm:
         if arm.folder is None:
             raise TeachError(NO_FOLDER)
         return arm.folder
@@ -180,7 +180,7 @@ class PlayOptions:
 
 @app.command()
 @grouped_options
-def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
+def play(*, name: Name, selected: SelectedArm, options: PlayOptions) -> None:
     """Play back a recorded motion while you hold a key.
 
     You can hold any key except q, which ends the command. The arm first moves slowly to the start of the motion, and
@@ -189,14 +189,14 @@ def play(*, name: Name, place: TaughtArm, options: PlayOptions) -> None:
     holds its position at the end.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    play_motion(place, partial(_saved_motion, name), options)
+    play_motion(selected, partial(_saved_motion, name), options)
 
 
 def _saved_motion(
     name: str, folder: Path | None, joints: Sequence[str], limits: Sequence[JointLimits]
 ) -> "RecordedMotion":
     """Return a saved motion. Raises TeachError if the motion does not match the arm."""
-    from servoloop.teach.taught import MotionStore, TeachError
+    from servoloop.teach.motion_files import MotionStore, TeachError
 
     if folder is None:
         raise TeachError(NO_FOLDER)
@@ -208,7 +208,7 @@ def _saved_motion(
     return motion
 
 
-def play_motion(place: TaughtArm, motion_of: MotionOf, options: PlayOptions) -> None:
+def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions) -> None:
     """Play a motion, and show the arm while it moves."""
     from rich.console import Console
 
@@ -216,14 +216,14 @@ def play_motion(place: TaughtArm, motion_of: MotionOf, options: PlayOptions) -> 
     from servoloop.teach.screen import ArmScreen
 
     require_keys(options.hands_free)
-    motion = place.motion(motion_of)
-    with place.opened() as arm, permission_of(options.hands_free) as permission:
+    motion = selected.motion(motion_of)
+    with selected.opened() as arm, permission_of(options.hands_free) as permission:
         if motion is None:
             motion = motion_of(arm.folder, arm.joints, [arm.limits[joint] for joint in arm.joints])
         else:
             arm.sleep(READY_S)
         run(arm, motion, options.speed, permission, ArmScreen(Console(stderr=True)))
-        if place.port is None:
+        if selected.port is None:
             typer.echo(f"{arm.name} holds its position: done")
 
 
@@ -233,7 +233,7 @@ def list_(arm: ArmOption = OWN, json: JsonOption = False) -> None:
 
     Example: `servoloop teach list --arm so101`
     """
-    from servoloop.teach.taught import MotionStore
+    from servoloop.teach.motion_files import MotionStore
 
     motions = MotionStore(find_arm(arm).folder).all()
     if json:
@@ -249,7 +249,7 @@ def remove(name: Name, arm: ArmOption = OWN) -> None:
 
     Example: `servoloop teach remove wave --arm so101`
     """
-    from servoloop.teach.taught import MotionStore
+    from servoloop.teach.motion_files import MotionStore
 
     MotionStore(find_arm(arm).folder).remove(name)
     typer.echo(f"{name} was removed")

@@ -32,7 +32,7 @@ class SimulatedTime:
         self._build = build
         self._lines: VirtualLines | None = None
         self._loop: ControlLoop
-        self._surface: RosInterface
+        self._ros_nodes: RosInterface
 
     def hardware(
         self,
@@ -56,26 +56,26 @@ class SimulatedTime:
         devices = self._lines.devices if self._lines is not None else {}
         return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
-    def connect(self, loop: ControlLoop, surface: RosInterface) -> None:
+    def connect(self, loop: ControlLoop, ros_nodes: RosInterface) -> None:
         """Connect the paced loop to the ROS interface that publishes the loop's states."""
-        self._loop, self._surface = loop, surface
-        self.pace.on_done = surface.wake
+        self._loop, self._ros_nodes = loop, ros_nodes
+        self.pace.on_done = ros_nodes.wake
         loop.on_cycle = self._on_cycle
 
     def before_cycle(self, ended: Callable[[], bool]) -> None:
         """Wait in the loop thread until the next cycle may run or ``ended`` returns true."""
-        while not (self._surface.wait_until_published(POLL_S) or ended()):
+        while not (self._ros_nodes.wait_until_published(POLL_S) or ended()):
             pass
         self.pace.wait(self.clock.now(), lambda: self._serve() or ended())
 
     def _on_cycle(self, state: JointState) -> None:
         if self._lines is not None:
             self._lines.advance(self.clock.now())
-        self._surface.post(state)
+        self._ros_nodes.post(state)
 
     def _serve(self) -> bool:
         """Serve requests while the simulation is paused, so that clients can load controllers before the first step."""
         if self.pace.paused and self._loop.requests.inbox:
             self._loop.requests.serve()
-            self._surface.wake()
+            self._ros_nodes.wake()
         return False

@@ -15,7 +15,7 @@ from servoloop.api.arm import Arm
 from servoloop.api.motion import ArmMotion
 from servoloop.api.trajectory import ArmTrajectory
 from servoloop.manual.dead_man import Permission
-from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
+from servoloop.teach.motion_files import RecordedMotion, TeachError, check_duration
 
 APPROACH: Final = 0.25
 """Fraction of the velocity limits used when moving to the start of a motion and between poses."""

@@ -14,7 +14,7 @@ from hal.types import FloatArray
 from servoloop.api.arm import Arm
 from servoloop.api.backend import ArmState
 from servoloop.api.errors import ArmError
-from servoloop.teach.taught import RecordedMotion, TeachError, beyond
+from servoloop.teach.motion_files import RecordedMotion, TeachError, beyond
 
 SOFT: Final = (
     "Torque is about to be enabled at the current position. Keep a hand on the arm. After a second the arm yields, and "

@@ -8,7 +8,7 @@ import numpy as np
 from controller.teach.hand_path import STIRS, movement, path_of, tolerances
 from hal.types import JointLimits
 from servoloop.recording.reader import read_recording
-from servoloop.teach.taught import RecordedMotion, TeachError, beyond, check_duration
+from servoloop.teach.motion_files import RecordedMotion, TeachError, beyond, check_duration
 
 
 def recorded_motion(

@@ -7,9 +7,9 @@ from servoloop.api.arm import Arm
 from servoloop.manual.dead_man import Permission
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
+from servoloop.teach.motion_files import RecordedMotion
 from servoloop.teach.play import Play
 from servoloop.teach.record import Keep, TeachRecording
-from servoloop.teach.taught import RecordedMotion
 
 POLL_S: Final = 0.02
 """Period at which the keys are checked, in seconds."""

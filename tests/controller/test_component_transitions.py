@@ -456,10 +456,10 @@ def test_a_controller_cannot_use_an_unavailable_component() -> None:
 
 def test_a_controller_without_commands_stays_active_without_the_component() -> None:
     two = Two().up()
-    onlooker = Mover("eye")
-    onlooker.command_interfaces, onlooker.state_interfaces = (), ("finger/position", "elbow/position")
-    onlooker.command = np.empty(0)
-    two.manager.registry.add(onlooker)
+    eye = Mover("eye")
+    eye.command_interfaces, eye.state_interfaces = (), ("finger/position", "elbow/position")
+    eye.command = np.empty(0)
+    two.manager.registry.add(eye)
     two.set(UNCONFIGURED).result()
     two.manager.switch(SwitchRequest(activate=("eye_controller",)), two.loop.command)
     two.cycle()

@@ -1,4 +1,4 @@
-"""Commands of docs/monitor.md. tests/ros/test_looking_on.py runs the first command of the page on a running stack."""
+"""Commands of docs/monitor.md. tests/ros/test_monitoring.py runs the first command of the page on a running stack."""
 
 import re
 import shlex

@@ -19,8 +19,8 @@ from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 from servoloop.stack.arm_folders import find_arm, read_arm_servos
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.shipped_files import HOME, OWN
+from servoloop.teach.motion_files import MotionStore
 from servoloop.teach.recorded import recorded_motion
-from servoloop.teach.taught import MotionStore
 from sim_backend.faults.draw import draw
 from sim_backend.faults.events import KINDS as KINDS_OF_FAULTS
 from sim_backend.faults.script import read_script, script_text
@@ -49,8 +49,8 @@ def read_campaign(path: Path) -> None:
 
 def read_taught(path: Path) -> None:
     joints = files_of(SO101).robot.joints
-    for taught in MotionStore(path.parents[1]).all().values():
-        own = taught.of([joint.name for joint in joints], str(path))
+    for motion in MotionStore(path.parents[1]).all().values():
+        own = motion.of([joint.name for joint in joints], str(path))
         own.check_units(joints, str(path))
         own.check([joint.limits for joint in joints], str(path))
 

@@ -11,7 +11,7 @@ from controller.manager.controller_spec import ControllerSpec
 from controller.manager.switch import Loaded
 from nodes.controllers import controller_nodes
 from nodes.controllers.controller_nodes import ControllerNodes
-from nodes.surface import Surface
+from nodes.stack_nodes import StackNodes
 from tests.controller.bench import Bench
 
 
@@ -80,8 +80,8 @@ def test_clients_receive_responses_despite_failures_elsewhere() -> None:
         synchronize: Callable[[], bool] = staticmethod(fails)
         resume_done = staticmethod(lambda: answered.append(True))
 
-    surface = cast(Any, Surface.__new__(Surface))
-    surface._controllers = surface._pending = Part()
+    ros_nodes = cast(Any, StackNodes.__new__(StackNodes))
+    ros_nodes._controllers = ros_nodes._pending = Part()
     with pytest.raises(RuntimeError, match="the graph"):
-        surface._synchronize()
+        ros_nodes._synchronize()
     assert answered

@@ -14,8 +14,8 @@ from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import read_recording
 from servoloop.recording.sources import PlayedRecording
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.teach.motion_files import TeachError
 from servoloop.teach.recorded import recorded_motion
-from servoloop.teach.taught import TeachError
 from tests.recorder.foreign import State, encoded, swing, write_states
 from tests.stack.rig import READY
 
@@ -32,8 +32,8 @@ def state(at: float, positions: dict[str, float], names: list[str], **fields: ob
 
 def moved(path: Path, followers: tuple[str, ...] = ()) -> dict[str, float]:
     """Return the travel of each joint when the recording is replayed."""
-    taught, _ = recorded_motion(path, NAMES, LIMITS, followers)
-    return dict(zip(taught.joints, np.ptp(taught.position, axis=0).tolist(), strict=True))
+    motion, _ = recorded_motion(path, NAMES, LIMITS, followers)
+    return dict(zip(motion.joints, np.ptp(motion.position, axis=0).tolist(), strict=True))
 
 
 def only_joint1_moves(path: Path, far: float = 0.4) -> bool:

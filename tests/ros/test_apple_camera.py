@@ -42,7 +42,7 @@ class Heard:
     def __init__(self) -> None:
         rclpy.init()
         self.messages: dict[str, list[Any]] = {topic: [] for topic in TOPICS}
-        self.node = rclpy.create_node("onlooker")
+        self.node = rclpy.create_node("client")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         for topic, (kind, qos) in TOPICS.items():

@@ -15,8 +15,8 @@ from sensor_msgs.msg import JointState
 
 from servoloop.stack.shipped_files import HOME, URDF
 from tests.ros.deaf import deaf_client
-from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import running
+from tests.ros.topic_client import EVERY, TopicClient, place, topic_client
 from tests.ros.two_components import ARM, FOLLOWER, HAND, JOINT, block
 
 PERIOD_S = 0.05
@@ -40,14 +40,14 @@ def _urdf() -> str:
 
 
 @pytest.fixture(scope="module")
-def client(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Onlooker]:
+def client(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TopicClient]:
     folder = tmp_path_factory.mktemp("springs")
     _install(folder)
     urdf = folder / "springs.urdf"
     urdf.write_text(_urdf())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", f"{folder}{os.pathsep}{HOME}")
-        with running(folder, "--urdf", str(urdf)), onlooker() as client:
+        with running(folder, "--urdf", str(urdf)), topic_client() as client:
             yield client
 
 
@@ -66,7 +66,7 @@ def in_a_row(states: list[JointState]) -> list[JointState]:
     return row if [cycle(state) - cycle(row[0]) for state in row] == list(range(IN_A_ROW)) else []
 
 
-def test_every_cycle_is_published_even_if_the_ros_thread_was_blocked(client: Onlooker) -> None:
+def test_every_cycle_is_published_even_if_the_ros_thread_was_blocked(client: TopicClient) -> None:
     with client.hearing(JointState, "/joint_states", EVERY) as states, deaf_client(client.node) as hold_up:
         client.spin_until(lambda: states)
         for number in range(1, 6):
@@ -80,7 +80,7 @@ def test_every_cycle_is_published_even_if_the_ros_thread_was_blocked(client: Onl
 
 
 @pytest.mark.row("jsb-topics", "golden-joint-states")
-def test_joint_states_are_published_at_every_update_with_wall_clock_stamps(client: Onlooker) -> None:
+def test_joint_states_are_published_at_every_update_with_wall_clock_stamps(client: TopicClient) -> None:
     begin_s = time.time()
     with client.hearing(JointState, "/joint_states", EVERY) as states:
         client.spin_until(lambda: bool(in_a_row(states)))
@@ -93,7 +93,7 @@ def test_joint_states_are_published_at_every_update_with_wall_clock_stamps(clien
 
 
 @pytest.mark.row("jsb-topics")
-def test_dynamic_joint_states_are_published_with_joint_states(client: Onlooker) -> None:
+def test_dynamic_joint_states_are_published_with_joint_states(client: TopicClient) -> None:
     with (
         client.hearing(JointState, "/joint_states", EVERY) as states,
         client.hearing(DynamicJointState, "/dynamic_joint_states", EVERY) as dynamic,
@@ -111,14 +111,14 @@ def test_dynamic_joint_states_are_published_with_joint_states(client: Onlooker) 
 
 
 @pytest.mark.row("jsb-full")
-def test_missing_interfaces_are_nan_and_fields_have_full_length(client: Onlooker) -> None:
+def test_missing_interfaces_are_nan_and_fields_have_full_length(client: TopicClient) -> None:
     state = client.first(JointState, "/joint_states")
     assert len(state.position) == len(state.velocity) == len(state.effort) == len(state.name) == 8
     assert [name for name, effort in zip(state.name, state.effort, strict=True) if not math.isnan(effort)] == [HAND]
 
 
 @pytest.mark.row("fwd-every-cycle")
-def test_last_command_is_written_in_every_cycle(client: Onlooker) -> None:
+def test_last_command_is_written_in_every_cycle(client: TopicClient) -> None:
     """A single command holds the joints against the springs in all cycles."""
     client.send("hand_controller", 0.02)
     client.arrives(hand_right_joint=0.02)

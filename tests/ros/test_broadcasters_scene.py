@@ -73,7 +73,7 @@ def test_subscribers_receive_the_scene_with_the_links(
     executor: SingleThreadedExecutor, parameters: dict[str, Any], looks: int
 ) -> None:
     seen: list[TFMessage] = []
-    node = Node("onlooker")
+    node = Node("client")
     node.create_subscription(TFMessage, "/tf", seen.append, 200)
     executor.add_node(node)
     robot = EmptyRobot({"frame_prefix": "left/", **parameters})

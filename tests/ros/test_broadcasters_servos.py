@@ -32,7 +32,7 @@ def test_each_servo_reports_its_state(ros_domain: int, tmp_path: Path) -> None:
 
     with running(tmp_path, "--controllers", str(controllers)):
         rclpy.init()
-        node, executor = Node("onlooker"), SingleThreadedExecutor()
+        node, executor = Node("client"), SingleThreadedExecutor()
         executor.add_node(node)
         node.create_subscription(DynamicJointState, "/servo_states/dynamic_joint_states", keep, 10)
         until(lambda: executor.spin_once(timeout_sec=0.1) or len(seen) >= 3)
@@ -59,7 +59,7 @@ def _publishers(node: Node) -> set[tuple[str, str]]:
 def test_user_can_run_a_separate_robot_state_publisher(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--no-robot-state-publisher"):
         rclpy.init()
-        node, executor = Node("onlooker"), SingleThreadedExecutor()
+        node, executor = Node("client"), SingleThreadedExecutor()
         executor.add_node(node)
         last = ("joint_state_broadcaster", "/joint_states")  # These messages arrive after those that must not arrive.
         until(lambda: executor.spin_once(timeout_sec=0.1) or last in _publishers(node))

@@ -14,8 +14,8 @@ from tf2_msgs.msg import TFMessage
 
 from nodes.publishing import LATCHED
 from servoloop.stack.shipped_files import URDF
-from tests.ros.onlooker import EVERY, Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
+from tests.ros.topic_client import EVERY, TopicClient, topic_client
 
 PERIOD_S = 0.05
 LINKS = "/robot_state_publisher"
@@ -60,13 +60,13 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def client(stack: StackProcess) -> Iterator[Onlooker]:
-    with onlooker() as client:
+def client(stack: StackProcess) -> Iterator[TopicClient]:
+    with topic_client() as client:
         yield client
 
 
 @pytest.fixture
-def upstreams(client: Onlooker) -> Iterator[None]:
+def upstreams(client: TopicClient) -> Iterator[None]:
     """Restore the default parameters after the test."""
     yield
     for name, value in (("publish_frequency", 20.0), ("frame_prefix", ""), ("ignore_timestamp", False)):
@@ -103,14 +103,14 @@ def stamps_ns(messages: Sequence[JointState | TFMessage]) -> list[int]:
 
 
 @pytest.mark.row("rsp-topics")
-def test_late_subscriber_receives_the_exact_description(client: Onlooker, stack: StackProcess) -> None:
+def test_late_subscriber_receives_the_exact_description(client: TopicClient, stack: StackProcess) -> None:
     latched = client.first(String, "/robot_description", qos=LATCHED).data
     assert latched == URDF.read_text().replace("</robot>", MORE)
     assert ET.fromstring(latched).get("name") == "robot_arm"
 
 
 @pytest.mark.row("rsp-topics")
-def test_moving_links_are_in_tf_and_fixed_links_in_tf_static(client: Onlooker) -> None:
+def test_moving_links_are_in_tf_and_fixed_links_in_tf_static(client: TopicClient) -> None:
     moving = client.first(TFMessage, "/tf")
     fixed = client.first(TFMessage, "/tf_static", qos=LATCHED)
     assert {child for _, child in frames(moving)} == MOVING
@@ -121,7 +121,7 @@ def test_moving_links_are_in_tf_and_fixed_links_in_tf_static(client: Onlooker) -
 
 
 @pytest.mark.row("rsp-topics", "rsp-mimic")
-def test_links_follow_their_joints_and_mimics(client: Onlooker) -> None:
+def test_links_follow_their_joints_and_mimics(client: TopicClient) -> None:
     client.send("base_controller", 0.4)
     client.send("hand_controller", 0.02)
     client.arrives(joint1=0.4, hand_right_joint=0.02, hand_left_joint=0.02)
@@ -135,7 +135,7 @@ def test_links_follow_their_joints_and_mimics(client: Onlooker) -> None:
 
 
 @pytest.mark.row("rsp-states")
-def test_joint_states_of_other_publishers_are_ignored(client: Onlooker) -> None:
+def test_joint_states_of_other_publishers_are_ignored(client: TopicClient) -> None:
     """In contrast, the node of ROS 2 uses all messages on the topic."""
     client.send("base_controller", 0.2)
     client.arrives(joint1=0.2)
@@ -156,7 +156,7 @@ def test_joint_states_of_other_publishers_are_ignored(client: Onlooker) -> None:
 
 
 @pytest.mark.row("rsp-parameters")
-def test_parameters_match_robot_state_publisher(client: Onlooker) -> None:
+def test_parameters_match_robot_state_publisher(client: TopicClient) -> None:
     names = ("robot_description", "publish_frequency", "frame_prefix", "ignore_timestamp")
     description, *others = client.get(LINKS, *names)
     assert description == client.first(String, "/robot_description", qos=LATCHED).data
@@ -172,11 +172,11 @@ def test_parameters_match_robot_state_publisher(client: Onlooker) -> None:
         ("publish_frequency", 1001.0, "publish_frequency: must be 0 to 1000 Hz, not 1001"),
     ],
 )
-def test_invalid_parameter_is_rejected_with_a_reason(client: Onlooker, name: str, value: Any, words: str) -> None:
+def test_invalid_parameter_is_rejected_with_a_reason(client: TopicClient, name: str, value: Any, words: str) -> None:
     assert words in client.put(LINKS, name, value)
 
 
-def heard(client: Onlooker, count: int) -> tuple[list[int], list[int]]:
+def heard(client: TopicClient, count: int) -> tuple[list[int], list[int]]:
     """Return the stamps of a number of link transforms, and those of the joint states in the same period."""
     with client.hearing(JointState, "/joint_states", EVERY) as states, client.hearing(TFMessage, "/tf", EVERY) as links:
         client.spin_until(lambda: bool(states) and len(links) >= 2)  # After a change the second transform comes early.
@@ -189,7 +189,7 @@ def heard(client: Onlooker, count: int) -> tuple[list[int], list[int]]:
 @pytest.mark.row("rsp-parameters")
 @pytest.mark.parametrize(("frequency_hz", "every"), [(20.0, 1), (5.0, 4), (1000.0, 1)])
 def test_links_are_published_at_the_frequency_but_not_faster_than_states(
-    client: Onlooker, upstreams: None, frequency_hz: float, every: int
+    client: TopicClient, upstreams: None, frequency_hz: float, every: int
 ) -> None:
     assert client.put(LINKS, "publish_frequency", frequency_hz) == ""
     shown, measured = heard(client, 8)
@@ -200,7 +200,7 @@ def test_links_are_published_at_the_frequency_but_not_faster_than_states(
 
 
 @pytest.mark.row("rsp-parameters")
-def test_ignore_timestamp_publishes_every_state(client: Onlooker, upstreams: None) -> None:
+def test_ignore_timestamp_publishes_every_state(client: TopicClient, upstreams: None) -> None:
     assert client.put(LINKS, "publish_frequency", 5.0) == ""
     assert client.put(LINKS, "ignore_timestamp", True) == ""
     shown, measured = heard(client, 10)
@@ -209,7 +209,7 @@ def test_ignore_timestamp_publishes_every_state(client: Onlooker, upstreams: Non
 
 
 @pytest.mark.row("rsp-parameters")
-def test_frame_prefix_applies_to_all_links_at_run_time(client: Onlooker, upstreams: None) -> None:
+def test_frame_prefix_applies_to_all_links_at_run_time(client: TopicClient, upstreams: None) -> None:
     assert client.put(LINKS, "frame_prefix", "left/") == ""
 
     def prefixed(message: TFMessage) -> bool:

@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from nodes.rclpy_patches.cycle_executor import CycleExecutor
-from nodes.surface import Surface
+from nodes.stack_nodes import StackNodes
 
 PATIENCE_S = 30.0
 
@@ -251,17 +251,17 @@ def test_shutdown_of_ros_raises(executor: CycleExecutor, node: Node) -> None:
 
 def test_failing_callback_does_not_delay_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The answer was complete at the same time, and would not wake the executor again."""
-    surface = Surface.__new__(Surface)
+    ros_nodes = StackNodes.__new__(StackNodes)
     answered: list[int] = []
 
     def serve(timeout_s: float) -> None:
-        surface._woken = True
+        ros_nodes._woken = True
         raise RuntimeError("a client's oddity")
 
-    monkeypatch.setattr(surface, "_executor", SimpleNamespace(serve=serve), raising=False)
-    monkeypatch.setattr(surface, "_turn", threading.Lock(), raising=False)
-    monkeypatch.setattr(surface, "_send_delayed", lambda: None, raising=False)
-    monkeypatch.setattr(surface, "_synchronize", lambda: answered.append(1))
+    monkeypatch.setattr(ros_nodes, "_executor", SimpleNamespace(serve=serve), raising=False)
+    monkeypatch.setattr(ros_nodes, "_turn", threading.Lock(), raising=False)
+    monkeypatch.setattr(ros_nodes, "_send_delayed", lambda: None, raising=False)
+    monkeypatch.setattr(ros_nodes, "_synchronize", lambda: answered.append(1))
     monkeypatch.setattr(rclpy, "ok", lambda: True)
-    surface._serve(lambda: bool(answered))
+    ros_nodes._serve(lambda: bool(answered))
     assert answered == [1]

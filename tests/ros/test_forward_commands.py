@@ -8,8 +8,8 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from servoloop.stack.shipped_files import URDF
-from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import StackProcess, running, until
+from tests.ros.topic_client import EVERY, TopicClient, place, topic_client
 
 HAND = "hand_right_joint"
 CONTROLLERS = """
@@ -57,14 +57,14 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def client(stack: StackProcess) -> Iterator[Onlooker]:
-    with onlooker() as client:
+def client(stack: StackProcess) -> Iterator[TopicClient]:
+    with topic_client() as client:
         yield client
 
 
 @pytest.mark.row("fwd-finite", "golden-hand-dropped")
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_non_finite_value_drops_the_message(client: Onlooker, stack: StackProcess, value: float) -> None:
+def test_non_finite_value_drops_the_message(client: TopicClient, stack: StackProcess, value: float) -> None:
     """The message is dropped even if its other values are valid."""
     client.send("pair_controller", 0.1, -0.2)
     client.send("hand_controller", 0.02)
@@ -80,7 +80,7 @@ def test_non_finite_value_drops_the_message(client: Onlooker, stack: StackProces
 
 
 @pytest.mark.row("fwd-empty", "golden-hand-dropped")
-def test_empty_command_is_ignored(client: Onlooker, stack: StackProcess) -> None:
+def test_empty_command_is_ignored(client: TopicClient, stack: StackProcess) -> None:
     client.send("hand_controller", 0.03)
     client.arrives(hand_right_joint=0.03)
     told = stack.words
@@ -98,7 +98,7 @@ def test_empty_command_is_ignored(client: Onlooker, stack: StackProcess) -> None
     [("hand_controller", [0.02], [0.01, 0.03]), ("pair_controller", [0.1, -0.2], [0.3])],
 )
 def test_command_of_wrong_length_is_ignored(
-    client: Onlooker, stack: StackProcess, controller: str, sound: list[float], wrong: list[float]
+    client: TopicClient, stack: StackProcess, controller: str, sound: list[float], wrong: list[float]
 ) -> None:
     """In contrast, ros2_control deactivates the controller."""
     joints = ["joint3", "joint2"] if controller == "pair_controller" else [HAND]
@@ -116,7 +116,7 @@ def test_command_of_wrong_length_is_ignored(
 
 @pytest.mark.row("fwd-length", "golden-hand-length")
 def test_command_of_wrong_length_deactivates_the_controller_if_configured(
-    client: Onlooker, stack: StackProcess
+    client: TopicClient, stack: StackProcess
 ) -> None:
     """As in ros2_control, the joint holds its position and the other controllers continue. Commands that are sent
     meanwhile are still ignored later."""
@@ -136,7 +136,7 @@ def test_command_of_wrong_length_deactivates_the_controller_if_configured(
 
 @pytest.mark.row("golden-hand-limits")
 @pytest.mark.parametrize(("wanted", "limit"), [(0.5, 0.05), (-0.01, 0.0)])
-def test_hand_command_is_limited(client: Onlooker, stack: StackProcess, wanted: float, limit: float) -> None:
+def test_hand_command_is_limited(client: TopicClient, stack: StackProcess, wanted: float, limit: float) -> None:
     """In contrast, ros2_control passes the value on."""
     client.send("hand_controller", 0.025)
     client.arrives(hand_right_joint=0.025)
@@ -149,7 +149,7 @@ def test_hand_command_is_limited(client: Onlooker, stack: StackProcess, wanted: 
 
 
 @pytest.mark.row("fwd-every-cycle")
-def test_speed_falls_to_zero_without_new_commands_by_default(client: Onlooker, stack: StackProcess) -> None:
+def test_speed_falls_to_zero_without_new_commands_by_default(client: TopicClient, stack: StackProcess) -> None:
     """In contrast, ros2_control keeps the speed even if the client has stopped."""
 
     def speed(state: JointState, joint: str) -> float:

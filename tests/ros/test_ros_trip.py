@@ -19,14 +19,14 @@ from nodes.controllers.forward import ForwardNode
 from nodes.controllers.trajectory import TrajectoryNode
 from nodes.rclpy_patches import gil_release, rcl_calls
 from nodes.stack import Stack
-from nodes.surface import Surface
+from nodes.stack_nodes import StackNodes
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import ARM, PICK
 from tests.stack.trip import TripRecorder
 
 PATIENCE_S = 30.0
 GOAL = ["trajectory_goals", "parameter_node", "rcl_calls", "fair_rate"]
-JOINT_STATES = ["surface", "spinning", "ros_time", "controller_nodes", "broadcasters", "publishing", "rcl_calls"]
+JOINT_STATES = ["stack_nodes", "spinning", "ros_time", "controller_nodes", "broadcasters", "publishing", "rcl_calls"]
 
 
 class InProcess:
@@ -36,10 +36,10 @@ class InProcess:
         self.rig = SimulatedStack().up()
         files = self.rig.files
         factory: Any = SimpleNamespace(file=files.controllers)
-        self.surface = Surface(
+        self.ros_nodes = StackNodes(
             Stack(self.rig.loop, files.description, files.component, {}, dict, {}, factory, relax=False)
         )
-        self.rig.loop.on_cycle = self.surface.post
+        self.rig.loop.on_cycle = self.ros_nodes.post
         self.node = Node("client")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -57,7 +57,7 @@ class InProcess:
         over = done or threading.Event()
         timer = threading.Timer(seconds, over.set)
         timer.start()
-        self.surface.spin(over.is_set)
+        self.ros_nodes.spin(over.is_set)
         timer.cancel()
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class InProcess:
         self._client.join()
         self.action.destroy()
         self.node.destroy_node()
-        self.surface.close()
+        self.ros_nodes.close()
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_goal_passes_few_files_from_callback_to_controller(stack: InProcess) -> 
             recording.enter_context(trip.recording())
             return goals._on_goal(offered)
 
-        interface: Any = stack.surface._controllers._nodes["arm_controller"]._interface
+        interface: Any = stack.ros_nodes._controllers._nodes["arm_controller"]._interface
         goals = interface._goals
         goals._server.register_goal_callback(begin)
         answer = stack.action.send_goal_async(goal)
@@ -120,5 +120,5 @@ def test_cycle_passes_few_files_from_post_to_message(stack: InProcess) -> None:
     others = [TrajectoryNode.publish_cycle, TrajectoryNode.publish, ForwardNode.publish]
     trip = TripRecorder(until=rcl_calls._Kind.sent, muted=others)
     with trip.recording():
-        stack.surface._publish_cycles(states[-1:])
+        stack.ros_nodes._publish_cycles(states[-1:])
     assert own(trip.files) == JOINT_STATES

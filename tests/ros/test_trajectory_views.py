@@ -8,8 +8,8 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from tests.ros.deaf import deaf_client
-from tests.ros.onlooker import EVERY
 from tests.ros.stack_process import JOINTS
+from tests.ros.topic_client import EVERY
 from tests.ros.trajectory_client import (
     ARM,
     ZERO,

@@ -5,8 +5,8 @@ import numpy as np
 from controller.teach.hand_path import HandPath
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray
+from servoloop.teach.motion_files import RecordedMotion
 from servoloop.teach.play import Play, PlayPhase
-from servoloop.teach.taught import RecordedMotion
 from tests.teach.rig import FREE, RATE_HZ, SO101, Pose, Rig
 
 FASTEST = np.array([joint.limits.velocity for joint in SO101.robot.joints])
@@ -29,11 +29,11 @@ class Key:
 class Player:
     """Arm that plays a motion."""
 
-    def __init__(self, taught: RecordedMotion, speed: float = 1.0, key: Key | None = None, pose: Pose = FREE) -> None:
+    def __init__(self, motion: RecordedMotion, speed: float = 1.0, key: Key | None = None, pose: Pose = FREE) -> None:
         self.rig = Rig(pose=pose)
         self.key = key or Key()
         self.rig.run(1.5)
-        self.play = Play(self.rig.arm, taught, speed, self.key)
+        self.play = Play(self.rig.arm, motion, speed, self.key)
 
     def go_on(self, seconds: float = 60.0, until: PlayPhase | None = None) -> bool:
         """Run for a given time, or until the end or until a phase is reached. Return whether the playback is still

@@ -21,8 +21,8 @@ from servoloop.stack import hardware
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.robot_files import Files, initial_states
+from servoloop.teach.motion_files import RecordedMotion, TeachError
 from servoloop.teach.record import RecordPhase, TeachRecording
-from servoloop.teach.taught import RecordedMotion, TeachError
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
 from tests.teleop.rig import Lines

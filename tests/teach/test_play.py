@@ -12,8 +12,8 @@ import pytest
 
 from controller.teach.hand_path import HandPath
 from servoloop import Arm
+from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError
 from servoloop.teach.play import APPROACH, PlayPhase
-from servoloop.teach.taught import MotionStore, RecordedMotion, TeachError
 from tests.command_socket.rig import SocketRig, served
 from tests.command_socket.test_bad_clients import at_rest
 from tests.handling.test_robot_client import files, without_ros

@@ -10,9 +10,9 @@ from controller.shutdown import shut_down
 from drivers.servos import sts
 from hal.types import FloatArray
 from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.teach.motion_files import TeachError
 from servoloop.teach.play import APPROACH, PlayPhase
 from servoloop.teach.record import HANDS_S, RecordPhase
-from servoloop.teach.taught import TeachError
 from tests.teach.player import FASTEST, PAN, Player
 from tests.teach.rig import FREE, SO101, Lesson
 
@@ -47,15 +47,15 @@ def delayed(shown: FloatArray, done: FloatArray) -> float:
 @pytest.mark.parametrize("soft", [True, False])
 def test_playback_repeats_the_motion_of_the_hand(soft: bool) -> None:
     lesson, shown = recorded(soft)
-    taught, warnings = lesson.kept[0]
-    assert taught.path is not None and not warnings and np.ptp(shown[:, PAN]) > 0.6
-    player = Player(taught)
+    motion, warnings = lesson.kept[0]
+    assert motion.path is not None and not warnings and np.ptp(shown[:, PAN]) > 0.6
+    player = Player(motion)
     player.go_on(until=PlayPhase.PLAYING)
     cycle = len(player.rig.states)
     assert not player.go_on() and player.play.phase is PlayPhase.DONE
     done = player.rig.measured(cycle)
     assert nearest(done, shown).max() < 0.02 and nearest(shown, done).max() < 0.02
-    assert len(done) * 0.02 == pytest.approx(taught.path.duration_s, abs=0.3)
+    assert len(done) * 0.02 == pytest.approx(motion.path.duration_s, abs=0.3)
     assert delayed(shown, done) < 0.03, "also in time, but for a delay that is the same for all of it"
 
 
@@ -129,10 +129,10 @@ def test_silent_servo_is_named_and_the_path_continues() -> None:
     line.faults.restore(3)
     lesson.go_on(1.2)
     lesson.recording.stop()
-    taught, warnings = lesson.kept[0]
+    motion, warnings = lesson.kept[0]
     (warning,) = warnings
     assert re.fullmatch(r"no measurement of elbow_flex for 0\.\d s: the path is a straight line in this gap", warning)
-    assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
+    assert motion.path is not None and motion.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
 
 
 def test_a_joint_with_an_alarm_is_recorded_and_a_joint_without_measurement_is_not() -> None:
@@ -173,17 +173,17 @@ def test_marked_poses_are_recorded_and_played_in_order() -> None:
         lesson.recording.press(key)
     marked = lesson.rig.measured()[-1]
     lesson.recording.press("q")
-    taught, _ = lesson.kept[0]
-    assert taught.path is None and taught.position.shape == (2, 6)
-    assert taught.position[1] == pytest.approx(marked, abs=0.01)
-    assert taught.position[1, PAN] - taught.position[0, PAN] == pytest.approx(0.2, abs=0.03)
-    player = Player(taught, pose={**FREE, "shoulder_pan": -0.5})
+    motion, _ = lesson.kept[0]
+    assert motion.path is None and motion.position.shape == (2, 6)
+    assert motion.position[1] == pytest.approx(marked, abs=0.01)
+    assert motion.position[1, PAN] - motion.position[0, PAN] == pytest.approx(0.2, abs=0.03)
+    player = Player(motion, pose={**FREE, "shoulder_pan": -0.5})
     speeds = []
     while player.go_on(0.02):
         speeds.append(player.reference_speeds)
     player.rig.run(0.5)
-    assert player.rig.measured()[-1] == pytest.approx(taught.position[1], abs=0.02)
-    stood = nearest(taught.position, player.rig.measured())
+    assert player.rig.measured()[-1] == pytest.approx(motion.position[1], abs=0.02)
+    stood = nearest(motion.position, player.rig.measured())
     assert stood.max() < 0.02, "it was at each"
     assert (np.array(speeds) <= APPROACH * FASTEST[:-1] + 1e-6).all()
 

@@ -16,9 +16,9 @@ from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import read_recording
 from servoloop.recording.recorder import RecordingFile
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.teach.motion_files import TeachError
 from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.recorded import recorded_motion
-from servoloop.teach.taught import TeachError
 from tests.recorder.rig import Rig as RecordedRig
 from tests.stack.rig import READY
 from tests.teach.rig import Rig
@@ -50,10 +50,10 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
     recorded = read_recording(recordings[0]).position
-    taught, warnings = recorded_motion(recordings[0], NAMES, LIMITS)
+    motion, warnings = recorded_motion(recordings[0], NAMES, LIMITS)
     assert not warnings and np.ptp(recorded[:, 0]) > 0.45
     rig = Rig(pose=dict(zip(NAMES, (*HERE, 0.0), strict=True)), files=FILES)
-    play = Play(rig.arm, taught, 1.0, HandsFree())
+    play = Play(rig.arm, motion, 1.0, HandsFree())
     cycles: list[int] = []
 
     def poll() -> bool:
@@ -69,8 +69,8 @@ def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
 
 
 def test_incomplete_recording_is_played_up_to_its_end(recordings: tuple[Path, Path]) -> None:
-    taught, _ = recorded_motion(recordings[1], NAMES, LIMITS)
-    assert taught.position[-1, 0] == pytest.approx(THERE[0], abs=0.02) and taught.position[0, 0] < 0.02
+    motion, _ = recorded_motion(recordings[1], NAMES, LIMITS)
+    assert motion.position[-1, 0] == pytest.approx(THERE[0], abs=0.02) and motion.position[0, 0] < 0.02
 
 
 def test_a_recording_of_another_arm_is_refused_by_its_joints(recordings: tuple[Path, Path]) -> None:
@@ -82,14 +82,14 @@ def test_a_recording_of_another_arm_is_refused_by_its_joints(recordings: tuple[P
 
 
 def test_joints_come_in_the_order_of_the_arm(recordings: tuple[Path, Path]) -> None:
-    taught, _ = recorded_motion(recordings[0], NAMES[::-1], LIMITS[::-1])
-    assert taught.joints == tuple(NAMES[::-1]) and np.ptp(taught.position[:, -1]) > 0.45
+    motion, _ = recorded_motion(recordings[0], NAMES[::-1], LIMITS[::-1])
+    assert motion.joints == tuple(NAMES[::-1]) and np.ptp(motion.position[:, -1]) > 0.45
 
 
 def test_positions_beyond_this_arms_limits_are_limited_with_a_warning(recordings: tuple[Path, Path]) -> None:
-    taught, warnings = recorded_motion(recordings[0], NAMES, [replace(LIMITS[0], upper=0.3), *LIMITS[1:]])
+    motion, warnings = recorded_motion(recordings[0], NAMES, [replace(LIMITS[0], upper=0.3), *LIMITS[1:]])
     assert len(warnings) == 1 and warnings[0].startswith("joint1 went 0.")
-    assert taught.position[:, 0].max() <= 0.3
+    assert motion.position[:, 0].max() <= 0.3
 
 
 def test_recording_without_motion_or_joint_states_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from controller.teach.hand_path import HandPath
 from drivers.errors import DriverError
 from servoloop.cli import app
 from servoloop.stack.shipped_files import ARMS
-from servoloop.teach.taught import MotionStore, RecordedMotion, TeachError, beyond, check_duration
+from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError, beyond, check_duration
 from tests.teach.rig import SO101
 
 JOINTS = {joint.name: joint for joint in SO101.robot.joints}
@@ -30,12 +30,12 @@ def motions(tmp_path: Path) -> MotionStore:
     return motions
 
 
-@pytest.mark.parametrize("taught", [POSES, PATH])
-def test_saved_motion_is_read_back_unchanged(motions: MotionStore, taught: RecordedMotion) -> None:
-    motions.save("wave", taught, JOINTS)
+@pytest.mark.parametrize("motion", [POSES, PATH])
+def test_saved_motion_is_read_back_unchanged(motions: MotionStore, motion: RecordedMotion) -> None:
+    motions.save("wave", motion, JOINTS)
     back = motions.get("wave")
-    assert back.joints == NAMES and back.position == pytest.approx(taught.position, abs=1e-5)
-    assert (back.path is None) == (taught.path is None)
+    assert back.joints == NAMES and back.position == pytest.approx(motion.position, abs=1e-5)
+    assert (back.path is None) == (motion.path is None)
     if back.path is not None:
         assert back.path.duration_s == 1.5 and not back.path.velocity.any()
     text = motions.path("wave").read_text()
@@ -110,13 +110,13 @@ def test_joints_in_a_mapping_are_refused(motions: MotionStore, head: str) -> Non
         motions.get("wave")
 
 
-@pytest.mark.parametrize("taught", [POSES, PATH])
-def test_sorted_keys_do_not_change_the_meaning_of_a_file(motions: MotionStore, taught: RecordedMotion) -> None:
-    motions.save("wave", taught, JOINTS)
+@pytest.mark.parametrize("motion", [POSES, PATH])
+def test_sorted_keys_do_not_change_the_meaning_of_a_file(motions: MotionStore, motion: RecordedMotion) -> None:
+    motions.save("wave", motion, JOINTS)
     content = yaml.safe_load(motions.path("wave").read_text())
     motions.path("wave").write_text(yaml.safe_dump(content, sort_keys=True))
     back = motions.get("wave").of(NAMES, "wave")
-    assert back.joints == NAMES and back.position == pytest.approx(taught.position, abs=1e-5)
+    assert back.joints == NAMES and back.position == pytest.approx(motion.position, abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -179,22 +179,22 @@ JUMPS = [
 ]
 
 
-@pytest.mark.parametrize(("taught", "message"), JUMPS)
-def test_implausible_path_is_refused_with_joint_and_line(taught: RecordedMotion, message: str) -> None:
+@pytest.mark.parametrize(("motion", "message"), JUMPS)
+def test_implausible_path_is_refused_with_joint_and_line(motion: RecordedMotion, message: str) -> None:
     with pytest.raises(TeachError, match=f"wave: .*{message}"):
-        taught.check(LIMITS, "wave")
+        motion.check(LIMITS, "wave")
 
 
 def test_errors_have_the_lines_of_the_points(motions: MotionStore) -> None:
     """Points start in line 5. A point of a path takes three lines in the file, and a pose one line."""
     far = POSITION.copy()
     far[1, 0] = 4.0
-    for taught, message in (
+    for motion, message in (
         (JUMPS[0][0], r"between points 1 \(line 8\) and 2 \(line 11\)"),
         (JUMPS[3][0], r"between points 1 \(line 8\) and 2 \(line 11\), whose velocities do not match"),
         (RecordedMotion(NAMES, far), r"shoulder_pan would go to 4.0000 at point 1 \(line 6\)"),
     ):
-        motions.save("wave", taught, JOINTS)
+        motions.save("wave", motion, JOINTS)
         with pytest.raises(TeachError, match=rf"wave.yaml: .*{message}"):
             motions.get("wave").check(LIMITS, str(motions.path("wave")))
     text = motions.path("wave").read_text()

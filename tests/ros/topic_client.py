@@ -23,11 +23,11 @@ MATCH_S = 0.2
 before."""
 
 
-class Onlooker(ManagerClient):
+class TopicClient(ManagerClient):
     """Client that stores received messages until ``spin_until`` has returned."""
 
     def __init__(self) -> None:
-        super().__init__("onlooker")
+        super().__init__("topic_client")
         self._commands: dict[str, Publisher] = {}
 
     def some(
@@ -70,10 +70,10 @@ def _near(state: JointState, joint: str, at: float) -> bool:
 
 
 @contextmanager
-def onlooker() -> Iterator[Onlooker]:
+def topic_client() -> Iterator[TopicClient]:
     """Provide a client with its own ROS context."""
     rclpy.init()
-    client = Onlooker()
+    client = TopicClient()
     try:
         yield client
     finally:

@@ -28,7 +28,7 @@ from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, serve, 
 from nodes.stack import Stack
 
 
-class Surface:
+class StackNodes:
     """ROS 2 interface of one stack.
 
     The loop thread calls ``post`` and ``wait_until_published``. A separate thread publishes the cycles. All other

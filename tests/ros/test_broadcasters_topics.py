@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from nodes.publishing import LATCHED
-from tests.ros.onlooker import Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
+from tests.ros.topic_client import TopicClient, topic_client
 
 HAND = "hand_right_joint"
 CONTROLLERS = """
@@ -56,13 +56,13 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def client(stack: StackProcess) -> Iterator[Onlooker]:
-    with onlooker() as client:
+def client(stack: StackProcess) -> Iterator[TopicClient]:
+    with topic_client() as client:
         yield client
 
 
 @pytest.mark.row("jsb-topics", "jsb-full", "jsb-order", "golden-joint-states")
-def test_joint_states_match_ros2_control(client: Onlooker) -> None:
+def test_joint_states_match_ros2_control(client: TopicClient) -> None:
     message = client.first(JointState, "/joint_states")
     assert message.name == ["hand_left_joint", HAND, *JOINTS]
     assert message.header.frame_id == "base_link"
@@ -72,7 +72,7 @@ def test_joint_states_match_ros2_control(client: Onlooker) -> None:
 
 
 @pytest.mark.row("moveit-states")
-def test_moveit_finds_every_moving_joint(client: Onlooker) -> None:
+def test_moveit_finds_every_moving_joint(client: TopicClient) -> None:
     """The subscriber of MoveIt is reliable. The subscriber waits for all joints that are neither fixed nor mimic
     joints."""
     robot = ET.fromstring(client.first(String, "/robot_description", qos=LATCHED).data)
@@ -86,7 +86,7 @@ def test_moveit_finds_every_moving_joint(client: Onlooker) -> None:
 
 
 @pytest.mark.row("jsb-topics", "jsb-order")
-def test_dynamic_joint_states_list_the_interfaces_of_each_joint(client: Onlooker) -> None:
+def test_dynamic_joint_states_list_the_interfaces_of_each_joint(client: TopicClient) -> None:
     message = client.first(DynamicJointState, "/dynamic_joint_states")
     assert message.joint_names == ["hand_left_joint", HAND, *JOINTS]
     assert message.header.frame_id == "base_link"
@@ -95,7 +95,7 @@ def test_dynamic_joint_states_list_the_interfaces_of_each_joint(client: Onlooker
 
 
 @pytest.mark.row("jsb-order", "jsb-extra", "jsb-full")
-def test_local_broadcaster_publishes_the_configured_joints(client: Onlooker) -> None:
+def test_local_broadcaster_publishes_the_configured_joints(client: TopicClient) -> None:
     """The joints are in the order of the parameters, followed by the extra joints with zeros."""
     client.send("pair_controller", 0.1, -0.2)
     client.arrives(joint1=0.1, joint2=-0.2)
@@ -116,13 +116,13 @@ def test_local_broadcaster_publishes_the_configured_joints(client: Onlooker) -> 
     assert shown == [pytest.approx([0.0, -0.2]), pytest.approx([0.0, 0.1]), [0.0, 0.0, 0.0]]
 
 
-def test_dynamic_joint_states_can_be_switched_off(client: Onlooker) -> None:
+def test_dynamic_joint_states_can_be_switched_off(client: TopicClient) -> None:
     client.spin_until(lambda: bool(client.node.get_publishers_info_by_topic("/quiet_broadcaster/joint_states")))
     client.spin_until(lambda: bool(client.node.get_publishers_info_by_topic("/dynamic_joint_states")))
     assert not client.node.get_publishers_info_by_topic("/quiet_broadcaster/dynamic_joint_states")
 
 
-def test_servo_states_are_published_to_subscribers(client: Onlooker) -> None:
+def test_servo_states_are_published_to_subscribers(client: TopicClient) -> None:
     message = client.first(DynamicJointState, "/servo_states/dynamic_joint_states")
     assert message.joint_names == ["joint1"]
     (values,) = message.interface_values
@@ -133,7 +133,7 @@ def test_servo_states_are_published_to_subscribers(client: Onlooker) -> None:
 
 @pytest.mark.row("golden-qos")
 @pytest.mark.parametrize("topic", ["/joint_states", "/dynamic_joint_states", "/tf_static", "/robot_description"])
-def test_newest_state_is_latched_for_late_subscribers(client: Onlooker, topic: str) -> None:
+def test_newest_state_is_latched_for_late_subscribers(client: TopicClient, topic: str) -> None:
     client.spin_until(lambda: bool(client.node.get_publishers_info_by_topic(topic)))
     (publisher,) = client.node.get_publishers_info_by_topic(topic)
     assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
@@ -141,7 +141,7 @@ def test_newest_state_is_latched_for_late_subscribers(client: Onlooker, topic: s
 
 
 @pytest.mark.row("golden-qos")
-def test_hand_accepts_commands_of_every_publisher(client: Onlooker) -> None:
+def test_hand_accepts_commands_of_every_publisher(client: TopicClient) -> None:
     client.spin_until(lambda: bool(client.node.get_subscriptions_info_by_topic("/hand_controller/commands")))
     (subscriber,) = client.node.get_subscriptions_info_by_topic("/hand_controller/commands")
     assert subscriber.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
@@ -158,13 +158,15 @@ def test_hand_accepts_commands_of_every_publisher(client: Onlooker) -> None:
         ("servo_states", "rate", 5.0, ""),
     ],
 )
-def test_parameters_are_read_only_or_checked(client: Onlooker, node: str, name: str, value: Any, reason: str) -> None:
+def test_parameters_are_read_only_or_checked(
+    client: TopicClient, node: str, name: str, value: Any, reason: str
+) -> None:
     answer = client.put(f"/{node}", name, value)
     assert reason in answer
     assert bool(reason) == bool(answer)
 
 
 @pytest.mark.row("rsp-parameters")
-def test_robot_state_publisher_starts_with_parameters_of_the_controllers_file(client: Onlooker) -> None:
+def test_robot_state_publisher_starts_with_parameters_of_the_controllers_file(client: TopicClient) -> None:
     names = ("publish_frequency", "frame_prefix", "ignore_timestamp")
     assert client.get("/robot_state_publisher", *names) == [19.0, "", False]
