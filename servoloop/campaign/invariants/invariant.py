@@ -189,4 +189,10 @@ class Invariant:
 
 def reports_error(joint: Joint, servo: Any) -> bool:
     """Return whether a virtual servo reports an error, such as overload protection."""
-    return any(servo.memory.get(one) for one in series_of(joint.model).registers if one.name in COMPLAINTS)
+    return any(bits for _, bits in error_bits(joint, servo))
+
+
+def error_bits(joint: Joint, servo: Any) -> list[tuple[str, int]]:
+    """Return the name and the value of each error register of a virtual servo."""
+    registers = series_of(joint.model).registers
+    return [(one.name, servo.memory.get(one)) for one in registers if one.name in COMPLAINTS]

@@ -1,7 +1,7 @@
 """Invariants on reported velocities, efforts, temperatures, voltages and alarms."""
 
 from collections import defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from drivers.servos.register import Register
 from drivers.servos.voltage import voltage_range
 from hal.joint import Joint
 from hal.types import FloatArray, JointState, ServoHealth
-from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.campaign.invariants.invariant import Invariant, error_bits
 from servoloop.simulation.faulty_stack import FaultyStack
 
 MOVES: Final = 0.15
@@ -38,6 +38,18 @@ WRONG_CYCLES: Final = 2
 """Maximum number of consecutive cycles in which a value may be wrong because it changed within a cycle."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
 TEMPERATURES: Final = ("present_temperature",)
+ALARMS: Final = {
+    "status": {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "current", 4: "angle", 5: "overload"},
+    "hardware_error_status": {
+        0: "voltage",
+        2: "temperature",
+        3: "motor encoder",
+        4: "electrical shock",
+        5: "overload",
+    },
+}
+"""Names of the alarm bits in the error registers of STS servos (SDK) and of Dynamixel X servos (e-manual), written
+independently of the drivers."""
 VOLTS: Final = 0.1
 """Unit of the voltage registers, in V."""
 OFF_V: Final = 1.0
@@ -144,9 +156,16 @@ class HealthIsTrue(Invariant):
                 found["supply"] = f"usual, but the register is {true:.1f} V"
         if temperature is not None and abs((celsius := memory.get(temperature)) - health.temperature_c) > OFF_C:
             found["temperature"] = f"{health.temperature_c:g} degrees, but the register is {celsius:g} degrees"
-        if reports_error(joint, self.servos[joint.name]) != bool(health.alarms):
-            found["alarms"] = f"{', '.join(health.alarms) or 'none'}, but the servo reports otherwise"
+        alarms = _alarms(error_bits(joint, self.servos[joint.name]))
+        if alarms != set(health.alarms):
+            reported, true = (", ".join(sorted(names)) or "none" for names in (health.alarms, alarms))
+            found["alarms"] = f"{reported}, but the servo's alarms are: {true}"
         return found
+
+
+def _alarms(registers: Iterable[tuple[str, int]]) -> set[str]:
+    """Return the names of the alarms in error registers, given as pairs of a register name and a value."""
+    return {name for register, bits in registers for bit, name in ALARMS[register].items() if bits >> bit & 1}
 
 
 def _register(joint: Joint, names: tuple[str, ...]) -> Register | None:

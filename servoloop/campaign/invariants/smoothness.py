@@ -154,7 +154,8 @@ class SmoothEnd(Invariant):
             change[np.logical_not(examined)] = 0.0
             worst = int((change / self._acceleration).argmax())
             parks = self.stack.ending and self.stack.control_stack.releases
-            if change[worst] > (COMMANDS_SHARE if parks else RELIEF_SHARE) * self._acceleration[worst]:
+            relieved = self.stack.ending and not parks
+            if change[worst] > (RELIEF_SHARE if relieved else COMMANDS_SHARE) * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
             if parks:
