@@ -10,8 +10,8 @@ from typing import Final, cast
 from drivers.errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
-from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
-from servoloop.campaign.draw_arm import draw_limits, draw_setting
+from servoloop.campaign.contradictions import Mistake, hand_of, in_scenario, in_schedule, joints_and_hand
+from servoloop.campaign.draw_arm import draw_jam, draw_limits, draw_setting
 from servoloop.campaign.draw_clients import draw_client, draw_end
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
@@ -30,6 +30,7 @@ from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.mechanics import JAMMED
 from sim_backend.faults.settings import WRONG_SETTING
 
 KILLED_IN_A_ROW: Final = 3
@@ -99,6 +100,9 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     if faults and (scenario.kinds is None or WRONG_SETTING in scenario.kinds):
         wrong = draw_setting(seed, files.robot.joints)
         faults = (*wrong, *faults[len(wrong) :])
+    if faults and client == "grips" and (scenario.kinds is None or JAMMED in scenario.kinds):
+        jam = draw_jam(seed, [joint for joint in files.robot.joints if joint.name == hand_of(files)], within_s)
+        faults = (*faults[: len(faults) - len(jam)], *jam)
     return Schedule(
         arm=arm,
         seed=seed,

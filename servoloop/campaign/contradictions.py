@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from random import Random
 
+from controller.forward.commands import ForwardParameters
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.trajectory.parameters import TrajectoryParameters
 from drivers.servos.catalog import series_of
@@ -89,8 +90,14 @@ def joints_and_hand(files: Files, seed: int | None) -> tuple[dict[str, JointLimi
     parameters = (spec.parameters for spec in files.controllers.controllers)
     arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
     joints = arms[number_of_arm(seed, len(arms))].joints if arms else ()
-    hand = any(spec.kind == ForwardCommandController.kind for spec in files.controllers.controllers)
-    return {joint: files.limits[joint] for joint in joints}, hand
+    return {joint: files.limits[joint] for joint in joints}, bool(hand_of(files))
+
+
+def hand_of(files: Files) -> str:
+    """Return the joint that gripper goals move, or an empty string if the arm has no hand."""
+    hands = (spec.parameters for spec in files.controllers.controllers if spec.kind == ForwardCommandController.kind)
+    hand = next(hands, None)
+    return hand.joints[0] if isinstance(hand, ForwardParameters) else ""
 
 
 def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:

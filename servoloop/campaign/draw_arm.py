@@ -1,5 +1,5 @@
-"""Draw how an arm differs from its files at the start of a run: a joint outside its limits, or a servo with a different
-setting."""
+"""Draw how an arm differs from its files: a joint outside its limits or a servo with a different setting at the start,
+or a hand that stops as if it held an object."""
 
 from collections.abc import Mapping, Sequence
 from random import Random
@@ -8,6 +8,7 @@ from typing import Final
 from drivers.servos.catalog import registers_of
 from hal.joint import Joint
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
+from sim_backend.faults.mechanics import Jammed
 from sim_backend.faults.settings import WrongSetting
 from sim_backend.faults.tables import any_value
 
@@ -19,6 +20,11 @@ NARROWEST: Final = 0.3
 """Minimum remaining range, as a fraction of the joint's range."""
 OTHER_SETTING: Final = 0.1
 """Fraction of the runs in which a servo setting differs from the robot file. Activation corrects the setting."""
+
+HOLDS_OBJECT: Final = 0.7
+"""Fraction of the runs with gripper goals in which the hand jams once, as if it held an object."""
+OBJECT_S: Final = (3.0, 8.0)
+"""Range of the time for which the hand is jammed, in seconds."""
 
 
 def draw_limits(
@@ -74,3 +80,19 @@ def draw_setting(seed: int, joints: Sequence[Joint]) -> tuple[WrongSetting, ...]
         return ()
     servo_id, bus = joint.servo_id, joint.bus or None
     return (WrongSetting(since="start", at_s=0.0, servo_id=servo_id, bus=bus, register_name=name, value=value),)
+
+
+def draw_jam(seed: int, hands: Sequence[Joint], within_s: float) -> tuple[Jammed, ...]:
+    """Return at most one jam of a hand, which ends a gripper goal as stalled.
+
+    Args:
+        seed: Seed of the run.
+        hands: Joints of the hand that have servos.
+        within_s: Time within which the jam begins, in seconds.
+    """
+    random = Random(f"{seed}/jam")
+    if not hands or random.random() >= HOLDS_OBJECT:
+        return ()
+    hand = hands[0]
+    at_s, for_s = round(random.uniform(0.0, within_s), 3), round(random.uniform(*OBJECT_S), 2)
+    return (Jammed(at_s=at_s, servo_id=hand.servo_id, bus=hand.bus or None, for_s=for_s),)

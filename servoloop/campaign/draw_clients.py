@@ -36,6 +36,10 @@ NEAR: Final = 0.3
 """Largest position in goals near zero, as a fraction of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
 """Longest time between two actions, in seconds. Goals without a result need this much time to end."""
+PAUSES: Final = (1.0, 1.0, 1.0)
+"""Relative frequencies of short, medium and long pauses between two actions."""
+SOCKET_PAUSES: Final = (2.0, 2.0, 1.0)
+"""The same frequencies for programs on the command socket, which perform many kinds of actions."""
 INTERRUPTED: Final = 0.8
 """Fraction of motions over the command socket that the client program interrupts."""
 INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "release")
@@ -88,7 +92,8 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
             at_s = min(at_s + random.uniform(0.1, 0.7) * acts[-1].seconds, seconds)
             acts.append(_interruption(random, acts[-1].connection, round(at_s, 3)))
-        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)])
+        pauses = [random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)]
+        at_s += random.choices(pauses, SOCKET_PAUSES if kind == "sockets" else PAUSES)[0]
     return tuple(acts)
 
 

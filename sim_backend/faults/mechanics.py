@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import pi
 from random import Random
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import field_validator
 
@@ -14,6 +14,9 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.tails import about, either_way, log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory, Mechanics
+
+JAMMED: Final = "jammed"
+"""Fault type for jammed gears."""
 
 
 class Jammed(OfServo, Lasting):
@@ -31,7 +34,7 @@ class Jammed(OfServo, Lasting):
         def jam(jammed: bool) -> None:
             (world.jam if jammed else world.free)(joint)
 
-        with targets.holds.hold(("jammed", joint), jam, True, False):
+        with targets.holds.hold((JAMMED, joint), jam, True, False):
             yield
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from controller import loop, shutdown
 from controller.action_goals import GoalStatus
+from controller.forward import approach
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.gripper import gripper_action_controller
 from controller.gripper.goal import GripperHandle
@@ -635,3 +636,33 @@ def trajectories_jump_after_a_stall(patch: pytest.MonkeyPatch) -> None:
 @detected_by("gripper goals are followed")
 def speeds_of_gripper_goals_are_ignored(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(gripper_action_controller, "velocity_of", lambda goal, limits, parameters: limits.velocity)
+
+
+@detected_by("gripper goals are followed")
+def stalled_gripper_goals_are_reported_as_reached(patch: pytest.MonkeyPatch) -> None:
+    end = GripperActionController._end
+
+    def wrong(
+        controller: GripperActionController, handle: GripperHandle, status: GoalStatus, text: str, **_: bool
+    ) -> None:
+        end(controller, handle, status, text, reached_goal=True)
+
+    patch.setattr(GripperActionController, "_end", wrong)
+
+
+@detected_by("forwarded values are followed")
+def forwarded_commands_overshoot(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(approach, "_arriving", lambda room, change, period_s: room / period_s)
+
+
+@detected_by("health is true")
+def alarms_have_wrong_names(patch: pytest.MonkeyPatch) -> None:
+    receive = Bus.receive
+
+    def wrong(bus: Bus) -> Mapping[int, Any]:
+        return {
+            i: one if isinstance(one, ServoFault) or not one.alarms else one._replace(alarms=("overload",))
+            for i, one in receive(bus).items()
+        }
+
+    patch.setattr(Bus, "receive", wrong)

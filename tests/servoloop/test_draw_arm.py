@@ -5,7 +5,7 @@ from pathlib import Path
 from drivers.servos.catalog import registers_of
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
 from servoloop.campaign.campaign import files_of, read_scenario, run_schedule_of, schedule_of
-from servoloop.campaign.draw_arm import draw_limits, draw_setting
+from servoloop.campaign.draw_arm import draw_jam, draw_limits, draw_setting
 from servoloop.simulation.acts import Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
@@ -68,3 +68,10 @@ def test_a_drawn_setting_is_one_of_the_robot_file_and_the_stack_writes_it() -> N
     wrong = drawn[0]
     register = next(one for one in registers_of(gripper.model) if one.name == wrong.register_name)
     assert stacks[0].bus.servo(6).memory.get(register) == wanted[wrong.register_name]
+
+
+def test_a_drawn_jam_stops_the_hand_during_the_run() -> None:
+    hand = [joint for joint in files_of("so101").robot.joints if joint.name == "gripper"]
+    drawn = [one for seed in range(100) for one in draw_jam(seed, hand, 8.0)]
+    assert 50 < len(drawn) < 90 and draw_jam(0, [], 8.0) == ()
+    assert all(one.servo_id == 6 and 0.0 <= one.at_s <= 8.0 and one.for_s is not None for one in drawn)

@@ -53,16 +53,15 @@ class GripsAreFollowed(Invariant):
         """Time of the previous cycle."""
         self._from_rest = False
         """Whether the command was at rest when the latest goal was sent."""
+        self._known: GripperClient | None = None
+        """Client of the run, which the stack forgets when the program begins to end."""
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 
-    @property
-    def _client(self) -> GripperClient | None:
-        return None if self.stack.clients is None else self.stack.clients.gripper
-
     def on_state(self, state: JointState) -> None:
-        client = self._client
+        client = None if self.stack.clients is None else self.stack.clients.gripper
         if client is None:
             return
+        self._known = client
         joint = client.parameters.joint
         self._positions.append(self.true_positions()[joint])
         for index in range(self._seen, len(client.goals)):
@@ -74,8 +73,7 @@ class GripsAreFollowed(Invariant):
             self._examine(client, index, joint in state.faults)
 
     def at_end(self) -> None:
-        client = self._client
-        unended = [one for one in client.goals if not one.handle.done] if client else []
+        unended = [one for one in self._known.goals if not one.handle.done] if self._known else []
         if unended:
             self.say(f"a gripper goal sent at {unended[0].sent_s:.2f} s did not end")
 
@@ -126,12 +124,16 @@ class GripsAreFollowed(Invariant):
     def _judge(self, client: GripperClient, logged: LoggedGrip) -> None:
         """Compare the result of a goal with the joint's true position."""
         joint, handle = client.parameters.joint, logged.handle
+        succeeded, flags = handle.status is GoalStatus.SUCCEEDED, handle.state
+        if flags.reached_goal != succeeded or (succeeded and flags.stalled):
+            reached = f"reached_goal is {flags.reached_goal} and stalled is {flags.stalled}"
+            self.say(f"a gripper goal ended as {handle.status.name}, but {reached}")
         if self.deceived(joint):
             return
         slack = OFF_SHARE * (client.limits.upper - client.limits.lower)
         off = abs(self._positions[-1] - handle.goal.position)
-        if handle.status is GoalStatus.SUCCEEDED and off > client.parameters.goal_tolerance + slack:
+        if succeeded and off > client.parameters.goal_tolerance + slack:
             self.say(f"a gripper goal succeeded although {joint} is {off:.4f} away from its goal")
         travel = max(self._positions) - min(self._positions)
-        if handle.state.stalled and travel > slack:
+        if flags.stalled and travel > slack:
             self.say(f"a gripper goal ended as stalled, but {joint} moved by {travel:.4f} in the last {STANDS_S} s")
