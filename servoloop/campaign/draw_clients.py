@@ -38,11 +38,13 @@ PAUSE_S: Final = 6.0
 """Longest time between two actions, in seconds. Goals without a result need this much time to end."""
 PAUSES: Final = (1.0, 1.0, 1.0)
 """Relative frequencies of short, medium and long pauses between two actions."""
-SOCKET_PAUSES: Final = (2.0, 2.0, 1.0)
+SOCKET_PAUSES: Final = (3.0, 2.0, 1.0)
 """The same frequencies for programs on the command socket, which perform many kinds of actions."""
 INTERRUPTED: Final = 0.8
 """Fraction of motions over the command socket that the client program interrupts."""
-INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "release")
+SETTLES_S: Final = 1.0
+"""Time in which an uninterrupted motion would come to rest and succeed, in seconds."""
+INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "release")
 """Ways in which the client program interrupts its motion."""
 OWN_TOLERANCES: Final = 0.3
 """Fraction of goals that have their own tolerances."""
@@ -90,8 +92,11 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         if isinstance(acts[-1], FollowWaypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
         if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
-            at_s = min(at_s + random.uniform(0.1, 0.7) * acts[-1].seconds, seconds)
-            acts.append(_interruption(random, acts[-1].connection, round(at_s, 3)))
+            moved, begun_s = acts[-1], at_s
+            at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)
+            acts.append(_interruption(random, moved.connection, round(at_s, 3)))
+            # Only a motion that would still be running or succeed shows whether the interruption is ignored.
+            at_s = random.choice([at_s, begun_s + moved.seconds, begun_s + moved.seconds + SETTLES_S])
         pauses = [random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)]
         at_s += random.choices(pauses, SOCKET_PAUSES if kind == "sockets" else PAUSES)[0]
     return tuple(acts)

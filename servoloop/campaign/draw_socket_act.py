@@ -15,7 +15,7 @@ from servoloop.simulation.acts import (
     SocketStream,
 )
 
-FIRST: Final = 0.7
+FIRST: Final = 0.8
 """Fraction of actions performed by the first program. The second program's requests for control of the arm are mostly
 denied."""
 REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end")
@@ -69,11 +69,11 @@ def _death(fields: dict[str, Any], random: Random) -> Act:
 TARGETED: Final = (_move, _stream, _stall)
 """Functions that draw an action that has a target."""
 DRAWS: Final[tuple[tuple[Callable[[dict[str, Any], Random], Act], float], ...]] = (
-    (_move, 0.3),
-    (_stream, 0.25),
-    (_nonsense, 0.1),
-    (_request, 0.15),
-    (_stall, 0.1),
-    (_death, 0.1),
+    (_move, 0.45),
+    (_stream, 0.2),
+    (_nonsense, 0.08),
+    (_request, 0.12),
+    (_stall, 0.08),
+    (_death, 0.07),
 )
 """Functions that draw the actions, each with its probability."""

@@ -95,10 +95,13 @@ class TrajectoriesWait(Invariant):
         return moved > TRAVELS_SHARE * limit.velocity * self.stack.loop.period_s
 
     def _begins(self, now_s: float) -> bool:
-        """Return whether the latest goal begins in this cycle, and is too young to begin without waiting."""
+        """Return whether the latest goal begins in this cycle, and is too young to begin without waiting.
+
+        A goal that was canceled before it began leaves the tracking of the previous goal.
+        """
         own = [logged for logged in self.stack.goals.goals if logged.controller == self.arm.name]
         begins, self._begun = len(own) > self._begun, len(own)
-        if not begins or own[-1].goal.from_topic:
+        if not begins or own[-1].goal.from_topic or own[-1].cancel_s is not None:
             return False
         return now_s - own[-1].sent_s < self.arm.parameters.wait_for_timeout - 2.0 * self.stack.loop.period_s
 
