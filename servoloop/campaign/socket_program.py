@@ -6,6 +6,7 @@ The program has neither a thread nor a socket.
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, Final
@@ -56,7 +57,10 @@ class SocketProgram:
         self.open = True
         self._served, self._stack, self._now = served, served.stack, served.requests.time.now
         self._session = Session(self.name, self, served.requests)
-        self._unread = bytearray()
+        self._unread = b""
+        """Beginning of a message that the stack has not sent completely."""
+        self._begun = b""
+        """Beginning of a message that the program has not sent completely."""
         self._numbers = count(1)
         self._goals: list[GoalHandle] = []
         """Goals that the program has sent to controllers."""
@@ -199,6 +203,8 @@ class SocketProgram:
 
     def _write(self, data: bytes) -> None:
         """Send bytes to the stack, which immediately processes complete messages."""
+        lines, self._begun = _complete(self._begun + data)
+        self._log.unanswered |= {(self.name, number): self._now() for number in _numbers(lines)}
         self._session.receive(data)
         self._serve()
 
@@ -221,11 +227,12 @@ class SocketProgram:
 
     def _read(self, goals: tuple[GoalHandle, ...] = ()) -> None:
         """Read all replies and events. The replies belong to messages that started ``goals``."""
-        lines, _, self._unread = self._unread.rpartition(b"\n")
-        messages = [json.loads(line) for line in filter(None, lines.split(b"\n"))]
+        lines, self._unread = _complete(self._unread)
+        messages = [json.loads(line) for line in lines]
         self._log.events += [(self.name, message) for message in messages if "event" in message]
         replies = [message for message in messages if "event" not in message]
         for reply in replies:
+            self._log.unanswered.pop((self.name, str(reply["id"])), None)
             self._judge(reply)
         started = [(kind, reply[kind]) for reply in replies for kind in ("motion", "goal") if kind in reply]
         if len(started) == 1 and goals:
@@ -250,3 +257,18 @@ class SocketProgram:
         loop = self._stack.loop
         held = dict(zip(joints_of(loop.hardware.command_interfaces), loop.within_limits.tolist(), strict=True))
         return {joint: positions.get(joint, held[joint]) for joint in self._stack.arm.joints}
+
+
+def _complete(data: bytes) -> tuple[list[bytes], bytes]:
+    """Split bytes into complete lines and the beginning of the next line."""
+    *lines, rest = data.split(b"\n")
+    return [line for line in lines if line], rest
+
+
+def _numbers(lines: Iterable[bytes]) -> Iterator[str]:
+    """Yield the ID of each message that has one."""
+    for line in lines:
+        with suppress(ValueError):
+            message = json.loads(line)
+            if isinstance(message, dict) and "id" in message:
+                yield str(message["id"])

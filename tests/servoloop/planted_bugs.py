@@ -666,3 +666,8 @@ def alarms_have_wrong_names(patch: pytest.MonkeyPatch) -> None:
         }
 
     patch.setattr(Bus, "receive", wrong)
+
+
+@detected_by("programs are informed")
+def messages_on_the_socket_are_not_answered(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Session, "serve", lambda session: 0.0)

@@ -207,6 +207,11 @@ class SuccessIsTrue(Invariant):
 
     name = "success is true"
 
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._before = stack.world.position()
+        """True positions in the previous cycle."""
+
     def on_state(self, state: JointState) -> None:
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
@@ -214,19 +219,23 @@ class SuccessIsTrue(Invariant):
                 for arm in self.stack.arms:
                     if arm.name == logged.controller and not _oscillates(arm.tracking):
                         self._examine_rest(arm.joints, state)
+        self._before = self.stack.world.position()
 
     def _examine_rest(self, joints: Sequence[str], state: JointState) -> None:
-        world = self.stack.world
+        """Check the velocities of an arm. A joint that was at the same position one cycle ago may oscillate faster than
+        the stack can measure."""
+        world, period_s = self.stack.world, self.stack.loop.period_s
         if min(map(self.stack.touches.since_s, joints)) < TOUCHED_S:
             return  # A joint that is released moves its neighbors.
-        velocity = dict(zip(world.joints, world.velocity().tolist(), strict=True))
+        mean = (world.position() - self._before) / period_s
+        speed = np.minimum(np.abs(world.velocity()), np.abs(mean))
+        speeds = dict(zip(world.joints, speed.tolist(), strict=True))
         for joint in joints:
             if joint in state.faults or self.deceived(joint):
                 continue
             self.examined += 1
-            share = abs(velocity[joint]) / self.stack.loop.limits[self.commanded.index(joint)].velocity
-            if share > RESTS_SHARE:
-                self.say(f"a goal succeeded while {joint} still moved at {velocity[joint]:.3f}")
+            if speeds[joint] > RESTS_SHARE * self.stack.loop.limits[self.commanded.index(joint)].velocity:
+                self.say(f"a goal succeeded while {joint} still moved at {speeds[joint]:.3f}")
 
     def _arrived(self, logged: LoggedGoal, state: JointState) -> None:
         tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal

@@ -16,11 +16,14 @@ RESULT_CYCLES: Final = 2
 """Maximum number of cycles until a program receives the result of a motion that has ended."""
 STATE_CYCLES: Final = 2
 """Maximum age of a state that a program receives, in cycles."""
+ANSWER_S: Final = 0.5
+"""Maximum time until the stack replies to a message, in seconds."""
 
 
 class ProgramsAreInformed(Invariant):
-    """A program on the command socket receives the true result of each motion promptly, the state of the latest cycle,
-    and an event when it has lost control of the arm.
+    """A program on the command socket promptly receives a reply to each message and the true result of each motion.
+
+    It also receives the state of the latest cycle, and an event when it has lost control of the arm.
     """
 
     name = "programs are informed"
@@ -43,6 +46,9 @@ class ProgramsAreInformed(Invariant):
                 self._examine_state(event)
             elif event["event"] in ("moved", "result"):
                 self._examine_result(program, event)
+        for (program, number), sent_s in self._log.unanswered.items():
+            if state.stamp_s - sent_s > ANSWER_S:
+                self.say(f"{program} receives no reply to its message {number}")
         self._examine_owner(clients.programs.owner)
         self._log.events.clear()
         self._log.released.clear()
