@@ -81,6 +81,7 @@ class SocketProgram:
             SocketDeath: self._die,
         }
         self._ask("watch", rate_hz=STATES_HZ)
+        self._log.watching.add(self.name)
 
     def send(self, data: bytes | bytearray) -> int:
         """Receive bytes from the stack; the session uses this method as its transport."""

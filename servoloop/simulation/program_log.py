@@ -19,11 +19,14 @@ class ProgramLog:
     """The goals of each motion that a connected program has started."""
     unanswered: dict[tuple[str, str], float] = field(default_factory=dict)
     """Time at which each unanswered message was sent, in seconds, keyed by its program and its ID."""
+    watching: set[str] = field(default_factory=set)
+    """Programs that receive states."""
     released: set[str] = field(default_factory=set)
     """Programs that have released control of the arm, or disconnected, since an invariant last cleared this set."""
 
     def hang_up(self, program: str) -> None:
         """Log that a program has disconnected."""
         self.released.add(program)
+        self.watching.discard(program)
         self.motions = {key: goals for key, goals in self.motions.items() if key[0] != program}
         self.unanswered = {key: sent_s for key, sent_s in self.unanswered.items() if key[0] != program}

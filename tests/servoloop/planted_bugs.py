@@ -671,3 +671,8 @@ def alarms_have_wrong_names(patch: pytest.MonkeyPatch) -> None:
 @detected_by("programs are informed")
 def messages_on_the_socket_are_not_answered(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Session, "serve", lambda session: 0.0)
+
+
+@detected_by("programs are informed")
+def states_are_not_sent_to_programs(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Session, "watch", lambda session, rate_hz: None)

@@ -16,6 +16,10 @@ RESULT_CYCLES: Final = 2
 """Maximum number of cycles until a program receives the result of a motion that has ended."""
 STATE_CYCLES: Final = 2
 """Maximum age of a state that a program receives, in cycles."""
+LATEST_STATE_S: Final = 0.1
+"""Time between two states that a program receives, in seconds."""
+LATE_CYCLES: Final = 3
+"""Number of cycles by which a state may be late."""
 ANSWER_S: Final = 0.5
 """Maximum time until the stack replies to a message, in seconds."""
 
@@ -35,6 +39,8 @@ class ProgramsAreInformed(Invariant):
         """States and commands of the latest cycles."""
         self._cycles = Counter[MotionKey]()
         """Number of cycles since the goals of each motion have ended."""
+        self._unseen = Counter[str]()
+        """Number of cycles since each program last received a state."""
         self._owner = ""
 
     def on_state(self, state: JointState) -> None:
@@ -42,6 +48,8 @@ class ProgramsAreInformed(Invariant):
         if clients is None or clients.programs is None:
             return
         for program, event in self._log.events:
+            if event["event"] == "state":
+                self._unseen[program] = 0
             if event["event"] == "state" and self._shown:
                 self._examine_state(event)
             elif event["event"] in ("moved", "result"):
@@ -49,6 +57,7 @@ class ProgramsAreInformed(Invariant):
         for (program, number), sent_s in self._log.unanswered.items():
             if state.stamp_s - sent_s > ANSWER_S:
                 self.say(f"{program} receives no reply to its message {number}")
+        self._examine_watch()
         self._examine_owner(clients.programs.owner)
         self._log.events.clear()
         self._log.released.clear()
@@ -58,6 +67,15 @@ class ProgramsAreInformed(Invariant):
                 self.say(f"{key[0]} does not receive the result of its {key[1]} {key[2]}")
         command = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
         self._shown.append((state, command))
+
+    def _examine_watch(self) -> None:
+        """Check that each program that watches the arm receives states at its rate."""
+        for program in self._log.watching:
+            self._unseen[program] += 1
+            if self._unseen[program] > LATEST_STATE_S / self.stack.loop.period_s + LATE_CYCLES:
+                self.say(f"{program} has received no state for {self._unseen[program]} cycles")
+        for program in self._unseen.keys() - self._log.watching:
+            del self._unseen[program]
 
     def _examine_state(self, event: Mapping[str, Any]) -> None:
         self.examined += 1
