@@ -18,7 +18,7 @@ from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, RuckigMotion, motion_to
 from controller.stops import DecelerationStops
-from controller.trajectory import active_goal, execution, goal_planner, joint_trajectory_controller, paths
+from controller.trajectory import active_goal, execution, goal_planner, goal_result, joint_trajectory_controller, paths
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
@@ -676,3 +676,15 @@ def messages_on_the_socket_are_not_answered(patch: pytest.MonkeyPatch) -> None:
 @detected_by("programs are informed")
 def states_are_not_sent_to_programs(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Session, "watch", lambda session, rate_hz: None)
+
+
+@detected_by("cancels are followed")
+def replaced_goals_end_as_canceled(patch: pytest.MonkeyPatch) -> None:
+    activate = GoalExecution._activate
+
+    def wrong(execution: GoalExecution, *entry: Any) -> ActiveGoal:
+        if execution.active:
+            execution.active.ending = GoalResult(GoalStatus.CANCELED, goal_result.ErrorCode.SUCCESSFUL, "")
+        return activate(execution, *entry)
+
+    patch.setattr(GoalExecution, "_activate", wrong)

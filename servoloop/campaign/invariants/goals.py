@@ -113,6 +113,8 @@ class GoalsEnd(Invariant):
 class CancelsAreFollowed(Invariant):
     """A canceled goal brakes and soon ends as canceled, with the joints at rest, unless it has already ended.
 
+    No other goal ends as canceled. Like in ros2_control, a goal that is replaced or deactivated ends as aborted.
+
     A program that has died no longer controls the arm.
     """
 
@@ -126,6 +128,9 @@ class CancelsAreFollowed(Invariant):
         for logged in (*self.stack.goals.open, *self.stack.ended_goals):
             if logged.cancel_s is not None and id(logged) not in self._done:
                 self._examine(logged, bool(state.faults))
+        for logged in self.stack.ended_goals:
+            if logged.handle.status is GoalStatus.CANCELED and logged.cancel_s is None:
+                self.say(f"a goal sent at {logged.sent_s:.2f} s ended as canceled, but no client canceled it")
         clients = self.stack.clients
         if clients is not None and clients.programs is not None and (owner := clients.programs.dead_owner):
             self.say(f"{owner} has died, but it still owns the motion")
