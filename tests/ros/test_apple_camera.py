@@ -61,10 +61,21 @@ class Heard:
             lambda: [m.status[0] for m in self.messages["/diagnostics"] if text in m.status[0].message], text
         )[0]
 
+    def of_one_image(self) -> tuple[Any, Any] | None:
+        """Return the grades and the poses of the same image. The first messages of a topic may be lost during
+        discovery."""
+        poses = {_stamp(message): message for message in self.messages["/sorting/perception/apple_poses"]}
+        arrays = self.messages["/sorting/perception/apple_quality"]
+        return next(((array, poses[_stamp(array)]) for array in arrays if _stamp(array) in poses), None)
+
     def close(self) -> None:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown()
+
+
+def _stamp(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 @pytest.fixture
@@ -112,11 +123,10 @@ def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
 def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folder: Path) -> None:
     with camera(folder, source="pictures"):
         heard.until(lambda: all(heard.messages.values()), "a message of each topic")
+        array, poses = heard.until(heard.of_one_image, "the grades and the poses of one image")
         report = heard.reported("2 apples in the image")
-    array = heard.messages["/sorting/perception/apple_quality"][0]
     assert sorted(apple.grade for apple in array.apples) == ["A", "B"]
-    poses = heard.messages["/sorting/perception/apple_poses"][0]
-    assert poses.header.frame_id == "base_link" and poses.header.stamp == array.header.stamp
+    assert poses.header.frame_id == "base_link"
     for apple, pose in zip(array.apples, poses.poses, strict=True):
         assert apple.diameter_mm == pytest.approx(60.0, abs=2.0)
         assert pose.position.y == pytest.approx(-0.06 if apple.grade == "A" else 0.06, abs=0.003)
