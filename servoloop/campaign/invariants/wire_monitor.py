@@ -131,8 +131,7 @@ class WireMonitor:
         if before is not None and abs(goal - before) > reach and not begins:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
         known = joint.name in self._limp and joint.name not in self.enabled
-        known_limp = known and abs(goal - position) > MEASURED_WITHIN_COUNTS
-        if limp and (known_limp or (self._activating() and not begins)):
+        if limp and (known or self._activating()) and not begins:
             self.broken.append(f"{joint.name}: limp at {position} but sent goal {goal}")
         readings = self._measured[joint.servo_id]
         if limp and self._activating() and goal != before and readings < CONFIRMING_READS:
