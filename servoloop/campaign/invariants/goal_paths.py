@@ -16,10 +16,10 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
-PASSES: Final = 0.03
+PASSES: Final = 0.04
 """Maximum distance at which a sampled reference counts as passing through a point, in rad or m.
 
-Paths cut corners by a few thousandths of a radian or meter.
+Paths cut corners by a few thousandths of a radian or meter, and a late cycle may skip a sample.
 """
 JOINED_S: Final = 0.3
 """Time after which a path that starts in motion must pass through the client's points, in seconds."""
@@ -46,6 +46,8 @@ FORWARDED_SHARE: Final = 0.01
 """Allowed distance from the commanded value, as a fraction of the joint's range."""
 FORWARDED_ACCELERATION: Final = 1.05
 """Allowed acceleration of a forward controller's command, as a multiple of the limit."""
+UPSET_S: Final = 3.0
+"""Duration after a controller's fault during which only the speed of its commands is limited, in seconds."""
 COMMANDS: Final = 3
 """Number of commands from which an acceleration is calculated."""
 STEADY: Final = 0.2
@@ -298,6 +300,8 @@ class ForwardedIsFollowed(Invariant):
         """Latest values sent to each forward controller."""
         self._commands: dict[str, deque[FloatArray]] = {}
         """Commands (k,) of each forward controller in the latest cycles, oldest first."""
+        self._upset_s: dict[str, float] = {}
+        """Time of the latest cycle in which each controller had a fault."""
 
     def on_state(self, state: JointState) -> None:
         for name, controller in self.stack.controllers.items():
@@ -305,6 +309,8 @@ class ForwardedIsFollowed(Invariant):
             if controller.takes_goals or controller.upsets or not running:
                 controller.forwarded = None
                 self._commands.pop(name, None)
+                if controller.upsets:
+                    self._upset_s[name] = state.stamp_s
                 continue
             joints = [interface.rpartition("/")[0] for interface in controller.command_interfaces]
             self._append(name, joints, state)
@@ -315,7 +321,8 @@ class ForwardedIsFollowed(Invariant):
                 self._sent[name] = _Forwarded(values, self._ways(name, joints, values))
             else:
                 sent.cycles += 1
-                self._examine_acceleration(name, joints)
+                if state.stamp_s - self._upset_s.get(name, -UPSET_S) >= UPSET_S:
+                    self._examine_acceleration(name, joints)
                 self._examine(joints, sent)
 
     def _append(self, name: str, joints: Sequence[str], state: JointState) -> None:

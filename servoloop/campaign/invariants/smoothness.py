@@ -20,10 +20,10 @@ STOP_JERK_SHARE: Final = 3.0
 """Allowed jerk of a stop or of a speed change on a path, as a multiple of the limit. The path's jerk adds to the jerk
 of braking."""
 RELIEF_SHARE: Final = 2.0
-"""Allowed acceleration at the end if joints are relieved, as a multiple of the limit. Commands lead the reference by
+"""Allowed acceleration if joints are relieved, as a multiple of the limit. Commands lead the reference by
 the servo lag."""
 COMMANDS_SHARE: Final = 1.05
-"""Allowed acceleration at the end if joints are not relieved, as a multiple of the limit.
+"""Allowed acceleration if joints are not relieved, as a multiple of the limit.
 
 A command applies to the end of its period.
 """
@@ -35,6 +35,8 @@ ROUNDING: Final = 1e-6
 """Increase of a command's change between two cycles that does not count, in rad or m."""
 UPSET_S: Final = 3.0
 """Duration after a controller's fault during which commands at the end are not checked, in seconds."""
+RELIEVED_S: Final = 0.5
+"""Duration after the relief of a deactivated controller during which its commands may still change, in seconds."""
 
 
 class SmoothReference(Invariant):
@@ -128,6 +130,8 @@ class SmoothEnd(Invariant):
         self._commands = deque[FloatArray](maxlen=3)
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
+        self._relieved_s = -math.inf
+        """Time of the latest cycle in which a deactivated controller relieved its joints."""
         park = stack.files.robot.file.park
         scale = park.velocity_scale if park is not None else 1.0
         self._park_step = scale * np.array([limit.velocity for limit in stack.loop.limits]) * stack.loop.period_s
@@ -137,6 +141,8 @@ class SmoothEnd(Invariant):
         now_s = self.stack.clock.now()
         if self.upset:
             self._upset_s = now_s
+        if any(entry.begun for entry in self.stack.manager.cycle.leaving.entries):
+            self._relieved_s = now_s
         if not self.active or now_s - self._upset_s < UPSET_S:
             self._commands.clear()
             return
@@ -154,7 +160,7 @@ class SmoothEnd(Invariant):
             change[np.logical_not(examined)] = 0.0
             worst = int((change / self._acceleration).argmax())
             parks = self.stack.ending and self.stack.control_stack.releases
-            relieved = self.stack.ending and not parks
+            relieved = (self.stack.ending and not parks) or now_s - self._relieved_s <= RELIEVED_S
             if change[worst] > (RELIEF_SHARE if relieved else COMMANDS_SHARE) * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
