@@ -9,6 +9,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import JointState
 from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.socket_program import STATES_HZ
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.program_log import MotionKey
 
@@ -16,8 +17,6 @@ RESULT_CYCLES: Final = 2
 """Maximum number of cycles until a program receives the result of a motion that has ended."""
 STATE_CYCLES: Final = 2
 """Maximum age of a state that a program receives, in cycles."""
-LATEST_STATE_S: Final = 0.1
-"""Time between two states that a program receives, in seconds."""
 LATE_CYCLES: Final = 3
 """Number of cycles by which a state may be late."""
 ANSWER_S: Final = 0.5
@@ -72,7 +71,7 @@ class ProgramsAreInformed(Invariant):
         """Check that each program that watches the arm receives states at its rate."""
         for program in self._log.watching:
             self._unseen[program] += 1
-            if self._unseen[program] > LATEST_STATE_S / self.stack.loop.period_s + LATE_CYCLES:
+            if self._unseen[program] > 1.0 / (STATES_HZ * self.stack.loop.period_s) + LATE_CYCLES:
                 self.say(f"{program} has received no state for {self._unseen[program]} cycles")
         for program in self._unseen.keys() - self._log.watching:
             del self._unseen[program]

@@ -34,7 +34,7 @@ FASTEST_PARKING: Final = 1.05
 ROUNDING: Final = 1e-6
 """Increase of a command's change between two cycles that does not count, in rad or m."""
 UPSET_S: Final = 3.0
-"""Duration after a controller's fault during which commands at the end are not checked, in seconds."""
+"""Duration after a controller's fault during which only the speed of commands is limited, in seconds."""
 RELIEVED_S: Final = 0.5
 """Duration after the relief of a deactivated controller during which its commands may still change, in seconds."""
 

@@ -9,8 +9,8 @@ from hal.types import JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
+from servoloop.campaign.invariants.forwarded import ForwardedIsFollowed
 from servoloop.campaign.invariants.goal_paths import (
-    ForwardedIsFollowed,
     PathIsAsSent,
     ReplacedGoalsEnd,
     StopsFollowPaths,
