@@ -186,7 +186,8 @@ class StopsFollowPaths(Invariant):
     """A goal that ends early brakes along its path: the reference stays on the path until it is at rest.
 
     Stops that begin while the path accelerates or ends are not examined, because the limits may not allow braking along
-    the path there. A stop for another goal is not examined either.
+    the path there. A stop for another goal is not examined either, nor a stop in the cycle in which the arm comes to
+    rest at its last command because no joint is measured.
     """
 
     name = "stops follow paths"
@@ -204,7 +205,8 @@ class StopsFollowPaths(Invariant):
     def on_state(self, state: JointState) -> None:
         before, now = self._before, self.arm.tracking
         self._before = now
-        if now is None or now.on_goal or not self.arm.parameters.constraints.decelerate_on_cancel:
+        silent = state.faults.keys() >= set(self.arm.joints)
+        if now is None or now.on_goal or silent or not self.arm.parameters.constraints.decelerate_on_cancel:
             self._curve = None
         elif before is not None and before.on_goal:
             self._curve = None if now.path is before.path or self._replaced(state) else self._rest_of(before)

@@ -176,7 +176,8 @@ class NothingPresses(Invariant):
 
     Relieving one joint may move another joint, which is then relieved next. After the relief, something else may push a
     joint away from its command, such as an external torque or the gripper. This distance does not count until a command
-    of the arm changes, because an arm without a goal keeps its commands.
+    of the arm changes, because an arm without a goal keeps its commands. While a joint is blocked outside its limits,
+    its command stays at the limit and cannot relieve the joint, which may also push its neighbors.
     """
 
     name = "nothing presses after the end"
@@ -224,7 +225,7 @@ class NothingPresses(Invariant):
             return
         true = self.true_positions()
         self._measure_distances(true)
-        if self.upset:
+        if self.upset or self._blocked_outside(state):
             self._forget()
             return
         last = ended[-1].handle
@@ -260,6 +261,15 @@ class NothingPresses(Invariant):
         before = self._least_off if self._commands_kept_s > RELIEF_OVER_S else {}
         off = {joint: self.off_command(joint, true[joint]) for joint in self._places}
         self._least_off = {joint: min(now, before.get(joint, now)) for joint, now in off.items()}
+
+    def _blocked_outside(self, state: JointState) -> bool:
+        """Return whether the position that a servo reports is outside the limits of its joint."""
+        positions = dict(zip(self.stack.loop.hardware.joints, state.position.tolist(), strict=True))
+        limits = {joint: self.stack.loop.limits[place] for joint, place in self._places.items()}
+        return any(
+            not limits[joint].lower - slack <= positions[joint] <= limits[joint].upper + slack
+            for joint, slack in self._allowed.items()
+        )
 
     def _forget(self) -> None:
         self._off_s.clear()
