@@ -150,5 +150,7 @@ class SafeCommands(Invariant):
                 continue
             if self.stack.touches.kinds(name) & SHARED_ID:
                 continue
-            if abs(taken[place] - true[name]) > TAKEN_OVER_S * self._velocity[place]:
+            endless = math.isinf(self._upper[place])
+            readings = [true[name]] if endless else self.readings(name, true[name])
+            if min(abs(taken[place] - one) for one in readings) > TAKEN_OVER_S * self._velocity[place]:
                 self.say(f"{name} is taken over at {taken[place]:.4f}, but it is at {true[name]:.4f}")

@@ -14,7 +14,6 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
-from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
@@ -95,7 +94,12 @@ class AbortsAreTrue(Invariant):
                 self.say(f"a goal was aborted ({text}), but every joint was measured")
 
     def _largest_deviation(self, joint: str) -> float:
-        return max((abs(wanted[joint] - true[joint]) for wanted, true, _ in self._history), default=math.inf)
+        off = (
+            abs(wanted[joint] - reading)
+            for wanted, true, _ in self._history
+            for reading in self.readings(joint, true[joint])
+        )
+        return max(off, default=math.inf)
 
 
 def _belongs(code: int, text: str) -> bool:
@@ -155,7 +159,6 @@ class DeviationEnds(Invariant):
         self._own_s = defaultdict[str, float](float)
         """Time that the reported position has been outside the goal's own tolerance, in seconds, keyed by joint
         name."""
-        self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
         arm, period_s = self.arm, self.stack.loop.period_s
@@ -193,9 +196,7 @@ class DeviationEnds(Invariant):
 
     def _deviation(self, joint: str, wanted: float, true: float) -> float:
         """Return the smallest distance between the reference and a position that the servo may report."""
-        known = self._reference.get(joint)
-        readings = [true] if known is None else known.readings(true, 0.0)
-        return min(abs(wanted - reading) for reading in readings)
+        return min(abs(wanted - reading) for reading in self.readings(joint, true))
 
 
 class SuccessIsTrue(Invariant):

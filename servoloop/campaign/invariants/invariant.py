@@ -10,6 +10,7 @@ from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
+from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 from servoloop.simulation.touches import touched_joints
@@ -78,6 +79,7 @@ class Invariant:
         """Joints of the trajectory controllers of all arms."""
         self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         """The joint that each command interface belongs to."""
+        self._files = read_reference(stack.files)
         place = stack.player.targets.place
         self.servos: dict[str, Any] = {joint.name: place(joint.servo_id, joint.bus).servo for joint in self.joints}
         """The virtual servo of each joint."""
@@ -118,8 +120,13 @@ class Invariant:
         A joint that is blocked outside its limits counts as at the limit, because its command cannot follow further.
         """
         place = self.commanded.index(joint)
-        limit = self.stack.loop.limits[place]
-        return abs(float(self.stack.loop.command[place]) - min(max(position, limit.lower), limit.upper))
+        command, limit = float(self.stack.loop.command[place]), self.stack.loop.limits[place]
+        return min(abs(command - min(max(one, limit.lower), limit.upper)) for one in self.readings(joint, position))
+
+    def readings(self, joint: str, position: float) -> list[float]:
+        """Return the positions that the servo of a joint may report when the joint is at a true position."""
+        known = self._files.get(joint)
+        return [position] if known is None else known.readings(position, 0.0)
 
     def end_of_goal(self, joint: str, position: float) -> float:
         """Return the joint position at which a goal ends.

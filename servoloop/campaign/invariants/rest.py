@@ -14,7 +14,6 @@ from hal.types import FloatArray, JointState
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
-from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
@@ -38,7 +37,7 @@ RELIEVED_AFTER_FAULT_S: Final = 3.0
 
 Such a goal reports its result without waiting for relief.
 """
-RELIEF_OVER_S: Final = 1.0
+RELIEF_OVER_S: Final = 0.5
 """Time without a change of any command after which the relief of the arm counts as complete, in seconds."""
 
 
@@ -82,7 +81,6 @@ class NothingTravels(Invariant):
         velocity = np.array([limit.velocity for limit in limits])
         self._brakes_s = float((velocity / self._acceleration + self._acceleration / self._jerk).max())
         """Maximum braking time of the joints, in seconds."""
-        self._reference = read_reference(stack.files)
         self._end: _End | None = None
         self._streamed = False
         """Whether a stream was driving the arm in the previous cycle."""
@@ -163,8 +161,7 @@ class NothingTravels(Invariant):
         """Return the lowest and the highest positions (2, n) that the servos may report for true positions (n,)."""
         ends = []
         for joint, true in zip(self.arm.joints, here.tolist(), strict=True):
-            known = self._reference.get(joint)
-            readings = [true] if known is None else known.readings(true, 0.0)
+            readings = self.readings(joint, true)
             if self.deceived(joint):
                 readings.append(float(state.position[self.stack.loop.hardware.joints.index(joint)]))
             ends.append((min(readings), max(readings)))
@@ -219,13 +216,9 @@ class NothingPresses(Invariant):
             return
         ended = [one for one in self.stack.goals.goals if one.controller == self.arm.name and one.ended_s]
         unwanted = bool(ended) and ended[-1].handle.status is not GoalStatus.SUCCEEDED
-        if self.open_goals or not unwanted or not self.active:
-            self._commands_kept_s = 0.0
-            self._forget()
-            return
         true = self.true_positions()
         self._measure_distances(true)
-        if self.upset or self._blocked_outside(state):
+        if self.open_goals or not unwanted or not self.active or self.upset or self._blocked_outside(state):
             self._forget()
             return
         last = ended[-1].handle

@@ -220,7 +220,7 @@ class GoalsMeanCommands(Invariant):
         far away is also skipped, because goals change at a limited speed.
         """
         known, goal = self._known.get(joint), self._last.get(joint)
-        inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD
+        inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD and not known.turned(true)
         ahead = known.apart(goal, true) if known is not None and inside and goal is not None else 0.0
         approaches = self._ahead.get(joint, ahead) - ahead > self._approach[joint]
         self._ahead[joint] = ahead
