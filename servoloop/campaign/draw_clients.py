@@ -46,6 +46,13 @@ SETTLES_S: Final = 1.0
 """Time in which an uninterrupted motion would come to rest and succeed, in seconds."""
 INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "release")
 """Ways in which the client program interrupts its motion."""
+DURING_HAND_MOTION: Final = 0.6
+"""Fraction of the hand's motions during which the client sends a goal for the arm. Such a goal waits for the hand."""
+HAND_MOVES_S: Final = 0.4
+"""Time after the start of a motion of the hand in which this goal is sent, in seconds."""
+CANCELED_SOON: Final = 0.2
+"""Fraction of goals for the arm that are canceled soon after they were sent. Half of these cancels follow at once, and
+half while the goal may still wait for the hand."""
 OWN_TOLERANCES: Final = 0.3
 """Fraction of goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
@@ -91,6 +98,13 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
         if isinstance(acts[-1], FollowWaypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
+        if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
+            at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
+            acts.append(_arm_goal(random, joints, round(at_s, 3)))
+        if isinstance(acts[-1], Move | FollowWaypoints) and random.random() < CANCELED_SOON:
+            soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
+            at_s = min(acts[-1].at_s + soon_s, seconds)
+            acts.append(Cancel(at_s=round(at_s, 3)))
         if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
             moved, begun_s = acts[-1], at_s
             at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)
@@ -145,14 +159,18 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
         return Cancel(at_s=at_s)
     if draw < 0.35 and hand:
         return MoveHand(at_s=at_s, share=round(random.random(), 3))
-    if draw < 0.55:
+    return _arm_goal(random, joints, at_s)
+
+
+def _arm_goal(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> FollowWaypoints | Move:
+    if random.random() < 0.3:
         return _waypoints(random, joints, at_s)
     tolerance = round(log_uniform(random, *TOLERANCES), 3) if random.random() < OWN_TOLERANCES else 0.0
     positions, seconds = _positions(random, joints), round(random.uniform(0.3, 3.0), 2)
     return Move(at_s=at_s, positions=positions, seconds=seconds, tolerance=tolerance)
 
 
-def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> Act:
+def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> FollowWaypoints:
     """Draw up to four points for joints in any order, mostly near zero. Some goals have a stamp in the future."""
     mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
     anywhere = random.random() < 0.1

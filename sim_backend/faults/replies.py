@@ -15,6 +15,8 @@ from sim_backend.packets.faults import LONGEST_NOISE
 
 SEVERAL_CYCLES: Final = 0.7
 """Fraction of the drawn late replies that are late by several cycles."""
+LOOSE: Final = 0.5
+"""Fraction of the drawn lost replies that are isolated and last for several seconds, as with a loose connector."""
 
 
 class _OnTheWire(Replies):
@@ -54,6 +56,13 @@ class LostReplies(_OnTheWire):
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
         return b""
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        parameters = super().draw_parameters(random, there)
+        if random.random() >= LOOSE:
+            return parameters
+        return {**parameters, "chance": log_uniform(random, 0.1, 0.5), "for_s": log_uniform(random, 1.0, 6.0)}
 
 
 class TruncatedReplies(_OnTheWire):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -19,11 +20,12 @@ from controller.loop import ControlLoop
 from controller.motion import Kinematics, RuckigMotion, motion_to
 from controller.stops import DecelerationStops
 from controller.trajectory import active_goal, execution, goal_planner, goal_result, joint_trajectory_controller, paths
-from controller.trajectory.active_goal import ActiveGoal
+from controller.trajectory.active_goal import ActiveGoal, Cycle
 from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.paths import Joined
 from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.standstill import Standstill
@@ -46,7 +48,7 @@ from hal.servos.servo_states import ServoStates
 from hal.servos.soft_torque import SoftTorque
 from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointFault, JointLimits, JointState
 from servoloop.api.backend import ArmState
 from servoloop.api.stack_backend import StackBackend
 from servoloop.api.stream_gate import StreamGate
@@ -688,3 +690,43 @@ def replaced_goals_end_as_canceled(patch: pytest.MonkeyPatch) -> None:
         return activate(execution, *entry)
 
     patch.setattr(GoalExecution, "_activate", wrong)
+
+
+@detected_by("safe commands")
+def controllers_start_where_the_joints_were_still_moving(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(DecelerationStops, "ends", lambda stops, command: command)
+
+
+@detected_by("replaced goals end", "cancels are followed")
+def canceled_goals_do_not_replace_older_goals(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GoalExecution, "_replace_by", lambda execution, handle, now: None)
+
+
+@detected_by("aborts are true")
+def isolated_faults_add_up(patch: pytest.MonkeyPatch) -> None:
+    lasting = FaultTimeout.lasting
+
+    def wrong(timeout: FaultTimeout, faults: Mapping[str, JointFault], period_s: float) -> str | None:
+        before = timeout.cycles
+        found = lasting(timeout, faults, period_s)
+        timeout.cycles = before | timeout.cycles
+        return found
+
+    patch.setattr(FaultTimeout, "lasting", wrong)
+
+
+@detected_by("path is as sent")
+def time_spent_waiting_counts_as_time_on_the_path(patch: pytest.MonkeyPatch) -> None:
+    begin = GoalExecution._begin
+
+    def wrong(execution: GoalExecution, active: ActiveGoal, now: Cycle) -> None:
+        join, waited_s = active.plan.join, active.waited_s
+        active.plan = SimpleNamespace(join=lambda reference, _: join(reference, waited_s))
+        begin(execution, active, now)
+
+    patch.setattr(GoalExecution, "_begin", wrong)
+
+
+@detected_by("path is as sent", "every goal ends")
+def goals_sent_during_a_motion_take_longer(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Joined, "duration_s", property(lambda path: path.first.duration_s + path.rest.duration_s))

@@ -31,6 +31,8 @@ On a bus with many errors, the torque of such servos is read less often.
 """
 SHARED_ID: Final = frozenset({"wrong_id", "collision", "eeprom_gone"})
 """Faults after which another servo may have replied instead of a servo that had lost its torque."""
+STARTS: Final = 0.04
+"""Largest change of a command in the first cycle of a controller, in rad or m."""
 LEAP_COUNTS: Final = 300
 """Minimum difference between two position readings, in counts, at which the stack must discard both."""
 
@@ -88,9 +90,9 @@ class SafeCommands(Invariant):
     """Commands after the safety gate are finite, within the limits, and change by at most the velocity limit times the
     period.
 
-    The layers below the gate also check some of these conditions, but the conditions must hold without these checks.
-    After an activation, each joint starts at its position in the simulated world. The state of a joint without a fault
-    is finite.
+    The safety gate does not change a command that satisfies these conditions. The layers below the gate also check some
+    of these conditions, but the conditions must hold without these checks. After an activation, each joint starts at
+    its position in the simulated world. The state of a joint without a fault is finite.
     """
 
     name = "safe commands"
@@ -103,9 +105,14 @@ class SafeCommands(Invariant):
         self._velocity = np.array([one.velocity for one in limits])
         self._by_name = {joint.name: joint for joint in self.joints}
         self._released: set[str] = set()
+        self._running: set[str] = set()
+        """Names of the controllers that drove their joints in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         self._released = self.released(state)
+        for arm in self.stack.arms:
+            self._examine_gate(arm, state.stamp_s)
+        self._examine_starts()
         if self.active and not math.isfinite(self.stack.loop.command.sum()):
             for name, command in zip(self.commanded, self.stack.loop.command.tolist(), strict=True):
                 if not math.isfinite(command) and name not in state.faults:
@@ -137,6 +144,30 @@ class SafeCommands(Invariant):
         reach = np.where(was_outside > ROUNDING, RETURN_SHARE * reach, reach)
         if (np.abs(command - before) > reach + ROUNDING).any():
             self.say(f"commands jump in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
+
+    def _examine_gate(self, arm: JointTrajectoryController, stamp_s: float) -> None:
+        """Check that the safety gate does not change a command that is within the limits and can be reached."""
+        if arm.tracking is None or arm.tracking.stamp_s != stamp_s or self.upset:
+            return
+        loop, wanted = self.stack.loop, arm.tracking.output
+        place = [self.commanded.index(joint) for joint in arm.joints]
+        before, command = loop.previous_command[place], loop.command[place]
+        lower, upper = self._lower[place], self._upper[place]
+        safe = (lower <= before) & (before <= upper) & (lower <= wanted) & (wanted <= upper)
+        safe &= np.abs(wanted - before) <= self._velocity[place] * loop.period_s
+        for at in np.flatnonzero(safe & ~(np.abs(command - wanted) <= ROUNDING)).tolist():
+            self.say(f"the command of {arm.joints[at]} is {wanted[at]:.4f}, but the gate passes {command[at]:.4f}")
+
+    def _examine_starts(self) -> None:
+        """Check that a controller starts where the joints of the previous controller have stopped."""
+        loop, manager, before = self.stack.loop, self.stack.manager, self._running
+        entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
+        self._running = set(entries)
+        for name in entries.keys() - before if self.active and not self.upset else ():
+            place, command = np.array(entries[name].index, dtype=np.intp), entries[name].controller.command
+            for at in np.flatnonzero(np.abs(command - loop.previous_command[place]) > STARTS).tolist():
+                joint, last = self.commanded[place[at]], loop.previous_command[place[at]]
+                self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last:.4f}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true, hardware = self.true_positions(), self.stack.loop.hardware

@@ -9,7 +9,7 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
-from hal.types import FloatArray, JointState
+from hal.types import FloatArray, JointLimits, JointState
 from servoloop.campaign.invariants.goals import at_most_s
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -43,6 +43,8 @@ CURVE_S: Final = 0.01
 """Time between two samples of a path, in seconds."""
 OFF_CURVE: Final = 0.0005
 """Maximum distance of a stopping reference from its sampled path, in rad or m."""
+BEGUN_CYCLES: Final = 3
+"""Number of cycles after which a path certainly belongs to the newest goal."""
 REPLACED_CYCLES: Final = 2
 """Maximum number of cycles until a replaced goal ends."""
 
@@ -56,15 +58,13 @@ class _Path:
     """Reference speeds (n,) just before the path began."""
     references: list[FloatArray] = field(default_factory=list)
     """Reference positions (n,) in each cycle."""
-    duration_s: float = 0.0
-    """Planned duration."""
 
 
 class PathIsAsSent(Invariant):
     """The path of a successful goal passes through all points of the client, and no path ends before their scheduled
     times.
 
-    The path to a single point makes no detour, and takes no longer than the client asked or the limits require.
+    A path takes no longer than the client asked or the limits require. The path to a single point makes no detour.
     """
 
     name = "path is as sent"
@@ -88,8 +88,8 @@ class PathIsAsSent(Invariant):
                     begun = _Path(state.stamp_s - tracking.elapsed_s, self._speed)
                     path = self._paths.setdefault(id(logged), begun)
                     path.references.append(tracking.reference.position)
-                    if tracking.on_goal:
-                        path.duration_s = tracking.path.duration_s
+                    if tracking.on_goal and len(path.references) == BEGUN_CYCLES and logged is self._newest():
+                        self._examine_duration(logged, path, tracking.path.duration_s)
                     self._examine_end(logged, path.references)
         for logged in self.stack.ended_goals:
             ended = self._paths.pop(id(logged), None)
@@ -99,6 +99,10 @@ class PathIsAsSent(Invariant):
         self._speed = self._at_rest
         if tracking is not None:
             self._speed = np.abs(tracking.reference.velocity) + GAINS_S * np.abs(tracking.reference.acceleration)
+
+    def _newest(self) -> LoggedGoal | None:
+        """Return the newest unfinished goal of the arm."""
+        return next((one for one in reversed(self.stack.goals.open) if one.controller == self.arm.name), None)
 
     def _examine_success(self, logged: LoggedGoal, path: _Path | None) -> None:
         if path is None:
@@ -124,7 +128,8 @@ class PathIsAsSent(Invariant):
 
     def _examine(self, logged: LoggedGoal, path: FloatArray, begun_s: float) -> None:
         goal, period_s = logged.goal, self.stack.loop.period_s
-        start_s = logged.sent_s + goal.delay_s
+        # A goal with a stamp begins at this time. Any other goal may first wait for other controllers.
+        start_s = logged.sent_s + goal.delay_s if goal.delay_s else begun_s
         early_s = start_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
         if early_s > EARLY_CYCLES * period_s:
             self.say(
@@ -146,29 +151,42 @@ class PathIsAsSent(Invariant):
             before += int(np.flatnonzero(off <= PASSES)[0])
 
     def _examine_way(self, logged: LoggedGoal, path: _Path) -> None:
-        """Check that a path to one point stays between its start and the point, and that it is not slow.
+        """Check that a path to one point stays between its start and the point.
 
-        A path that starts in motion first brakes, which takes time and leads further.
+        A path that starts in motion first brakes, which leads further.
         """
-        goal, needs_s, references = logged.goal, 0.0, np.array(path.references)
+        goal, references = logged.goal, np.array(path.references)
         wanted = dict(zip(goal.joints, goal.points[0].positions, strict=True))
         for place, joint in enumerate(self.arm.joints):
-            if joint not in self._bounded:
+            if joint not in self._bounded or joint not in wanted:
                 continue
             limit, way = self._limits[joint], references[:, place]
-            brakes_s = 0.0
-            if path.speeds[place] > STANDS:
-                brakes_s = path.speeds[place] / limit.acceleration + 2.0 * limit.acceleration / limit.jerk
-            slack = DETOUR + limit.acceleration * brakes_s**2
-            end = self.end_of_goal(joint, wanted.get(joint, way[0]))
-            if joint in wanted and not min(way[0], end) - slack <= way.min() <= way.max() <= max(way[0], end) + slack:
+            slack = DETOUR + limit.acceleration * _brakes_s(path.speeds[place], limit) ** 2
+            end = self.end_of_goal(joint, wanted[joint])
+            if not min(way[0], end) - slack <= way.min() <= way.max() <= max(way[0], end) + slack:
                 off = f"from {way.min():.3f} to {way.max():.3f}"
                 self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path leads {off}")
-            needs_s = max(needs_s, 2.0 * brakes_s + at_most_s(abs(end - way[0]), limit))
-        asked_s = goal.delay_s + goal.points[0].time_from_start_s
-        if path.duration_s > max(asked_s, needs_s) + SLOW_S:
+
+    def _examine_duration(self, logged: LoggedGoal, path: _Path, duration_s: float) -> None:
+        """Check that a path is not slow. The joints can always stop at each point, after they have braked."""
+        self.examined += 1
+        goal, here = logged.goal, dict(zip(self.arm.joints, path.references[0].tolist(), strict=True))
+        limits = [self._limits[joint] for joint in self.arm.joints]
+        needs_s = 2.0 * max(_brakes_s(speed, limit) for speed, limit in zip(path.speeds, limits, strict=True))
+        for point in goal.points:
+            there = dict(zip(goal.joints, point.positions, strict=True))
+            ends = {joint: self.end_of_goal(joint, end) for joint, end in there.items()}
+            needs_s += max(at_most_s(abs(end - here[joint]), self._limits[joint]) for joint, end in ends.items())
+            here |= ends
+        asked_s = goal.delay_s + goal.points[-1].time_from_start_s
+        if duration_s > max(asked_s, needs_s) + SLOW_S:
             asked = f"for {asked_s:.2f} s, and the limits require {needs_s:.2f} s"
-            self.say(f"the path of a goal takes {path.duration_s:.2f} s, but its client asked {asked}")
+            self.say(f"the path of a goal takes {duration_s:.2f} s, but its client asked {asked}")
+
+
+def _brakes_s(speed: float, limit: JointLimits) -> float:
+    """Return the time (s) in which a joint comes to rest."""
+    return speed / limit.acceleration + 2.0 * limit.acceleration / limit.jerk if speed > STANDS else 0.0
 
 
 def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
@@ -251,10 +269,11 @@ class ReplacedGoalsEnd(Invariant):
         self._cycles = 0
 
     def on_state(self, state: JointState) -> None:
-        goals = [logged for logged in self.stack.goals.open if logged.controller == self.arm.name]
-        self.examined += bool(goals) and bool(self.stack.ended_goals)
+        newest = next((one for one in reversed(self.stack.goals.goals) if one.controller == self.arm.name), None)
+        goals = [one for one in self.stack.goals.open if one.controller == self.arm.name and one is not newest]
+        self.examined += bool(newest) and bool(self.stack.ended_goals)
         manager = self.stack.manager
         takes = manager.cycle.at_rest(manager.registry.loaded[self.arm.name].index)
-        self._cycles = self._cycles + 1 if len(goals) > 1 and takes else 0
+        self._cycles = self._cycles + 1 if goals and takes else 0
         if self._cycles > REPLACED_CYCLES:
-            self.say(f"{len(goals)} goals of {self.arm.name} continue at the same time")
+            self.say(f"a goal of {self.arm.name} continues, although a newer goal was accepted")

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -41,6 +41,8 @@ OSCILLATES_S: Final = 0.9
 """Time after the end of a path from which a goal may succeed although its joints move, in seconds."""
 TOUCHED_S: Final = 1.0
 """Time after a fault of a joint during which the joints of the arm may move, in seconds."""
+ABORTS_CYCLES: Final = 7
+"""Minimum number of consecutive cycles without a measurement after which a goal is aborted."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal in which to search for a deviation.
 
@@ -90,8 +92,16 @@ class AbortsAreTrue(Invariant):
                 )
         elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
             self.examined += 1
-            if not any(faults for _, _, faults in self._history):
-                self.say(f"a goal was aborted ({text}), but every joint was measured")
+            if (cycles := self._cycles_unmeasured()) < ABORTS_CYCLES:
+                self.say(f"a goal was aborted ({text}), but no joint was unmeasured for more than {cycles} cycles")
+
+    def _cycles_unmeasured(self) -> int:
+        """Return the largest number of consecutive cycles in which a joint of the arm was not measured."""
+        most, cycles = 0, Counter[str]()
+        for _, _, faults in self._history:
+            cycles = Counter({joint: cycles[joint] + 1 for joint in faults if joint in self.arm.joints})
+            most = max(most, *cycles.values()) if cycles else most
+        return most
 
     def _largest_deviation(self, joint: str) -> float:
         off = (

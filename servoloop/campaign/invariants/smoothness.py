@@ -116,9 +116,10 @@ class SmoothEnd(Invariant):
     A joint that has lost its controller also stops within its acceleration limit.
 
     Commands are not checked after a faulty controller has made them jump, because only their speed is limited. Commands
-    of limp joints are not checked either, because they follow the falling joints. A command leads its reference by the
-    servo lag. A command at a joint limit is not checked, because it stays at the limit while the reference is still
-    braking before the limit.
+    of limp joints are not checked either, because they follow the falling joints. While no joint of the arm is
+    measured, a relief waits at its last commands, where the servos come to rest by themselves. A command leads its
+    reference by the servo lag. A command at a joint limit is not checked, because it stays at the limit while the
+    reference is still braking before the limit.
     """
 
     name = "smooth end"
@@ -143,7 +144,7 @@ class SmoothEnd(Invariant):
             self._upset_s = now_s
         if any(entry.begun for entry in self.stack.manager.cycle.leaving.entries):
             self._relieved_s = now_s
-        if not self.active or now_s - self._upset_s < UPSET_S:
+        if not self.active or now_s - self._upset_s < UPSET_S or self._waits():
             self._commands.clear()
             return
         if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
@@ -166,6 +167,11 @@ class SmoothEnd(Invariant):
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
             if parks:
                 self._examine_speed()
+
+    def _waits(self) -> bool:
+        """Return whether no joint of an arm is measured."""
+        seen = self.stack.manager.cycle.seen
+        return seen is not None and any(seen.faults.keys() >= set(arm.joints) for arm in self.stack.arms)
 
     def _examine_speed(self) -> None:
         """Check that no command changes faster than in a parking motion, unless it slows down."""
