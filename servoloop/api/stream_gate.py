@@ -8,7 +8,6 @@ from controller.errors import ManagerError
 from controller.forward.commands import ForwardParameters
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.manager.switch import SwitchRequest
-from hal.types import joints_of
 from servoloop.api.errors import ArmBusyError, StreamEndedError
 from servoloop.stack.control_stack import ControlStack
 
@@ -116,9 +115,11 @@ class StreamGate:
         if STREAM not in loop.manager.registry.loaded:
             self._load()
         self._takeover.take()
-        names = joints_of(loop.hardware.command_interfaces)
-        commanded = dict(zip(names, loop.within_limits.tolist(), strict=True))
-        self._targets = {joint: commanded[joint] for joint in self._joints}
+        # The controller starts where joints that are still moving will come to rest.
+        assert self._controller is not None, "the controller is loaded before it takes over"
+        starts = zip(self._controller.joints, self._controller.command.tolist(), strict=True)
+        limits = self._stack.context.limits
+        self._targets = {joint: min(max(at, limits[joint].lower), limits[joint].upper) for joint, at in starts}
         self._max_age_s, self._last_s = max_age_s, loop.clock.now()
         self.open = True
 

@@ -143,6 +143,7 @@ class SocketProgram:
         self._ask("take")
         if act.op == "targets":
             self._ask("stream", max_age_s=STREAM_AGE_S)
+            self._stack.program_log.streamed.clear()
         self._stream = self._targets(act)
 
     def _targets(self, act: SocketStream) -> Iterator[None]:
@@ -152,6 +153,7 @@ class SocketProgram:
             share = 1.0 if act.leaps else passed_s / act.for_s
             targets = {joint: start[joint] + share * (at - start[joint]) for joint, at in act.positions.items()}
             if act.op == "targets":
+                self._stack.program_log.streamed |= targets.keys()
                 self._ask("targets", positions=targets, sent_s=now())
             else:
                 values = list((start | targets).values())

@@ -19,6 +19,8 @@ class ProgramLog:
     """The goals of each motion that a connected program has started."""
     unanswered: dict[tuple[str, str], float] = field(default_factory=dict)
     """Time at which each unanswered message was sent, in seconds, keyed by its program and its ID."""
+    streamed: set[str] = field(default_factory=set)
+    """Joints that the targets of the latest stream have named."""
     watching: set[str] = field(default_factory=set)
     """Programs that receive states."""
     released: set[str] = field(default_factory=set)

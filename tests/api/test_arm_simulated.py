@@ -112,6 +112,16 @@ def test_a_joint_that_a_stream_pressed_against_an_obstacle_is_relieved_after_its
     assert loaded.state.command[PAN] == pytest.approx(loaded.state.position[PAN], abs=0.1)
 
 
+def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: LoadedArm) -> None:
+    with loaded.stream(max_age=1.0) as stream:
+        stream.send({PAN: 1.5})
+        loaded.sleep(0.3)
+    with loaded.stream(max_age=2.0) as stream:
+        stream.send({ELBOW: loaded.state.command[ELBOW]})
+        commands = [loaded.step().command[PAN] for _ in range(20)]
+    assert commands == sorted(commands) and commands[-1] > commands[0] + 0.01
+
+
 def test_a_streamed_target_is_commanded_in_the_next_cycle(loaded: LoadedArm) -> None:
     with loaded.stream() as stream:
         before = loaded.step().command[PAN]

@@ -164,7 +164,8 @@ class SafeCommands(Invariant):
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
         for name in entries.keys() - before if self.active and not self.upset else ():
-            place, command = np.array(entries[name].index, dtype=np.intp), entries[name].controller.command
+            place = np.array(entries[name].index, dtype=np.intp)
+            command = np.clip(entries[name].controller.command, self._lower[place], self._upper[place])
             for at in np.flatnonzero(np.abs(command - loop.previous_command[place]) > STARTS).tolist():
                 joint, last = self.commanded[place[at]], loop.previous_command[place[at]]
                 self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last:.4f}")

@@ -17,6 +17,8 @@ FAULT_ENDS_S: Final = 1.0
 """Maximum time until a goal ends if its joint is not measured, in seconds."""
 ANSWER_CYCLES: Final = 2
 """Maximum number of cycles until a canceled or replaced goal ends."""
+EARLY_CYCLES: Final = 2
+"""Number of cycles by which a goal may end as stalled before its stall timeout."""
 OFF_SHARE: Final = 0.03
 """Deviation allowed in addition to the goal tolerance, as a fraction of the joint's range, because of backlash."""
 CREEP_SHARE: Final = 0.05
@@ -134,6 +136,9 @@ class GripsAreFollowed(Invariant):
         off = abs(self._positions[-1] - handle.goal.position)
         if succeeded and off > client.parameters.goal_tolerance + slack:
             self.say(f"a gripper goal succeeded although {joint} is {off:.4f} away from its goal")
+        lasted_s = self.stack.clock.now() - logged.sent_s
+        if flags.stalled and lasted_s < client.parameters.stall_timeout - EARLY_CYCLES * self.stack.loop.period_s:
+            self.say(f"a gripper goal ended as stalled {lasted_s:.2f} s after it was sent")
         travel = max(self._positions) - min(self._positions)
         if flags.stalled and travel > slack:
             self.say(f"a gripper goal ended as stalled, but {joint} moved by {travel:.4f} in the last {STANDS_S} s")

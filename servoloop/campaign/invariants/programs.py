@@ -1,4 +1,4 @@
-"""Invariant on the messages to programs on the command socket."""
+"""Invariants on programs on the command socket: the messages that they receive, and their streams."""
 
 import math
 from collections import Counter, deque
@@ -8,6 +8,7 @@ from typing import Any, Final
 from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import JointState
+from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.socket_program import STATES_HZ
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -21,6 +22,8 @@ LATE_CYCLES: Final = 3
 """Number of cycles by which a state may be late."""
 ANSWER_S: Final = 0.5
 """Maximum time until the stack replies to a message, in seconds."""
+KEPT: Final = 1e-3
+"""Maximum change of the command of a joint that a stream does not name, in rad or m."""
 
 
 class ProgramsAreInformed(Invariant):
@@ -122,3 +125,35 @@ class ProgramsAreInformed(Invariant):
         self.examined += 1
         if not any(program == former and event["event"] == "lost" for program, event in self._log.events):
             self.say(f"{former} is not informed that it has lost control of the arm")
+
+
+class StreamsAreFollowed(Invariant):
+    """A stream over the command socket moves only the joints that its targets name.
+
+    The other joints keep their commands, unless they have a fault or return to their limits.
+    """
+
+    name = "streams are followed"
+    promised = False
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._kept: dict[str, float] = {}
+        """Commands of the joints that the stream has not named, when it began to drive the arm."""
+
+    def on_state(self, state: JointState) -> None:
+        manager, loop = self.stack.manager, self.stack.loop
+        entry = manager.registry.loaded.get(STREAM)
+        drives = self.active and entry is not None and entry.active and manager.cycle.at_rest(entry.index)
+        if not drives or self.upset:
+            self._kept.clear()
+            return
+        for joint, command, limit in zip(self.commanded, loop.command.tolist(), loop.limits, strict=True):
+            kept = self._kept.setdefault(joint, command)
+            moves = joint in self.stack.program_log.streamed or joint in state.faults
+            if moves or not limit.lower <= kept <= limit.upper:
+                del self._kept[joint]
+                continue
+            self.examined += 1
+            if abs(command - kept) > KEPT:
+                self.say(f"a stream moves {joint} from {kept:.4f} to {command:.4f}, but no target names this joint")

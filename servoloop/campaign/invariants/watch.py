@@ -21,7 +21,7 @@ from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.presses import LongPressesAreReduced
-from servoloop.campaign.invariants.programs import ProgramsAreInformed
+from servoloop.campaign.invariants.programs import ProgramsAreInformed, StreamsAreFollowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
@@ -56,6 +56,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     FeedbackIsTrue,
     GoalsAreJudged,
     ProgramsAreInformed,
+    StreamsAreFollowed,
     GripsAreFollowed,
     NothingTravels,
     NothingPresses,
