@@ -143,7 +143,6 @@ class SocketProgram:
         self._ask("take")
         if act.op == "targets":
             self._ask("stream", max_age_s=STREAM_AGE_S)
-            self._stack.program_log.streamed.clear()
         self._stream = self._targets(act)
 
     def _targets(self, act: SocketStream) -> Iterator[None]:
@@ -153,7 +152,7 @@ class SocketProgram:
             share = 1.0 if act.leaps else passed_s / act.for_s
             targets = {joint: start[joint] + share * (at - start[joint]) for joint, at in act.positions.items()}
             if act.op == "targets":
-                self._stack.program_log.streamed |= targets.keys()
+                self._log.streamed |= targets.keys()
                 self._ask("targets", positions=targets, sent_s=now())
             else:
                 values = list((start | targets).values())
@@ -250,6 +249,8 @@ class SocketProgram:
             self._stack.stack_faults.answers.append(None if error is None else error["text"])
         elif error is None and number.startswith(("stream-", "targets-")):
             self._served.last_target_s = self._now()
+            if number.startswith("stream-"):
+                self._log.streamed.clear()
         elif "motion" in reply:
             self._running = {"op": "cancel_move", "motion": reply["motion"]}
         elif "goal" in reply:

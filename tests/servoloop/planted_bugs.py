@@ -730,3 +730,26 @@ def time_spent_waiting_counts_as_time_on_the_path(patch: pytest.MonkeyPatch) -> 
 @detected_by("path is as sent", "every goal ends")
 def goals_sent_during_a_motion_take_longer(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Joined, "duration_s", property(lambda path: path.first.duration_s + path.rest.duration_s))
+
+
+@detected_by("streams are followed")
+def streams_keep_the_targets_of_earlier_streams(patch: pytest.MonkeyPatch) -> None:
+    begin = StreamGate._begin
+
+    def wrong(gate: StreamGate, max_age_s: float) -> None:
+        before = gate._targets
+        begin(gate, max_age_s)
+        gate._targets |= before
+
+    patch.setattr(StreamGate, "_begin", wrong)
+
+
+@detected_by("gripper goals are followed")
+def gripper_goals_stall_at_once(patch: pytest.MonkeyPatch) -> None:
+    start = GripperActionController._start
+
+    def wrong(controller: GripperActionController, *more: Any) -> None:
+        start(controller, *more)
+        controller._still_s = controller.parameters.stall_timeout
+
+    patch.setattr(GripperActionController, "_start", wrong)
