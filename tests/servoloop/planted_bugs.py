@@ -733,13 +733,12 @@ def goals_sent_during_a_motion_take_longer(patch: pytest.MonkeyPatch) -> None:
 
 
 @detected_by("streams are followed")
-def streams_keep_the_targets_of_earlier_streams(patch: pytest.MonkeyPatch) -> None:
+def streams_move_joints_that_they_do_not_name(patch: pytest.MonkeyPatch) -> None:
     begin = StreamGate._begin
 
     def wrong(gate: StreamGate, max_age_s: float) -> None:
-        before = gate._targets
         begin(gate, max_age_s)
-        gate._targets |= before
+        gate._targets = {joint: 0.9 * at for joint, at in gate._targets.items()}
 
     patch.setattr(StreamGate, "_begin", wrong)
 
