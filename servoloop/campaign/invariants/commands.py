@@ -163,12 +163,13 @@ class SafeCommands(Invariant):
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
-        for name in entries.keys() - before if self.active and not self.upset else ():
+        for name in sorted(entries.keys() - before) if self.active and not self.upset else ():
             place = np.array(entries[name].index, dtype=np.intp)
-            command = np.clip(entries[name].controller.command, self._lower[place], self._upper[place])
-            for at in np.flatnonzero(np.abs(command - loop.previous_command[place]) > STARTS).tolist():
-                joint, last = self.commanded[place[at]], loop.previous_command[place[at]]
-                self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last:.4f}")
+            command, last = entries[name].controller.command, loop.previous_command[place]
+            ends = np.array([command, np.clip(command, self._lower[place], self._upper[place])])
+            for at in np.flatnonzero(np.abs(ends - last).min(axis=0) > STARTS).tolist():
+                joint = self.commanded[place[at]]
+                self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last[at]:.4f}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true, hardware = self.true_positions(), self.stack.loop.hardware
