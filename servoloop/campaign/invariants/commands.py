@@ -105,12 +105,15 @@ class SafeCommands(Invariant):
         self._velocity = np.array([one.velocity for one in limits])
         self._by_name = {joint.name: joint for joint in self.joints}
         self._released: set[str] = set()
+        self._upset = False
+        """Whether a fault of a controller changed its commands in the previous cycle."""
         self._running: set[str] = set()
         """Names of the controllers that drove their joints in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         self._released = self.released(state)
-        for arm in self.stack.arms:
+        upset, self._upset = self._upset or self.upset, self.upset
+        for arm in () if upset else self.stack.arms:
             self._examine_gate(arm, state.stamp_s)
         self._examine_starts()
         if self.active and not math.isfinite(self.stack.loop.command.sum()):
@@ -147,7 +150,7 @@ class SafeCommands(Invariant):
 
     def _examine_gate(self, arm: JointTrajectoryController, stamp_s: float) -> None:
         """Check that the safety gate does not change a command that is within the limits and can be reached."""
-        if arm.tracking is None or arm.tracking.stamp_s != stamp_s or self.upset:
+        if arm.tracking is None or arm.tracking.stamp_s != stamp_s:
             return
         loop, wanted = self.stack.loop, arm.tracking.output
         place = [self.commanded.index(joint) for joint in arm.joints]
