@@ -58,7 +58,8 @@ class GoalPlanner:
         if reason := limits_reason(goal, self.joints, self.limits, stands):
             raise GoalRejected(reason)
         try:
-            waypoints = waypoints_of(goal, self.joints, self._rest(goal.joints, reference))
+            every = len(goal.joints) == len(self.joints)
+            waypoints = waypoints_of(goal, self.joints, reference.position if every else self.rest(reference))
             if len(goal.points) > 1:
                 waypoints = begun_at(waypoints, reference.position)
             waypoints = at_most(ahead(waypoints), self.limits)
@@ -76,9 +77,12 @@ class GoalPlanner:
         point = GoalPoint(tuple(here.tolist()), 1.0)
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
-    def _rest(self, named: Sequence[str], reference: Kinematics) -> FloatArray:
-        """Return targets for joints that the goal omits: current positions, or stop positions for joints in motion."""
-        if len(named) == len(self.joints) or not reference.velocity.any():
+    def rest(self, reference: Kinematics) -> FloatArray:
+        """Return the current positions (n,), or the positions at which moving joints can stop.
+
+        These are the targets of joints that a goal omits. Raises MotionError.
+        """
+        if not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)
         return np.clip(rest.sample(rest.duration_s).position, *self._ends())

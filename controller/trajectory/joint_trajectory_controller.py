@@ -103,6 +103,11 @@ class JointTrajectoryController:
             return str(error)
         return None
 
+    def rest(self) -> FloatArray:
+        """Return the positions (n,) at which the joints rest, or at which moving joints can stop. Raises
+        MotionError."""
+        return self._planner.rest(self._next_reference())
+
     def _next_reference(self) -> Kinematics:
         """Return the reference for the next cycle."""
         tracking = self.tracking

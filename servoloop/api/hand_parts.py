@@ -184,7 +184,13 @@ class GripperPart:
 def start_gripper(controller: GripperActionController, goal: MotionGoal, held: FloatArray) -> GripperPart:
     """Start a path on a gripper action controller.
 
-    The arguments and errors are the same as for ``start_trajectory``.
+    Args:
+        controller: The controller, which drives at least one joint of the goal.
+        goal: A checked goal.
+        held: Commanded position (1,) of the controller's joint.
+
+    Raises:
+        ArmInputError: The controller rejects the goal.
     """
     column = goal.joints.index(controller.joint)
     points = [(0.0, float(held[0])), *((t, row[column]) for t, row in zip(goal.times_s, goal.positions, strict=True))]

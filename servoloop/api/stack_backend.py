@@ -248,9 +248,9 @@ class StackBackend:
     def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:
         """Start the part of a goal that a controller executes."""
         loop = self.stack.loop
-        held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
         if controller.kind.endswith(TRAJECTORY):
-            return start_trajectory(cast(JointTrajectoryController, controller), goal, held)
+            return start_trajectory(cast(JointTrajectoryController, controller), goal)
+        held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
         if controller.kind.endswith(GRIPPER):
             return start_gripper(cast(GripperActionController, controller), goal, held)
 

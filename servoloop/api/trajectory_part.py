@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.action_goals import GoalStatus
+from controller.motion import MotionError
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.types import FloatArray, JointState
+from hal.types import JointState
 from servoloop.api.backend import MotionGoal
 from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.motions import CANCELED, failure_of, joint_in
@@ -50,18 +51,21 @@ class TrajectoryPart:
             self.controller.cancel(self.handle)
 
 
-def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, held: FloatArray) -> TrajectoryPart:
-    """Send a goal to a joint trajectory controller.
+def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal) -> TrajectoryPart:
+    """Send a goal to a joint trajectory controller. Joints that are not in the goal stay at rest or stop.
 
     Args:
         controller: The controller, which drives at least one joint of the goal.
         goal: A checked goal.
-        held: Positions (n,) of the controller's joints, used for joints that are not in the goal.
 
     Raises:
         ArmInputError: The controller rejects the goal.
     """
     joints = controller.joints
+    try:
+        rest = controller.rest().tolist()
+    except MotionError as error:
+        raise ArmInputError(f"the arm rejected the motion: {error}", joint_in(str(error), joints)) from error
     column = [goal.joints.index(joint) if joint in goal.joints else None for joint in joints]
 
     def row(values: Sequence[float], others: Sequence[float]) -> tuple[float, ...]:
@@ -70,7 +74,7 @@ def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal, he
     still = np.zeros(len(joints)).tolist()
     velocities = [row(one, still) for one in goal.velocities] or [()] * len(goal.times_s)
     points = tuple(
-        GoalPoint(row(positions, held.tolist()), time_s, speeds)
+        GoalPoint(row(positions, rest), time_s, speeds)
         for positions, time_s, speeds in zip(goal.positions, goal.times_s, velocities, strict=True)
     )
     sent = TrajectoryGoal(joints, points)

@@ -122,6 +122,14 @@ def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: Lo
     assert commands == sorted(commands) and commands[-1] > commands[0] + 0.01
 
 
+def test_moving_joints_that_the_next_motion_does_not_name_stop_without_moving_back(loaded: LoadedArm) -> None:
+    loaded.move_to({PAN: 1.5}, duration=2.0, wait=False)
+    loaded.sleep(0.8)
+    loaded.move_to({ELBOW: loaded.state.command[ELBOW] - 0.1}, duration=1.0, wait=False)
+    commands = [loaded.step().command[PAN] for _ in range(30)]
+    assert np.diff(commands).min() > -1e-9 and commands[-1] < 1.4
+
+
 def test_a_streamed_target_is_commanded_in_the_next_cycle(loaded: LoadedArm) -> None:
     with loaded.stream() as stream:
         before = loaded.step().command[PAN]

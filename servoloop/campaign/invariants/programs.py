@@ -142,7 +142,9 @@ class StreamsAreFollowed(Invariant):
         """Commands of the joints that the stream has not named, when it began to drive the arm."""
 
     def on_state(self, state: JointState) -> None:
-        manager, loop = self.stack.manager, self.stack.loop
+        manager, loop, clients = self.stack.manager, self.stack.loop, self.stack.clients
+        if clients is None or clients.programs is None:
+            return
         entry = manager.registry.loaded.get(STREAM)
         drives = self.active and entry is not None and entry.active and manager.cycle.at_rest(entry.index)
         if not drives or self.upset:
