@@ -131,6 +131,7 @@ class SafeCommands(Invariant):
     def on_command(self, values: FloatArray) -> None:
         command, last, before = values.copy(), self._last, self.stack.loop.previous_command
         self._last = command if self.active else None
+        self._upset = self._upset or self.upset
         if not self.active:
             return
         self.examined += 1
