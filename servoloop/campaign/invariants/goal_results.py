@@ -43,6 +43,8 @@ TOUCHED_S: Final = 1.0
 """Time after a fault of a joint during which the joints of the arm may move, in seconds."""
 ABORTS_CYCLES: Final = 7
 """Minimum number of consecutive cycles without a measurement after which a goal is aborted."""
+STALLED_CYCLES: Final = 3.0
+"""Duration of a cycle in which the computer stalled, in periods."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal in which to search for a deviation.
 
@@ -223,8 +225,14 @@ class SuccessIsTrue(Invariant):
         super().__init__(stack, say, arm)
         self._before = stack.world.position()
         """True positions in the previous cycle."""
+        self._last_s = stack.clock.now()
+        """Time of the previous cycle."""
+        self._stalled = False
+        """Whether the computer stalled in this cycle."""
 
     def on_state(self, state: JointState) -> None:
+        now_s = self.stack.clock.now()
+        self._stalled, self._last_s = now_s - self._last_s > STALLED_CYCLES * self.stack.loop.period_s, now_s
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
                 self._arrived(logged, state)
@@ -260,8 +268,7 @@ class SuccessIsTrue(Invariant):
                 continue
             self.examined += 1
             wanted = self.end_of_goal(joint, wanted)
-            stalled = self.stack.clock.now() - state.stamp_s > self.stack.loop.period_s
-            if abs(true[joint] - wanted) > allowed + ARRIVED and not stalled:
+            if abs(true[joint] - wanted) > allowed + ARRIVED and not self._stalled:
                 self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")
             if abs(reported[joint] - wanted) > allowed + REPORTED and joint not in state.faults:
                 self.say(f"a goal succeeded with {joint} reported at {reported[joint]:.4f} instead of {wanted:.4f}")
