@@ -136,9 +136,13 @@ class CancelsAreFollowed(Invariant):
             self.say(f"{owner} has died, but it still owns the motion")
 
     def _require_rest(self, logged: LoggedGoal) -> None:
-        """Report an arm that is still moving at the end of a canceled goal, because clients start from that
-        position."""
+        """Report an arm that is still moving at the end of a canceled goal, because clients start from that position.
+
+        A goal that is canceled before it begins ends immediately, while the joints may still be relieved.
+        """
         tracking = self.arm.tracking
+        if logged.cancel_s is not None and logged.cancel_s - logged.sent_s < self.stack.loop.period_s:
+            return
         own = [one for one in self.stack.goals.goals if one.controller == self.arm.name]
         if tracking is None or not own or own[-1] is not logged:  # A newer goal ends a canceled goal immediately.
             return
