@@ -78,10 +78,7 @@ class GoalPlanner:
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
     def rest(self, reference: Kinematics) -> FloatArray:
-        """Return the current positions (n,), or the positions at which moving joints can stop.
-
-        These are the targets of joints that a goal omits. Raises MotionError.
-        """
+        """Return the positions (n,) at which joints that a goal omits rest or can stop. Raises MotionError."""
         if not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)

@@ -104,8 +104,7 @@ class JointTrajectoryController:
         return None
 
     def rest(self) -> FloatArray:
-        """Return the positions (n,) at which the joints rest, or at which moving joints can stop. Raises
-        MotionError."""
+        """Return the positions (n,) at which the joints rest or can stop. Raises MotionError."""
         return self._planner.rest(self._next_reference())
 
     def _next_reference(self) -> Kinematics:

@@ -104,7 +104,7 @@ def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float
     ("kind", "parameter", "lowest", "highest"),
     [
         ("stall", "for_s", 0.001, 5.0),
-        ("lost_replies", "chance", 0.01, 1.0),
+        ("flipped_replies", "chance", 0.01, 1.0),
         ("missed_instructions", "chance", 0.01, 1.0),
         ("weak_supply", "resistance_ohm", 0.01, 20.0),
         ("overcurrent", "turns_left", 0.02, 0.99),
