@@ -58,8 +58,7 @@ class GoalPlanner:
         if reason := limits_reason(goal, self.joints, self.limits, stands):
             raise GoalRejected(reason)
         try:
-            every = len(goal.joints) == len(self.joints)
-            waypoints = waypoints_of(goal, self.joints, reference.position if every else self.rest(reference))
+            waypoints = waypoints_of(goal, self.joints, self.rest(reference))
             if len(goal.points) > 1:
                 waypoints = begun_at(waypoints, reference.position)
             waypoints = at_most(ahead(waypoints), self.limits)
@@ -79,10 +78,7 @@ class GoalPlanner:
 
     def rest(self, reference: Kinematics) -> FloatArray:
         """Return the positions (n,) at which joints that a goal omits rest or can stop. Raises MotionError."""
-        if not reference.velocity.any():
-            return reference.position
-        rest = plan_stop(reference, self.limits)
-        return np.clip(rest.sample(rest.duration_s).position, *self._ends())
+        return np.clip((stop := plan_stop(reference, self.limits)).sample(stop.duration_s).position, *self._ends())
 
     def _ends(self) -> tuple[list[float], list[float]]:
         return [limit.lower for limit in self.limits], [limit.upper for limit in self.limits]
