@@ -53,6 +53,8 @@ HAND_MOVES_S: Final = 0.4
 CANCELED_SOON: Final = 0.2
 """Fraction of goals for the arm that are canceled soon after they were sent. Half of these cancels follow at once, and
 half while the goal may still wait for the hand."""
+SWITCHED: Final = 0.5
+"""Fraction of motions during which the client ``switches`` deactivates the controller or the hardware."""
 OWN_TOLERANCES: Final = 0.3
 """Fraction of goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
@@ -105,6 +107,9 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
             soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
             at_s = min(acts[-1].at_s + soon_s, seconds)
             acts.append(Cancel(at_s=round(at_s, 3)))
+        if kind == "switches" and isinstance(acts[-1], Move) and random.random() < SWITCHED:
+            at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
+            acts.append(_handover(random, round(at_s, 3)))
         if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
             moved, begun_s = acts[-1], at_s
             at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)
@@ -199,13 +204,16 @@ def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
 
 
 def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
-    draw, for_s = random.random(), round(random.uniform(0.05, 1.0), 2)
-    if draw < 0.3:
+    return _handover(random, at_s) if random.random() < 0.6 else _move(random, joints, hand, at_s)
+
+
+def _handover(random: Random, at_s: float) -> Act:
+    """Draw a deactivation of the arm's controller or of the hardware, and a later activation."""
+    for_s = round(random.uniform(0.05, 1.0), 2)
+    if random.random() < 0.5:
         return Switch(at_s=at_s, for_s=for_s)
-    if draw < 0.6:
-        for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False), (0.0, False)])
-        return Reactivate(at_s=at_s, for_s=for_s, relax=relax, push=_share(random))
-    return _move(random, joints, hand, at_s)
+    for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False), (0.0, False)])
+    return Reactivate(at_s=at_s, for_s=for_s, relax=relax, push=_share(random))
 
 
 def _share(random: Random) -> float:
