@@ -98,27 +98,39 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     at_s = random.uniform(0.0, 0.3)
     while at_s < seconds:
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
-        if isinstance(acts[-1], FollowWaypoints):
-            at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
-        if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
-            at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
-            acts.append(_arm_goal(random, joints, round(at_s, 3)))
-        if isinstance(acts[-1], Move | FollowWaypoints) and random.random() < CANCELED_SOON:
-            soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
-            at_s = min(acts[-1].at_s + soon_s, seconds)
-            acts.append(Cancel(at_s=round(at_s, 3)))
-        if kind == "switches" and isinstance(acts[-1], Move) and random.random() < SWITCHED:
-            at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
-            acts.append(_handover(random, round(at_s, 3)))
-        if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
-            moved, begun_s = acts[-1], at_s
-            at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)
-            acts.append(_interruption(random, moved.connection, round(at_s, 3)))
-            # Only a motion that would still be running or succeed shows whether the interruption is ignored.
-            at_s = random.choice([at_s, begun_s + moved.seconds, begun_s + moved.seconds + SETTLES_S])
+        at_s = _extend(random, kind, joints, acts, (at_s, seconds))
         pauses = [random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)]
         at_s += random.choices(pauses, SOCKET_PAUSES if kind == "sockets" else PAUSES)[0]
     return tuple(acts)
+
+
+def _extend(
+    random: Random, kind: str, joints: Mapping[str, JointLimits], acts: list[Act], times_s: tuple[float, float]
+) -> float:
+    """Append the actions that follow soon after the latest action, and return the time from which the next pause lasts.
+
+    ``times_s`` contains the time of the latest action and the time within which the actions begin, in seconds.
+    """
+    at_s, seconds = times_s
+    if isinstance(acts[-1], FollowWaypoints):
+        at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
+    if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
+        at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
+        acts.append(_arm_goal(random, joints, round(at_s, 3)))
+    if isinstance(acts[-1], Move | FollowWaypoints) and random.random() < CANCELED_SOON:
+        soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
+        at_s = min(acts[-1].at_s + soon_s, seconds)
+        acts.append(Cancel(at_s=round(at_s, 3)))
+    if kind == "switches" and isinstance(acts[-1], Move) and random.random() < SWITCHED:
+        at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
+        acts.append(_handover(random, round(at_s, 3)))
+    if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
+        moved, begun_s = acts[-1], at_s
+        at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)
+        acts.append(_interruption(random, moved.connection, round(at_s, 3)))
+        # Only a motion that would still be running or succeed shows whether the interruption is ignored.
+        at_s = random.choice([at_s, begun_s + moved.seconds, begun_s + moved.seconds + SETTLES_S])
+    return at_s
 
 
 def _interruption(random: Random, connection: int, at_s: float) -> Act:

@@ -106,7 +106,7 @@ class SafeCommands(Invariant):
         self._by_name = {joint.name: joint for joint in self.joints}
         self._released: set[str] = set()
         self._upset = False
-        """Whether a fault of a controller changed its commands in the previous cycle."""
+        """Whether a fault of a controller has changed its commands since the previous state."""
         self._running: set[str] = set()
         """Names of the controllers that drove their joints in the previous cycle."""
 
@@ -115,7 +115,7 @@ class SafeCommands(Invariant):
         upset, self._upset = self._upset or self.upset, self.upset
         for arm in () if upset else self.stack.arms:
             self._examine_gate(arm, state.stamp_s)
-        self._examine_starts()
+        self._examine_starts(upset)
         if self.active and not math.isfinite(self.stack.loop.command.sum()):
             for name, command in zip(self.commanded, self.stack.loop.command.tolist(), strict=True):
                 if not math.isfinite(command) and name not in state.faults:
@@ -162,12 +162,12 @@ class SafeCommands(Invariant):
         for at in np.flatnonzero(safe & ~(np.abs(command - wanted) <= ROUNDING)).tolist():
             self.say(f"the command of {arm.joints[at]} is {wanted[at]:.4f}, but the gate passes {command[at]:.4f}")
 
-    def _examine_starts(self) -> None:
+    def _examine_starts(self, upset: bool) -> None:
         """Check that a controller starts where the joints of the previous controller have stopped."""
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
-        for name in sorted(entries.keys() - before) if self.active and not self.upset else ():
+        for name in sorted(entries.keys() - before) if self.active and not upset else ():
             place = np.array(entries[name].index, dtype=np.intp)
             command, last = entries[name].controller.command, loop.previous_command[place]
             ends = np.array([command, np.clip(command, self._lower[place], self._upper[place])])

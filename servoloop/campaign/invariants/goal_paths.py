@@ -88,7 +88,7 @@ class PathIsAsSent(Invariant):
                     begun = _Path(state.stamp_s - tracking.elapsed_s, self._speed)
                     path = self._paths.setdefault(id(logged), begun)
                     path.references.append(tracking.reference.position)
-                    if tracking.on_goal and len(path.references) == BEGUN_CYCLES and logged is self._newest():
+                    if tracking.on_goal and len(path.references) == BEGUN_CYCLES and logged is self.newest_goal:
                         self._examine_duration(logged, path, tracking.path.duration_s)
                     self._examine_end(logged, path.references)
         for logged in self.stack.ended_goals:
@@ -99,10 +99,6 @@ class PathIsAsSent(Invariant):
         self._speed = self._at_rest
         if tracking is not None:
             self._speed = np.abs(tracking.reference.velocity) + GAINS_S * np.abs(tracking.reference.acceleration)
-
-    def _newest(self) -> LoggedGoal | None:
-        """Return the newest unfinished goal of the arm."""
-        return next((one for one in reversed(self.stack.goals.open) if one.controller == self.arm.name), None)
 
     def _examine_success(self, logged: LoggedGoal, path: _Path | None) -> None:
         if path is None:
@@ -269,7 +265,7 @@ class ReplacedGoalsEnd(Invariant):
         self._cycles = 0
 
     def on_state(self, state: JointState) -> None:
-        newest = next((one for one in reversed(self.stack.goals.goals) if one.controller == self.arm.name), None)
+        newest = self.newest_goal
         goals = [one for one in self.stack.goals.open if one.controller == self.arm.name and one is not newest]
         self.examined += bool(newest) and bool(self.stack.ended_goals)
         manager = self.stack.manager

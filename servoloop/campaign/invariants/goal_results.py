@@ -95,7 +95,7 @@ class AbortsAreTrue(Invariant):
         elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
             self.examined += 1
             if (cycles := self._cycles_unmeasured()) < ABORTS_CYCLES:
-                self.say(f"a goal was aborted ({text}), but no joint was unmeasured for more than {cycles} cycles")
+                self.say(f"a goal was aborted ({text}), but its joints were unmeasured for at most {cycles} cycles")
 
     def _cycles_unmeasured(self) -> int:
         """Return the largest number of consecutive cycles in which a joint of the arm was not measured."""

@@ -143,8 +143,7 @@ class CancelsAreFollowed(Invariant):
         tracking = self.arm.tracking
         if logged.cancel_s is not None and logged.cancel_s - logged.sent_s < self.stack.loop.period_s:
             return
-        own = [one for one in self.stack.goals.goals if one.controller == self.arm.name]
-        if tracking is None or not own or own[-1] is not logged:  # A newer goal ends a canceled goal immediately.
+        if tracking is None or self.newest_goal is not logged:  # A newer goal ends a canceled goal immediately.
             return
         limits = np.array([self.stack.loop.limits[self.commanded.index(joint)].velocity for joint in self.arm.joints])
         moving = np.abs(tracking.reference.velocity) > RESTS * limits

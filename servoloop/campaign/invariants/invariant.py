@@ -103,6 +103,11 @@ class Invariant:
         others = {one.name for one in self.stack.arms} - {self.arm.name}
         return [logged for logged in self.stack.goals.open if logged.controller not in others]
 
+    @property
+    def newest_goal(self) -> LoggedGoal | None:
+        """The latest goal that the arm's controller has accepted, finished or not."""
+        return next((one for one in reversed(self.stack.goals.goals) if one.controller == self.arm.name), None)
+
     def true_positions(self) -> dict[str, float]:
         """Return the joint positions of the simulated world, in rad or m, keyed by joint name.
 

@@ -54,9 +54,8 @@ class ReferenceJoint:
 
     def turned(self, position: float) -> bool:
         """Return whether a joint with limits has been turned past the end of its encoder's range."""
-        return math.isfinite(self.upper) and not 0.0 <= self.zero_counts + position / self.units_per_count < (
-            self.counts_per_turn
-        )
+        counts = self.zero_counts + position / self.units_per_count
+        return math.isfinite(self.upper) and not 0.0 <= counts < self.counts_per_turn
 
     def apart(self, one: float, other: float) -> float:
         """Return the distance between two positions, ignoring whole turns of the servo."""
