@@ -91,6 +91,10 @@ class ForwardCommandController:
         self.command = self._approach.step(self._goal, period_s)
         self._settling.update(self._goal, self.command, state, period_s)
 
+    def rest(self, period_s: float) -> FloatArray:
+        """Return the positions (n,) within the limits at which the joints rest or can stop."""
+        return np.clip(self._approach.resting_points(period_s), self._lower, self._upper)
+
     def settled(self) -> bool:
         return self._settling.settled and not self._inbox
 

@@ -68,7 +68,10 @@ class ForwardPart:
     times_s: FloatArray
     """Times (k,) of the points since the start of the motion, beginning with 0, in seconds."""
     positions: FloatArray
-    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the current command."""
+    """Points (k, n) in the order of the controller's joints, in rad or m. NaN where a joint rests, or stops if it is
+    moving."""
+    held: FloatArray
+    """Commanded positions (n,) of the controller's joints, for joints without a command from the controller."""
     access: ControllerAccess
     sent_last: bool = False
     """Whether the last point has been sent."""
@@ -97,6 +100,10 @@ class ForwardPart:
         if not self.start.due(now_s):
             return
         if not self.sent_last:
+            if np.isnan(self.positions).any():  # Joints move on until the first message, and stop from there.
+                rest = self.controller.rest(self.access.period_s)
+                rest = np.where(np.isfinite(rest), rest, self.held)
+                self.positions = np.where(np.isnan(self.positions), rest, self.positions)
             self.sent_last = bool(elapsed_s >= self.times_s[-1])
             self.controller.submit(self._at(elapsed_s))
         elif self.controller.settled():
@@ -119,7 +126,7 @@ class ForwardPart:
 def start_forward(
     controller: ForwardCommandController, goal: MotionGoal, held: FloatArray, access: ControllerAccess
 ) -> ForwardPart:
-    """Start a path on a forward command controller.
+    """Start a path on a forward command controller. Joints that are not in the goal stay at rest or stop.
 
     Args:
         controller: The controller, which drives at least one joint of the goal.
@@ -127,15 +134,15 @@ def start_forward(
         held: Commanded positions (n,) of the controller's joints.
         access: Access to the controller's loop.
     """
-    rows, held = np.array(goal.positions), np.where(np.isfinite(controller.command), controller.command, held)
-    points = np.tile(held, (len(rows) + 1, 1))
+    rows = np.array(goal.positions)
+    points = np.full((len(rows) + 1, len(controller.joints)), np.nan)
     for column, joint in enumerate(controller.joints):
         if joint in goal.joints:
             points[1:, column] = rows[:, goal.joints.index(joint)]
     times_s = np.append(0.0, goal.times_s)
     first = int(times_s[1] == 0.0)
     return ForwardPart(
-        controller, times_s[first:], points[first:], access, faults=FaultTimeout(tuple(controller.joints))
+        controller, times_s[first:], points[first:], held, access, faults=FaultTimeout(tuple(controller.joints))
     )
 
 

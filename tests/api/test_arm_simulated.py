@@ -275,6 +275,19 @@ def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Pa
         assert arm.state.position["gripper"] == pytest.approx(0.8, abs=0.05)
 
 
+def test_joints_of_a_hand_stop_without_moving_back_when_the_next_motion_begins(tmp_path: Path) -> None:
+    text = (ARMS / "so101" / "controllers.yaml").read_text()
+    text = "".join(line for line in text.splitlines(keepends=True) if "wrist_roll:" not in line)
+    text = text.replace(", wrist_roll]", "]").replace("joints: [gripper]", "joints: [wrist_roll, gripper]")
+    (tmp_path / "controllers.yaml").write_text(text)
+    with Arm.simulated("so101", controllers=tmp_path / "controllers.yaml") as arm:
+        arm.move_to({"wrist_roll": 1.5, "gripper": 1.2}, duration=1.0, wait=False)
+        arm.sleep(0.6)
+        arm.move_to({"gripper": 1.5}, duration=4.0, wait=False)
+        cycles = np.array([[arm.step().command[joint] for joint in ("wrist_roll", "gripper")] for _ in range(40)])
+        assert np.diff(cycles, axis=0).min() > -1e-9 and cycles[-1, 0] < 1.0
+
+
 def test_a_user_controller_needs_valid_parameters_and_releases_its_joints(loaded: LoadedArm) -> None:
     own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
     with pytest.raises(ArmInputError, match="joint: Field required"):
