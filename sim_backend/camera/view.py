@@ -15,7 +15,8 @@ from sim_backend.camera.light import Light
 from sim_backend.camera.pinhole import PinholeCamera
 from sim_backend.camera.shading import albedo, linear, shade
 from sim_backend.camera.skin import NO_SKIN, Skin, paint
-from sim_backend.scene.rays import FloatArray, Hits, cast, visible
+from sim_backend.scene.ray_types import FloatArray
+from sim_backend.scene.rays import Hits, cast, visible
 
 LAMP_M: Final = 20.0
 """Distance of the lamp, in meters. The rays of the lamp are almost parallel."""

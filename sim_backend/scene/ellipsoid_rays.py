@@ -1,26 +1,21 @@
 """First hits of rays on an ellipsoid of a MuJoCo model, in compiled code. A sphere has three equal radii."""
 
 from math import sqrt
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_backend.compiled import compiled
-
-FloatArray = NDArray[np.float64]
+from sim_backend.scene.ray_types import FloatArray, GeomView, RayHits
 
 
 @compiled
-def cast_ellipsoid(
-    number: int, radii: FloatArray, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
-    rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
-) -> None:  # fmt: skip
+def cast_ellipsoid(radii: FloatArray, view: GeomView, hits: RayHits) -> None:
     """Store the rays whose first hit is on one ellipsoid, with ``radii`` (3,) in meters.
 
-    The other arguments are the same as those of ``rays._cast_one``. In units of the radii, the ellipsoid is a unit
-    sphere.
+    In units of the radii, the ellipsoid is a unit sphere.
     """
+    number, axes, away, origin, beside = view
+    rays, geom, nearest, normal = hits
     x, y, z = away
     start, ray, slope = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):

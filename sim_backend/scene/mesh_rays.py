@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.compiled import compiled
+from sim_backend.scene.ray_types import FloatArray, GeomView, RayHits
 
-FloatArray = NDArray[np.float64]
 Xyz = tuple[float, float, float]
 DEPTH: Final = 64
 """Size of the traversal stack. Each level of the tree halves the number of triangles."""
@@ -61,11 +61,10 @@ def mesh_parts(model: Any, mesh: int) -> MeshParts:
 
 
 @compiled
-def cast_mesh(
-    number: int, parts: MeshParts, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
-    rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
-) -> None:  # fmt: skip
-    """Store the rays whose first hit is on one mesh. The arguments are the same as those of ``rays._cast_one``."""
+def cast_mesh(parts: MeshParts, view: GeomView, hits: RayHits) -> None:
+    """Store the rays whose first hit is on one mesh."""
+    number, axes, away, origin, beside = view
+    rays, geom, nearest, normal = hits
     x, y, z = away
     start = (origin[0], origin[1], origin[2])
     stack = np.empty(DEPTH, np.int32)

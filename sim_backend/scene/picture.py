@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sim_backend.compiled import compiled
-from sim_backend.scene.rays import PLANE, FloatArray, cast, visible
+from sim_backend.scene.ray_types import FloatArray
+from sim_backend.scene.rays import PLANE, cast, visible
 from sim_backend.scene.world import World
 
 Picture = NDArray[np.uint8]

@@ -9,13 +9,12 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_backend.compiled import compiled
 from sim_backend.scene.ellipsoid_rays import cast_ellipsoid
 from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
+from sim_backend.scene.ray_types import FloatArray, GeomView, RayHits
 
-FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
 """Hit of each ray: geom (n,), -1 if there is none; distance (n,), infinite if there is none; normal (n, 3)."""
 
@@ -49,6 +48,7 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
     Raises ValueError if a geom's shape cannot be drawn.
     """
     geom, nearest, normal = (values.copy() for values in so_far or no_hits(len(rays)))
+    hits = RayHits(rays, geom, nearest, normal)
     for i in geoms:
         kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
         if kind not in DRAWN:
@@ -56,34 +56,27 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
                 f"images can show planes, spheres, ellipsoids, boxes, cylinders and meshes, but not geom type {kind}"
             )
         away = data.geom_xpos[i] - origin
-        half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]
-        radius = model.geom_size[i][0] if kind == CYLINDER else 0.0
         # A plane has no bounding sphere, so every ray can hit it.
         outside = float(away @ away) - (1.001 * model.geom_rbound[i]) ** 2
         beside = -inf if kind == PLANE else max(0.0, outside) ** 0.5
+        view = GeomView(int(i), axes, away, -away @ axes, beside)
+        size = model.geom_size[i]
         if kind == MESH:
-            parts = mesh_parts(model, int(model.geom_dataid[i]))
-            cast_mesh(i, parts, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
-            continue
-        if kind in (SPHERE, ELLIPSOID):
-            radii = model.geom_size[i] if kind == ELLIPSOID else np.full(3, model.geom_size[i][0])
-            cast_ellipsoid(i, radii, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
-            continue
-        _cast_one(i, kind == PLANE, half, radius, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
+            cast_mesh(mesh_parts(model, int(model.geom_dataid[i])), view, hits)
+        elif kind in (SPHERE, ELLIPSOID):
+            cast_ellipsoid(size if kind == ELLIPSOID else np.full(3, size[0]), view, hits)
+        elif kind == CYLINDER:
+            _cast_solid(np.array([0.0, 0.0, size[1]]), float(size[0]), view, hits)
+        else:
+            _cast_solid(size, 0.0, view, hits)
     return geom, nearest, normal
 
 
 @compiled
-def _cast_one(
-    number: int, plane: bool, half: FloatArray, radius: float, axes: FloatArray, away: FloatArray, origin: FloatArray,
-    beside: float, rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
-) -> None:  # fmt: skip
-    """Store the rays whose first hit is on one geom.
-
-    ``origin`` is the starting point of the rays in the geom's frame, and ``away`` is the vector from this point to the
-    geom's center.
-    Rays whose component along ``away`` is less than ``beside`` miss the geom's bounding sphere.
-    """
+def _cast_solid(half: FloatArray, radius: float, view: GeomView, hits: RayHits) -> None:
+    """Store the rays whose first hit is on one box or cylinder, or on a plane, which has no bounding sphere."""
+    number, axes, away, origin, beside = view
+    rays, geom, nearest, normal = hits
     x, y, z = away
     ray = np.empty(3)
     for n in range(len(rays)):
@@ -91,7 +84,7 @@ def _cast_one(
             continue
         for i in range(3):
             ray[i] = rays[n, 0] * axes[0, i] + rays[n, 1] * axes[1, i] + rays[n, 2] * axes[2, i]
-        distance, face = _on_plane(origin, ray) if plane else _on_solid(half, radius, origin, ray)
+        distance, face = _on_plane(origin, ray) if beside == -inf else _on_solid(half, radius, origin, ray)
         if not 0.0 < distance < nearest[n]:
             continue
         nearest[n], geom[n] = distance, number
